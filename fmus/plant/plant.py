@@ -41,7 +41,7 @@ class Landing:
     body_reflex_scale: float = 1.0
     initial_ankle_activation: float = 0.0
     internal_brace_angle_scale: float = 0.0
-    tolerance: float = 0.003
+    tolerance: float = 0.002
     initial_pose: int = 0
     fibre_start: int = 0
 
@@ -65,6 +65,29 @@ def sole() -> np.ndarray:
     return np.array([[float(row[c]) for row in rows] for c in ("x_m", "y_m", "z_m", "area_m2")])
 
 
+def blocks(facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sorts (4, n) facets into m spatial blocks: (m, 4, BLOCK), padded with repeated facets of no area, and the (6, m) centres and half
+    extents of their bounding boxes."""
+    if facets.shape[1] > kernels.MAX_FACETS // 2:
+        raise ValueError(f"a sole of {facets.shape[1]} facets; at most {kernels.MAX_FACETS // 2} are supported")
+
+    def split(members: np.ndarray) -> list[np.ndarray]:
+        if len(members) <= kernels.BLOCK:
+            return [members]
+        here = facets[:3, members]
+        members = members[np.argsort(here[np.argmax(np.ptp(here, axis=1))], kind="stable")]
+        half = math.ceil(len(members) / 2 / kernels.BLOCK) * kernels.BLOCK
+        return split(members[:half]) + split(members[half:])
+
+    groups = split(np.arange(facets.shape[1]))
+    padded = np.array([np.resize(members, kernels.BLOCK) for members in groups])
+    ordered = np.ascontiguousarray(facets[:, padded].transpose(1, 0, 2))
+    for block, members in zip(ordered, groups, strict=True):
+        block[3, len(members) :] = 0.0
+    low, high = ordered[:, :3].min(axis=2), ordered[:, :3].max(axis=2)
+    return ordered, np.ascontiguousarray(np.hstack([(low + high) / 2, (high - low) / 2]).T)
+
+
 class Plant:
     """`start(landing)`, then `advance(to)` any number of times; `observe()` gives the outputs of interface.py.
 
@@ -74,7 +97,7 @@ class Plant:
     def __init__(self, facets: np.ndarray | None = None) -> None:
         self.skeleton, self.muscles, self._mj_model = anatomy()
         self._mj_data = mujoco.MjData(self._mj_model)
-        self.facets = np.ascontiguousarray(sole() if facets is None else facets)
+        self._facets, self._blocks = blocks(sole() if facets is None else facets)
         self._model = np.zeros(1, kernels.MODEL)
         self._state = np.zeros(1, kernels.STATE)
         self.state = self._state[0]
@@ -134,7 +157,7 @@ class Plant:
         state["plane"], state["l"], state["a"], state["strength"] = np.eye(3), model["l_opt"], 0.05, 1.0
         q[kernels.TALOCRURAL] = q[kernels.SUBTALAR] = 0.0
         state["q"], state["u"] = q, 0.0
-        kernels.observe(self._model, self._state, self.facets, self.outputs)
+        kernels.observe(self._model, self._state, self._facets, self._blocks, self.outputs)
         model["jcs_zero"] = state["angle"][2:5].copy()
 
     def start(self, landing: Landing) -> None:
@@ -161,18 +184,19 @@ class Plant:
         self.penetration = kernels.initialise(
             self._model,
             self._state,
-            self.facets,
+            self._facets,
+            self._blocks,
             landing.initial_pose == Landing.TOUCHING,
             landing.fibre_start == Landing.AS_PUBLISHED,
         )
 
     def advance(self, to: float, fixed_step: float = 0.0) -> None:
         """Integrates to time `to` [s] with inputs held. `fixed_step` [s] > 0 switches the step control off (for convergence studies)."""
-        status = kernels.advance(self._model, self._state, self.facets, to, fixed_step)
+        status = kernels.advance(self._model, self._state, self._facets, self._blocks, to, fixed_step)
         if status != kernels.DONE:
             reason = "the state is no longer finite" if status == kernels.NOT_FINITE else "the step fell below 1e-11 s"
             raise SimulationError(f"plant: the integration stopped at {self.state['time']:.6f} s: {reason}")
 
     def observe(self) -> np.ndarray:
-        kernels.observe(self._model, self._state, self.facets, self.outputs)
+        kernels.observe(self._model, self._state, self._facets, self._blocks, self.outputs)
         return self.outputs

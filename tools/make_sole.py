@@ -1,0 +1,69 @@
+"""Makes the plant's sole (fmus/plant/data/sole.csv) from the surface of the paper's foot.
+
+The surface, given as facets (centroid, normal, area), is sampled anew on a regular grid: every facet is spread over a 2 x 2 pattern in
+its own plane (0.3 of its width), the samples are gathered in cubic cells, and each cell becomes two equal facets that keep its area, its
+centroid and its largest second moment. Parts above HIGHEST never come near the platform and are left out. docs/validation.md shows what
+this costs. Run: python tools/make_sole.py [folder with contact_foot_mesh_triangles.csv]
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+CELL = 0.0055  # m; 8 mm costs 0.06 deg RMS of peak subtalar angle, 5.5 mm 0.02 deg
+SPREAD = 0.3
+HIGHEST = 0.035  # m above the calcaneus origin; no landing of the studies wets more than 0.025 m
+OFFSET = (0.0, -0.005, 0.005)  # m, surface frame to calcaneus frame
+TARGET = Path(__file__).parent.parent / "fmus" / "plant" / "data" / "sole.csv"
+
+
+def sample(centroid: np.ndarray, normal: np.ndarray, area: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(4 n, 3) points and (4 n,) areas: a 2 x 2 pattern in the plane of each facet."""
+    first = np.cross(normal, [0.3, 0.9, 0.1])
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    second = np.cross(normal, first)
+    reach = 0.25 * SPREAD * np.sqrt(area)[:, None]
+    points = [centroid + reach * (a * first + b * second) for a in (-1, 1) for b in (-1, 1)]
+    return np.vstack(points), np.tile(area / 4, 4)
+
+
+def gather(points: np.ndarray, areas: np.ndarray) -> np.ndarray:
+    """(m, 4) facets x, y, z, area: two for every occupied cell of the grid."""
+    cells, member = np.unique(np.floor(points / CELL + 0.5).astype(int), axis=0, return_inverse=True)
+    facets = []
+    for k in range(len(cells)):
+        inside = member.ravel() == k
+        weight, here = areas[inside], points[inside]
+        mean = weight @ here / weight.sum()
+        spread, axes = np.linalg.eigh(np.einsum("n,ni,nj->ij", weight, here - mean, here - mean) / weight.sum())
+        half = np.sqrt(max(spread[2], 0.0)) * axes[:, 2]
+        facets += [[*(mean + sign * half), weight.sum() / 2] for sign in (-1, 1)]
+    return np.array(facets)
+
+
+def main() -> None:
+    reference = Path(os.environ.get("SPRAIN_REFERENCE", "../shared/reference"))
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else reference / "model"
+    surface = pd.read_csv(folder / "contact_foot_mesh_triangles.csv")
+    centroid = surface[["centroid_x_m", "centroid_y_m", "centroid_z_m"]].to_numpy() + OFFSET
+    points, areas = sample(
+        centroid, surface[["normal_x", "normal_y", "normal_z"]].to_numpy(), surface["area_m2"].to_numpy()
+    )
+    facets = gather(points, areas)
+    facets = facets[facets[:, 1] < HIGHEST]
+    with open(TARGET, "w", encoding="utf-8", newline="\n") as file:
+        file.write("# The sole: facets in the calcaneus frame, resampled on a regular grid by tools/make_sole.py from the foot surface of\n")
+        file.write("# Yoder, Petrella & Farrokhi 2021, doi 10.3389/fbioe.2021.765331 (areas and first moments kept, parts that never touch left out).\n")
+        file.write("x_m,y_m,z_m,area_m2\n")
+        for x, y, z, area in facets:
+            file.write(f"{x:.6f},{y:.6f},{z:.6f},{area:.5e}\n")
+    print(f"{len(facets)} facets, {facets[:, 3].sum() * 1e4:.1f} cm2 -> {TARGET}")
+
+
+if __name__ == "__main__":
+    main()
