@@ -1,2 +1,106 @@
+"""What the plant's FMU shows to the outside: parameters, inputs and outputs with units, start values and signs. Plain data, no imports of
+compiled code, so that the exporter can describe the FMU without running it."""
+
+from __future__ import annotations
+
+MODEL = "plant"
+DESCRIPTION = "Single-leg landing on an inclined platform: 15 coordinates, 49 muscles, elastic-foundation contact"
+COMPILED = True
+
 ANKLE_MUSCLES = ("ext_dig", "per_brev", "per_long", "per_tert", "ext_hal", "flex_dig", "flex_hal", "tib_post")
 EVERTORS = ANKLE_MUSCLES[:4]
+PROFILES = {
+    "anatomic": ("talocrural", "subtalar"),
+    "jcs": ("dorsiflexion", "inversion", "internal_rotation"),
+    "bushing": ("rotation_x", "rotation_y", "rotation_z"),
+}
+AXES = tuple(axis for axes in PROFILES.values() for axis in axes)
+JCS = PROFILES["jcs"]
+
+MEANING = {
+    "talocrural": "talus relative to tibia, + dorsiflexion",
+    "subtalar": "calcaneus relative to talus, + supination",
+    "dorsiflexion": "joint coordinate system, + dorsiflexion, zero at the neutral pose",
+    "inversion": "joint coordinate system, + inversion, zero at the neutral pose",
+    "internal_rotation": "joint coordinate system, + internal rotation, zero at the neutral pose",
+    "rotation_x": "body-fixed X-Y-Z Euler angle x of the calcaneus in the tibia",
+    "rotation_y": "body-fixed X-Y-Z Euler angle y of the calcaneus in the tibia",
+    "rotation_z": "body-fixed X-Y-Z Euler angle z of the calcaneus in the tibia",
+}
+
+POSES = {"touching": 0, "published": 1}
+FIBRE_STARTS = {"equilibrium": 0, "as_published": 1}
+
+# name, unit, start, least, greatest, description
+PARAMETERS = (
+    ("platform_incline", "rad", 0.5235987755982988, -1.0471975511965976, 1.0471975511965976, "+ tilts the lateral side down; pivot at the platform joint"),
+    ("drop_height", "m", 0.30, 0.0, 5.0, "gives the pelvis its vertical speed at contact, -sqrt(2 g h)"),
+    ("contact_modulus", "Pa/m", 5e7, 1e3, 1e10, "of the elastic foundation"),
+    ("contact_dissipation", "s/m", 5.0, 0.0, 100.0, "of the elastic foundation"),
+    ("contact_friction", "1", 0.9, 0.0, 10.0, "static and dynamic"),
+    ("contact_viscous_friction", "s/m", 0.9, 0.0, 100.0, "friction coefficient per slip speed"),
+    ("talocrural_angle_at_contact", "rad", -0.5934119456780721, -1.5707963267948966, 1.5707963267948966, "+ dorsiflexion"),
+    ("subtalar_angle_at_contact", "rad", 0.0, -1.5707963267948966, 1.5707963267948966, "+ supination"),
+    ("talocrural_velocity_at_contact", "rad/s", 13.69543, -100.0, 100.0, "+ dorsiflexion"),
+    ("subtalar_velocity_at_contact", "rad/s", 0.0, -100.0, 100.0, "+ supination"),
+    ("pelvis_vertical_velocity", "m/s", 0.0, -20.0, 20.0, "+ up; 0: from drop_height"),
+    ("passive_angle_scale", "1", 1.0, 0.0, 10.0, "scales the angles of the passive ankle torques"),
+    ("ankle_strength_scale", "1", 1.0, 0.0, 10.0, "scales the maximal forces of the eight ankle-controlled muscles"),
+    ("body_reflex_scale", "1", 1.0, 0.0, 100.0, "scales the reflexes of the other 41 muscles"),
+    ("initial_ankle_activation", "1", 0.0, 0.0, 1.0, "of the eight ankle-controlled muscles; 0: the controller's co-activation (floor 0.01)"),
+    ("internal_brace_angle_scale", "1", 0.0, 0.0, 100.0, "bushing brace inside the plant, for tests of the coupling; 0: none"),
+    ("tolerance", "1", 0.002, 1e-9, 1.0, "of the integrator's step control"),
+)  # fmt: skip
+
+
+def variables() -> list[dict]:
+    """All scalar variables in the order of their value references: independent time is left to the exporter. Keys: name, causality,
+    variability, unit, start (absent for outputs), min, max, description, and for enumerations type and items."""
+    out: list[dict] = []
+    for name, unit, start, least, greatest, text in PARAMETERS:
+        out.append(dict(name=name, causality="parameter", variability="fixed", unit=unit, start=start, min=least, max=greatest, description=text))
+    for name, items, text in (
+        ("initial_pose", POSES, "touching: pelvis moved along the vertical until the foot just touches; published: as in the measured state"),
+        ("fibre_start", FIBRE_STARTS, "equilibrium, or as in the published records (a failure of OpenSim 3.3 repeated)"),
+    ):
+        out.append(dict(name=name, causality="parameter", variability="fixed", items=items, start=0, description=text))
+
+    def signal(name: str, causality: str, unit: str, text: str) -> None:
+        entry = dict(name=name, causality=causality, variability="continuous", unit=unit, description=text)
+        if causality == "input":
+            entry["start"] = 0.0
+        out.append(entry)
+
+    for muscle in ANKLE_MUSCLES:
+        signal(f"{muscle}_excitation", "input", "1", "from outside; the sum with the body reflexes is clamped to 0 ... 1")
+    for axis in AXES:
+        signal(f"brace_{axis}_torque", "input", "N.m", f"of the brace on the foot; {MEANING[axis]}")
+    for kind, unit in (("stiffness", "N.m/rad"), ("damping", "N.m.s/rad")):
+        for axis, other in IMPEDANCES:
+            name = f"brace_{axis}_{kind}" if axis == other else f"brace_{axis}_{other}_{kind}"
+            signal(name, "input", unit, f"-d(torque about {axis})/d({other} {'angle' if kind == 'stiffness' else 'velocity'})")
+    for name, unit, text in SIGNALS:
+        signal(name, "output", unit, text)
+    return out
+
+
+IMPEDANCES = tuple((axis, axis) for axis in AXES) + tuple(
+    (axis, other) for axes in PROFILES.values() for axis in axes for other in axes if axis != other
+)
+
+SIGNALS = (
+    *((f"{axis}_angle", "rad", MEANING[axis]) for axis in AXES),
+    *((f"{axis}_velocity", "rad/s", f"component of the angular velocity about its axis; {MEANING[axis]}") for axis in AXES),
+    *((f"{muscle}_stretch_velocity", "1", "lengthening speed of the muscle over 10 optimal fibre lengths per second") for muscle in ANKLE_MUSCLES),
+    *((f"{axis}_effective_inertia", "kg.m2", f"seen by a torque; {MEANING[axis]}") for axis in AXES),
+    ("evertor_activation", "1", "mean of the four evertors"),
+    *((f"anatomy_{axis}_moment", "N.m", f"of the passive ankle, + when it resists; {MEANING[axis]}") for axis in AXES),
+    *((f"brace_{axis}_moment", "N.m", f"of the brace, + when it resists; {MEANING[axis]}") for axis in AXES),
+    ("ground_force_x", "N", "on the foot, + anterior"),
+    ("ground_force_y", "N", "on the foot, + up"),
+    ("ground_force_z", "N", "on the foot, + right (lateral)"),
+    ("ground_force", "N", "magnitude"),
+    ("in_contact", "1", "1 while the foot touches the platform"),
+    *((f"jcs_{axis}_raw_angle", "rad", "not zeroed, as in the paper's tables") for axis in JCS),
+)  # fmt: skip
+OUTPUTS = tuple(name for name, _, _ in SIGNALS)

@@ -78,7 +78,7 @@ STATE = np.dtype(
         ("contact", f8, (6,)), ("normal_damping", f8, (3, 3)), ("tangent_damping", f8, (3, 3)), ("plane_screw", f8, (12, 6)), ("touching", i8),
         ("angle", f8, (N_AXES,)), ("velocity", f8, (N_AXES,)), ("axis", f8, (N_AXES, 3)), ("dual", f8, (N_AXES, 3)),
         ("talo_rate", f8, (N_AXES,)), ("sub_rate", f8, (N_AXES,)), ("anatomy", f8, (3,)), ("brace", f8, (3,)), ("axis_torque", f8, (N_AXES,)),
-        ("facet_x", f8, (MAX_FACETS,)), ("facet_y", f8, (MAX_FACETS,)), ("facet_force", f8, (MAX_FACETS,)),
+        ("block_low", f8, (MAX_FACETS // BLOCK,)), ("facet_x", f8, (MAX_FACETS,)), ("facet_y", f8, (MAX_FACETS,)), ("facet_force", f8, (MAX_FACETS,)),
         ("factor", f8, (NQ, NQ)), ("right", f8, (NQ,)),
         ("k1q", f8, (NQ,)), ("k1u", f8, (NQ,)), ("k1a", f8, (NM,)), ("k1l", f8, (NM,)), ("k2q", f8, (NQ,)), ("k2u", f8, (NQ,)), ("k2a", f8, (NM,)), ("k2l", f8, (NM,)),
         ("yq", f8, (NQ,)), ("yu", f8, (NQ,)), ("ya", f8, (NM,)), ("yl", f8, (NM,)),
@@ -409,8 +409,9 @@ def muscles(m, s, stage, a, l):
         norm = length / lo
         fp, kp = passive_fibre(norm)
         fl = math.exp(-2.0 * (norm - 1.0) ** 2)
-        afl = a[k] * fl
-        v, dv_f, dv_afl = fibre_speed(a[k], afl, ft / cosine - fp)
+        active = max(a[k], MIN_ACTIVATION)
+        afl = active * fl
+        v, dv_f, dv_afl = fibre_speed(active, afl, ft / cosine - fp)
         kt /= m.l_slack[k]
         df = -kt / (cosine * cosine) - ft * ratio * ratio / (length * cosine * cosine * cosine) - kp / lo
         top = V_MAX * lo
@@ -428,16 +429,18 @@ def muscles(m, s, stage, a, l):
 
 @kernel
 def activations(m, s, stage, a):
-    """Rates of the activations for the excitations from outside and from the body's reflexes, clamped to 0.01 ... 1."""
+    """Rates of the activations for the excitations from outside and from the body's reflexes, clamped to 0 ... 1. A muscle acts with
+    max(activation, 0.01); the state itself may drain below that, which delays the next rise, as it does in OpenSim."""
     for k in range(NM):
         excitation = s.reflex[stage, k]
         if m.ankle_index[k] >= 0:
             excitation += s.excitation[m.ankle_index[k]]
-        excitation = min(max(excitation, MIN_ACTIVATION), 1.0)
-        fast = 0.5 + 1.5 * a[k]
-        tau = TAU_RISE * fast if excitation > a[k] else TAU_FALL / fast
-        s.a_rate[stage, k] = (excitation - a[k]) / tau
-        s.a_pole[stage, k] = 1.0 / tau
+        excitation = min(max(excitation, 0.0), 1.0)
+        active = max(a[k], MIN_ACTIVATION)
+        fast = 0.5 + 1.5 * active
+        tau = TAU_RISE * fast if excitation > active else TAU_FALL / fast
+        s.a_rate[stage, k] = (excitation - active) / tau
+        s.a_pole[stage, k] = 1.0 / tau if a[k] >= MIN_ACTIVATION else 0.0
 
 
 # ------------------------------------------------------------------------------------------------------------------ contact
@@ -499,17 +502,23 @@ def place_facets(m, s, facets, blocks, place, origin):
     p10, p11, p12 = place[1, 0], place[1, 1], place[1, 2]
     n0, n1, n2 = place[2, 0], place[2, 1], place[2, 2]
     o0, o1, o2, modulus = origin[0], origin[1], origin[2], s.modulus
+    a0, a1, a2 = abs(n0), abs(n1), abs(n2)
+    for k in range(blocks.shape[1]):
+        s.block_low[k] = (
+            o2 + n0 * blocks[0, k] + n1 * blocks[1, k] + n2 * blocks[2, k] - a0 * blocks[3, k] - a1 * blocks[4, k] - a2 * blocks[5, k]
+        )
+    x, y, elastic = s.facet_x, s.facet_y, s.facet_force
     n = 0
     for k in range(blocks.shape[1]):
-        height = o2 + n0 * blocks[0, k] + n1 * blocks[1, k] + n2 * blocks[2, k]
-        if height < abs(n0) * blocks[3, k] + abs(n1) * blocks[4, k] + abs(n2) * blocks[5, k]:
-            x, y, elastic = s.facet_x[n : n + BLOCK], s.facet_y[n : n + BLOCK], s.facet_force[n : n + BLOCK]
-            facet = facets[k]
-            for i in range(BLOCK):
-                rx, ry, rz = facet[0, i], facet[1, i], facet[2, i]
-                x[i] = o0 + p00 * rx + p01 * ry + p02 * rz
-                y[i] = o1 + p10 * rx + p11 * ry + p12 * rz
-                elastic[i] = modulus * facet[3, i] * max(0.0, -(o2 + n0 * rx + n1 * ry + n2 * rz))
+        if s.block_low[k] < 0.0:
+            here, there = np.uintp(k), np.uintp(n)
+            for j in range(BLOCK):
+                i = np.uintp(j)
+                rx, ry, rz = facets[here, 0, i], facets[here, 1, i], facets[here, 2, i]
+                depth = -(o2 + n0 * rx + n1 * ry + n2 * rz)
+                x[there + i] = o0 + p00 * rx + p01 * ry + p02 * rz
+                y[there + i] = o1 + p10 * rx + p11 * ry + p12 * rz
+                elastic[there + i] = modulus * facets[here, 3, i] * (depth if depth > 0.0 else 0.0)
             n += BLOCK
     return n
 
@@ -899,7 +908,7 @@ def step(m, s, facets, blocks, h):
     for k in range(NM):
         s.k1a[k] = s.a_rate[0, k] / (1.0 + gh * s.a_pole[0, k])
         s.k1l[k] = (s.l_rate[0, k] + gh * s.l_mtu[0, k] * s.mtu_rate[0, k]) / (1.0 - gh * s.l_pole[0, k])
-        s.ya[k] = max(a[k] + h * s.k1a[k], MIN_ACTIVATION)
+        s.ya[k] = a[k] + h * s.k1a[k]
         s.yl[k] = max(l[k] + h * s.k1l[k], m.l_min[k])
     evaluate(m, s, facets, blocks, 1, s.yq, s.yu, s.ya, s.yl)
     activations(m, s, 1, s.ya)
@@ -921,7 +930,7 @@ def step(m, s, facets, blocks, h):
         s.k2l[k] = (s.l_rate[1, k] - 2.0 * s.k1l[k] + gh * s.l_mtu[1, k] * (s.mtu_rate[1, k] - 2.0 * s.mtu_rate[0, k])) / (
             1.0 - gh * s.l_pole[1, k]
         )
-        s.ya[k] = max(a[k] + h * (1.5 * s.k1a[k] + 0.5 * s.k2a[k]), MIN_ACTIVATION)
+        s.ya[k] = a[k] + h * (1.5 * s.k1a[k] + 0.5 * s.k2a[k])
         s.yl[k] = max(l[k] + h * (1.5 * s.k1l[k] + 0.5 * s.k2l[k]), m.l_min[k])
     return error_norm(m, s, h)
 
@@ -1113,7 +1122,7 @@ def observe(model, state, facets, blocks, out):
     n += N_AXES
     mean = 0.0
     for k in range(4):
-        mean += 0.25 * s.a[m.ankle_muscle[k]]
+        mean += 0.25 * max(s.a[m.ankle_muscle[k]], MIN_ACTIVATION)
     out[n] = mean
     n += 1
     for k in range(N_AXES):
