@@ -35,6 +35,7 @@ K_PASSIVE, STRAIN_MUSCLE, A_F, F_LEN, LINEAR_ABOVE = 4.0, 0.6, 0.3, 1.8, 0.95
 STRAIN_TOE = STRAIN_0 * 99.0 * math.e**3 / (166.0 * math.e**3 - 67.0)
 SLOPE_LINEAR = (1.0 - F_TOE) / (STRAIN_0 - STRAIN_TOE)
 TAU_RISE, TAU_FALL, MIN_ACTIVATION = 0.01, 0.04, 0.01
+EQUILIBRIUM = 1e-10  # of the maximal force, in fibre_equilibrium; a tendon at its slack length cannot come closer
 ECCENTRIC = (2.0 + 2.0 / A_F) / (F_LEN - 1.0)
 
 f8, i8 = np.float64, np.int64
@@ -1037,7 +1038,7 @@ def fibre_equilibrium(m, k, mtu, mtu_rate, a, as_published):
         total = projected + kt
         share = kt / total if kt > 0.0 and abs(total) > 1e-12 else 0.0
         new_speed = mtu_rate * share * cosine / (V_MAX * lo)
-        if abs(error) < 1e-14 and abs(new_speed - speed) < 1e-14:
+        if abs(error) < EQUILIBRIUM and (ft < EQUILIBRIUM or abs(new_speed - speed) < 1e-12):
             break
         speed = new_speed
         fv = velocity_factor(a, speed)
@@ -1055,7 +1056,7 @@ def fibre_equilibrium(m, k, mtu, mtu_rate, a, as_published):
                 break
             factor *= 0.5
         length = max(low, length + factor * change)
-    if as_published and ft <= 0.0 and length < 0.996 * lo and mtu_rate < 0.0:
+    if as_published and ft < 10.0 * EQUILIBRIUM and length < 0.996 * lo and mtu_rate < 0.0:
         return low
     return length
 
