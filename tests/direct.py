@@ -46,7 +46,7 @@ def land(
         out = p.observe()
         history[k] = np.maximum(0.0, out[stretch])
         if gain:
-            back = k - delay / step
+            back = min(k - delay / step + 0.5, float(k))  # the middle of the step over which the excitation is held
             low = math.floor(back + 1e-9)
             delayed = history[low] + (back - low) * (history[min(low + 1, k)] - history[low]) if back > -1e-9 else 0.0
             p.state["excitation"] = base + gain * delayed

@@ -61,7 +61,7 @@ def variables() -> list[dict]:
         out.append(dict(name=name, causality="parameter", variability="fixed", unit=unit, start=start, min=least, max=greatest, description=text))
     for name, items, text in (
         ("initial_pose", POSES, "touching: pelvis moved along the vertical until the foot just touches; published: as in the measured state"),
-        ("fibre_start", FIBRE_STARTS, "equilibrium, or as in the published records (a failure of OpenSim 3.3 repeated)"),
+        ("fibre_start", FIBRE_STARTS, "equilibrium (OpenSim 4.6), or as in the published records (OpenSim 3.3: one numerical failure at the start, excitations of at least 0.01)"),
     ):
         out.append(dict(name=name, causality="parameter", variability="fixed", items=items, start=0, description=text))
 

@@ -60,7 +60,7 @@ STATE = np.dtype(
     [
         # parameters of the landing
         ("plane", f8, (3, 3)), ("modulus", f8), ("dissipation", f8), ("friction", f8), ("viscous_friction", f8), ("transition", f8),
-        ("passive_scale", f8), ("internal_brace_scale", f8), ("reflex_scale", f8), ("strength", f8, (NM,)), ("tolerance", f8),
+        ("passive_scale", f8), ("internal_brace_scale", f8), ("reflex_scale", f8), ("excitation_floor", f8), ("strength", f8, (NM,)), ("tolerance", f8),
         # inputs, held over a communication step
         ("excitation", f8, (N_ANKLE,)), ("torque", f8, (N_AXES,)), ("stiffness", f8, (N_AXES, N_AXES)), ("damping", f8, (N_AXES, N_AXES)),
         ("held_angle", f8, (N_AXES,)), ("held_velocity", f8, (N_AXES,)), ("braced", i8), ("yielding", i8),
@@ -430,13 +430,14 @@ def muscles(m, s, stage, a, l):
 
 @kernel
 def activations(m, s, stage, a):
-    """Rates of the activations for the excitations from outside and from the body's reflexes, clamped to 0 ... 1. A muscle acts with
-    max(activation, 0.01); the state itself may drain below that, which delays the next rise, as it does in OpenSim."""
+    """Rates of the activations for the excitations from outside and from the body's reflexes, clamped to `excitation_floor` ... 1. A muscle acts with
+    max(activation, 0.01). Without a floor (OpenSim 4) the state itself drains below that, which delays the next rise; with a floor of 0.01
+    (OpenSim 3.3, the published records) it cannot."""
     for k in range(NM):
         excitation = s.reflex[stage, k]
         if m.ankle_index[k] >= 0:
             excitation += s.excitation[m.ankle_index[k]]
-        excitation = min(max(excitation, 0.0), 1.0)
+        excitation = min(max(excitation, s.excitation_floor), 1.0)
         active = max(a[k], MIN_ACTIVATION)
         fast = 0.5 + 1.5 * active
         tau = TAU_RISE * fast if excitation > active else TAU_FALL / fast

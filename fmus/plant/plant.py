@@ -170,6 +170,7 @@ class Plant:
         s["friction"], s["viscous_friction"], s["transition"] = landing.contact_friction, landing.contact_viscous_friction, 0.1
         s["passive_scale"], s["internal_brace_scale"] = landing.passive_angle_scale, landing.internal_brace_angle_scale
         s["reflex_scale"], s["tolerance"] = landing.body_reflex_scale, landing.tolerance
+        s["excitation_floor"] = kernels.MIN_ACTIVATION if landing.fibre_start == Landing.AS_PUBLISHED else 0.0
         s["strength"] = 1.0
         s["strength"][self.ankle_muscles] = landing.ankle_strength_scale
         q, u = self.skeleton.initial()
