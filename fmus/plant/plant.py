@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from . import kernels
-from .interface import ANKLE_MUSCLES, EVERTORS
+from .interface import ANKLE_MUSCLES
 from .model import GRAVITY, Muscles, Skeleton, load_muscles, load_skeleton, table
 
 PLATFORM_PIVOT = (-0.2, 0.015, 0.35)
@@ -180,8 +180,9 @@ class Plant:
         s["q"], s["u"], s["a"] = q, u, 0.05
         ankle = landing.initial_ankle_activation or s["excitation"]
         s["a"][self.ankle_muscles] = np.clip(ankle, kernels.MIN_ACTIVATION, 1.0)
-        s["braced"] = int(landing.internal_brace_angle_scale != 0.0)
-        s["yielding"] = 0
+        self.internal_brace = landing.internal_brace_angle_scale != 0.0
+        s["braced"], s["yielding"] = self.internal_brace, 0
+        s["torque"] = s["stiffness"] = s["damping"] = s["held_angle"] = s["held_velocity"] = 0.0
         self.penetration = kernels.initialise(
             self._model,
             self._state,

@@ -1,0 +1,45 @@
+"""The exceptions of the package; each message is one line that says what, where, and what to do next.
+
+    SprainError                exit code
+    ├── InputError             2   bad input: file, option, archive, unit
+    ├── SimulationError        3   a simulation failed: NaN, FMI error, crash, timeout
+    └── EnvironmentProblem     4   the machine: missing library, full disk, no permission
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class SprainError(Exception):
+    """Base of all errors a user can meet."""
+
+    exit_code = 1
+
+
+class InputError(SprainError):
+    """Something the user gave cannot be used. Several problems found together are joined by newlines."""
+
+    exit_code = 2
+
+
+class SimulationError(SprainError):
+    """A run could not be finished."""
+
+    exit_code = 3
+
+
+class EnvironmentProblem(SprainError):
+    """The machine lacks something or refuses something."""
+
+    exit_code = 4
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """' (did you mean X?)' for the nearest of the known names, or the known names themselves if they are few."""
+    known = list(known)
+    close = difflib.get_close_matches(name, known, 1, 0.6)
+    if close:
+        return f" (did you mean {close[0]}?)"
+    return f" (known: {', '.join(known)})" if 0 < len(known) <= 12 else ""
