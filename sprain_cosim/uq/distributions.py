@@ -1,13 +1,13 @@
 """Marginals and the Gaussian copula: between physical values x and the standard space u.
 
-A marginal is a frozen, strictly increasing map x(u) of a standard normal variable u. `JointDistribution` joins d marginals
-by a Gaussian copula (Nataf transform): z = L·u is normal with correlation matrix R = L·Lᵀ and xᵢ = xᵢ(zᵢ). R is found so that
-the x have the Pearson correlation asked for; a correlation that the marginals cannot attain, or a matrix that is not
-positive definite, is refused.
+A marginal is a frozen, strictly increasing map x(u) of a standard normal variable u. `JointDistribution`
+joins d marginals by a Gaussian copula (Nataf transform): z = L·u is normal with correlation matrix R = L·Lᵀ
+and xᵢ = xᵢ(zᵢ). R is found so that the x have the Pearson correlation asked for; a correlation that the
+marginals cannot attain, or a matrix that is not positive definite, is refused.
 
 Equations: A. Der Kiureghian and P.-L. Liu, Structural reliability under incomplete probability information,
-J. Eng. Mech. 112 (1986) 85-104. Scores: H. Millwater, Universal properties of kernel functions for probabilistic
-sensitivity analysis, Probabilistic Eng. Mech. 24 (2009) 89-99.
+J. Eng. Mech. 112 (1986) 85-104. Scores: H. Millwater, Universal properties of kernel functions for
+probabilistic sensitivity analysis, Probabilistic Eng. Mech. 24 (2009) 89-99.
 """
 
 from __future__ import annotations
@@ -73,7 +73,8 @@ class Marginal(ABC):
         """dx/du at u."""
 
     def score(self, x: ArrayLike) -> tuple[Array, Array]:
-        """∂ ln f/∂mean and ∂ ln f/∂sd at x, f being the density: the score functions of the sensitivity factors.
+        """∂ ln f/∂mean and ∂ ln f/∂sd at x, f being the density: the score functions of the sensitivity
+        factors.
 
         NaN where they do not exist (uniform: its ends move with the parameters; fixed: no density).
         """
@@ -140,7 +141,8 @@ class Normal(Marginal):
 class LogNormal(Marginal):
     """x = exp(λ + ζ·u), given by the mean and standard deviation of x itself.
 
-    With δ = sd/mean: ζ² = ln(1 + δ²), λ = ln(mean) − ζ²/2. The mean lies at u = ζ/2, the median exp(λ) at u = 0.
+    With δ = sd/mean: ζ² = ln(1 + δ²), λ = ln(mean) − ζ²/2. The mean lies at u = ζ/2, the median exp(λ) at u =
+    0.
     """
 
     mean: float
@@ -250,8 +252,8 @@ class Uniform(Marginal):
 class Truncated(Marginal):
     """A normal or lognormal `parent` given that low ≤ x ≤ high.
 
-    `mean` and `sd` are those of x, the truncated variable; `score` and `standard_shift` are taken with respect to the
-    parent's mean and sd at held ends, since those are the parameters a study states.
+    `mean` and `sd` are those of x, the truncated variable; `score` and `standard_shift` are taken with
+    respect to the parent's mean and sd at held ends, since those are the parameters a study states.
     """
 
     parent: Normal | LogNormal
@@ -393,11 +395,11 @@ class Fixed(Marginal):
 class JointDistribution:
     """d marginals joined by a Gaussian copula (Nataf).
 
-    Parameters: `marginals`, d of them; `correlation`, a (d, d) matrix of the Pearson correlations of x, or None for
-    independent inputs. A fixed input must have no correlation.
+    Parameters: `marginals`, d of them; `correlation`, a (d, d) matrix of the Pearson correlations of x, or
+    None for independent inputs. A fixed input must have no correlation.
 
-    Raises ValueError: the matrix is not symmetric with unit diagonal, a correlation lies outside what the two marginals can
-    attain, or the matrix is not positive definite (of x or, after Nataf, of z).
+    Raises ValueError: the matrix is not symmetric with unit diagonal, a correlation lies outside what the two
+    marginals can attain, or the matrix is not positive definite (of x or, after Nataf, of z).
     """
 
     def __init__(self, marginals: Sequence[Marginal], correlation: ArrayLike | None = None):
@@ -436,9 +438,11 @@ class JointDistribution:
             normal[i, j] = normal[j, i] = _normal_correlation(
                 self.marginals[i], self.marginals[j], float(matrix[i, j]), f"inputs {i} and {j}"
             )
-        _require_positive_definite(normal, "the correlation matrix of the underlying normal variables (Nataf)")
+        _require_positive_definite(
+            normal, "the correlation matrix of the underlying normal variables (Nataf)"
+        )
         self.normal_correlation = normal
-        self.cholesky = np.linalg.cholesky(normal)
+        self.cholesky = np.asarray(np.linalg.cholesky(normal), dtype=float)
 
     def __len__(self) -> int:
         return len(self.marginals)
@@ -490,7 +494,7 @@ class JointDistribution:
         z = self.to_normal(x)
         if self.is_independent:
             return z
-        return np.linalg.solve(self.cholesky, z[..., np.newaxis])[..., 0]
+        return np.asarray(np.linalg.solve(self.cholesky, z[..., np.newaxis])[..., 0], dtype=float)
 
     def jacobian(self, u: ArrayLike) -> Array:
         """(d, d) matrix ∂xᵢ/∂uⱼ at one point u (d,)."""
@@ -514,7 +518,8 @@ def _require_positive_definite(matrix: Array, name: str) -> None:
     lowest = float(np.linalg.eigvalsh(matrix)[0])
     if lowest <= 1e-12:
         raise ValueError(
-            f"{name} is not positive definite (smallest eigenvalue {lowest:.3g}); the correlations contradict each other"
+            f"{name} is not positive definite (smallest eigenvalue {lowest:.3g}); "
+            "the correlations contradict each other"
         )
 
 
@@ -553,7 +558,7 @@ _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 
 
 def _pair_correlation(first: Marginal, second: Marginal, rho: float) -> float:
-    """Pearson correlation of (x₁(z₁), x₂(z₂)) for normal z of correlation rho, by Gauss-Hermite quadrature."""
+    """Pearson correlation of (x₁(z₁), x₂(z₂)) for normal z of correlation rho (Gauss-Hermite)."""
     z1, e = _NODES[:, np.newaxis], _NODES[np.newaxis, :]
     z2 = rho * z1 + math.sqrt(max(1.0 - rho * rho, 0.0)) * e
     a = (first.from_standard(z1) - first.mean) / first.sd

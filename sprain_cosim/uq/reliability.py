@@ -1,29 +1,32 @@
 """Percentiles and failure probabilities from few evaluations: MV, AMV, AMV+, HMV and FORM.
 
-Every method takes `function`, (n, d) inputs x → (n,) responses z, and d marginals. Points are handed over in as few calls as
-the method allows, so that a caller can evaluate a batch in parallel. Results say what was asked and what was executed
-(a point met twice is evaluated once), and carry a status:
+Every method takes `function`, (n, d) inputs x → (n,) responses z, and d marginals. Points are handed over in
+as few calls as the method allows, so that a caller can evaluate a batch in parallel. Results say what was
+asked and what was executed (a point met twice is evaluated once), and carry a status:
 
     ok        nothing speaks against the answer
     suspect   use with care, `reasons` say why
     rejected  do not use: the response is not monotonic where the method needs it to be
 
-Standard space: u is d independent standard normal variables, z(u) = function(x(u)); level p stands for β = Φ⁻¹(p), and its
-design point u* is the extreme of (a model of) z on the sphere ‖u‖ = |β|: the lowest for p < 0.5, the highest for p > 0.5.
-Importance levels are α = u*/β, a unit vector that points to larger z (at p = 0.5: the gradient's direction at u = 0).
+Standard space: u is d independent standard normal variables, z(u) = function(x(u)); level p stands for β =
+Φ⁻¹(p), and its design point u* is the extreme of (a model of) z on the sphere ‖u‖ = |β|: the lowest for p <
+0.5, the highest for p > 0.5. Importance levels are α = u*/β, a unit vector that points to larger z (at p =
+0.5: the gradient's direction at u = 0).
 
-Sources: Y.-T. Wu, H. R. Millwater, T. A. Cruse, Advanced probabilistic structural analysis method for implicit performance
-functions, AIAA J. 28 (1990) 1663-1669 (AMV, AMV+); B. D. Youn, K. K. Choi, Y. H. Park, Hybrid analysis method for
-reliability-based design optimization, J. Mech. Des. 125 (2003) 221-232 (HMV); Y. Zhang, A. Der Kiureghian, Two improved
-algorithms for reliability analysis, in Reliability and Optimization of Structural Systems (1995) 297-304 (iHL-RF).
+Sources: Y.-T. Wu, H. R. Millwater, T. A. Cruse, Advanced probabilistic structural analysis method for
+implicit performance functions, AIAA J. 28 (1990) 1663-1669 (AMV, AMV+); B. D. Youn, K. K. Choi, Y. H. Park,
+Hybrid analysis method for reliability-based design optimization, J. Mech. Des. 125 (2003) 221-232 (HMV); Y.
+Zhang, A. Der Kiureghian, Two improved algorithms for reliability analysis, in Reliability and Optimization of
+Structural Systems (1995) 297-304 (iHL-RF).
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -62,13 +65,14 @@ _NOISE_LIMIT = 0.1  # error of the slopes from noise, over their norm
 class Evaluations(int):
     """Number of evaluations requested, which an int is enough for; and what was executed.
 
-    `executed` counts distinct points. `x` (executed, d) and `y` (executed,) are those points in the order of execution.
+    `executed` counts distinct points. `x` (executed, d) and `y` (executed,) are those points in the order of
+    execution.
     """
 
     x: Array
     y: Array
 
-    def __new__(cls, requested: int, x: Array, y: Array) -> Evaluations:
+    def __new__(cls, requested: int, x: Array, y: Array) -> Self:
         self = super().__new__(cls, requested)
         self.x, self.y = x, y
         return self
@@ -115,8 +119,8 @@ class LevelResult:
 class FormResult:
     """First-order reliability of the event `function <= threshold`.
 
-    beta          reliability index: distance of the design point from the origin of the standard space, negative where the
-                  median inputs already lie in the event
+    beta          reliability index: distance of the design point from the origin of the standard space,
+                  negative where the median inputs already lie in the event
     probability   Φ(−beta)
     alpha         (d,) unit vector with u* = beta·alpha; points to smaller values of the function
     importance    (d,) alpha²
@@ -179,8 +183,8 @@ class _Ledger:
 class _Slopes:
     """Value and derivatives of the function at one point.
 
-    gradient (d,) ∂z/∂x; curvature (d,) ∂²z/∂x² by axis, or None from one-sided differences; moved: the largest change of z
-    over the steps of each input (d,).
+    gradient (d,) ∂z/∂x; curvature (d,) ∂²z/∂x² by axis, or None from one-sided differences; moved: the
+    largest change of z over the steps of each input (d,).
     """
 
     value: float
@@ -189,8 +193,10 @@ class _Slopes:
     moved: Array
 
 
-def _differences(ledger: _Ledger, joint: JointDistribution, x: Array, step: float, how: Difference) -> _Slopes:
-    """Finite differences of step·σᵢ about x, one batch: 1 + n points one-sided, 1 + 2n central (fixed inputs are skipped)."""
+def _differences(
+    ledger: _Ledger, joint: JointDistribution, x: Array, step: float, how: Difference
+) -> _Slopes:
+    """Differences of step·σᵢ about x in one batch: 1 + n points, or 1 + 2n central; fixed inputs skipped."""
     active, h = joint.active, step * joint.sds
     offsets = {"forward": (1.0,), "backward": (-1.0,), "central": (1.0, -1.0)}[how]
     points = [x]
@@ -230,8 +236,8 @@ def _standard_gradient(joint: JointDistribution, gradient: Array, u: Array) -> A
 def _linear_extreme(joint: JointDistribution, gradient: Array, radius: float, sign: float) -> Array:
     """(d,) u on the sphere ‖u‖ = radius where sign·Σ gradientᵢ·xᵢ(u) is largest.
 
-    Ascent by the fixed point u ← radius·∇/‖∇‖ from several starts, shifted towards the present point wherever it would
-    descend (as in the shifted power method), so that it cannot cycle.
+    Ascent by the fixed point u ← radius·∇/‖∇‖ from several starts, shifted towards the present point wherever
+    it would descend (as in the shifted power method), so that it cannot cycle.
     """
     weights = sign * gradient
     lower = joint.cholesky
@@ -301,7 +307,7 @@ class _Setting:
         return float(np.max(np.abs(ndtri(np.array(self.levels)))))
 
     def extreme(self, gradient: Array, level: float, at: Array) -> Array:
-        """(d,) u* of the linear model with slope `gradient` (∂z/∂x), taken in x or, about the point `at`, in u."""
+        """(d,) u* of the linear model with slopes `gradient` (∂z/∂x), in x or, about the point `at`, in u."""
         beta = float(ndtri(level))
         if beta == 0.0:
             return np.zeros(len(self.joint))
@@ -364,16 +370,18 @@ class _Gate:
         still = [int(i) for i in joint.active if slopes.moved[i] == 0.0]
         if still:
             self.suspicions.append(
-                f"{len(still)} of {len(joint.active)} inputs (number {', '.join(map(str, still))}) do not move the response "
-                f"at all over a step of {self.setting.step:g} sd: the output's resolution may be coarser than the step"
+                f"{len(still)} of {len(joint.active)} inputs (number {', '.join(map(str, still))}) do not "
+                f"move the response at all over a step of {self.setting.step:g} sd: the output's resolution "
+                "may be coarser than the step"
             )
         if self.noise is not None:
             error = self.noise / self.setting.step * math.sqrt(len(joint.active))
             error *= 1.0 / math.sqrt(2.0) if self.setting.difference == "central" else math.sqrt(2.0)
             if error > _NOISE_LIMIT * norm:
                 self.suspicions.append(
-                    f"noise of {self.noise:g} in the response makes the slopes uncertain by {error / norm:.0%} of their norm: "
-                    f"a step above {self.setting.step * error / (_NOISE_LIMIT * norm):.2g} sd is needed"
+                    f"noise of {self.noise:g} in the response makes the slopes uncertain by "
+                    f"{error / norm:.0%} of their norm: a step above "
+                    f"{self.setting.step * error / (_NOISE_LIMIT * norm):.2g} sd is needed"
                 )
         if slopes.curvature is not None:
             self._look_at_curvature(slopes.curvature, norm)
@@ -388,18 +396,21 @@ class _Gate:
         for i in np.flatnonzero(ratio > _CURVATURE_LIMIT):
             if bend[i] * reach > slope[i]:
                 self.rejections.append(
-                    f"input number {i}: the one-sided slopes change sign within the outermost level (curvature ratio "
-                    f"{ratio[i]:.2g}); the response is not monotonic"
+                    f"input number {i}: the one-sided slopes change sign within the outermost level "
+                    f"(curvature ratio {ratio[i]:.2g}); the response is not monotonic"
                 )
             else:
-                self.suspicions.append(f"input number {i}: curvature ratio {ratio[i]:.2g} is above {_CURVATURE_LIMIT}")
+                self.suspicions.append(
+                    f"input number {i}: curvature ratio {ratio[i]:.2g} is above {_CURVATURE_LIMIT}"
+                )
 
     def look_at_order(self, value: Mapping[float, float]) -> None:
         ordered = sorted(value)
-        for low, high in zip(ordered, ordered[1:], strict=False):
+        for low, high in itertools.pairwise(ordered):
             if value[high] <= value[low]:
                 self.rejections.append(
-                    f"the percentiles do not increase: {value[low]:.6g} at {low:g}, {value[high]:.6g} at {high:g}"
+                    f"the percentiles do not increase: {value[low]:.6g} at {low:g}, "
+                    f"{value[high]:.6g} at {high:g}"
                 )
 
     def look_at_departure(self, value: Mapping[float, float]) -> None:
@@ -408,8 +419,8 @@ class _Gate:
             spread = abs(expected - self.linear.slopes.value)
             if spread > 0 and abs(value[level] - expected) > _DEPARTURE_LIMIT * spread:
                 self.suspicions.append(
-                    f"level {level:g}: {value[level]:.6g} departs from the linearisation's {expected:.6g} by more than "
-                    f"half of its distance from the centre"
+                    f"level {level:g}: {value[level]:.6g} departs from the linearisation's {expected:.6g} "
+                    "by more than half of its distance from the centre"
                 )
 
     def look_at_turn(self, level: float, gradient_u: Array) -> None:
@@ -476,8 +487,9 @@ def mean_value(
 ) -> LevelResult:
     """Mean value method: the response is taken as linear about the mean inputs, and normal.
 
-    1 + n evaluations one-sided, 1 + 2n central, for n inputs that are not fixed. `step` is in standard deviations of each
-    input; choose it so that the response moves well beyond its own noise (`step_noise`). Arguments as in `amv`.
+    1 + n evaluations one-sided, 1 + 2n central, for n inputs that are not fixed. `step` is in standard
+    deviations of each input; choose it so that the response moves well beyond its own noise (`step_noise`).
+    Arguments as in `amv`.
     """
     setting = _Setting.checked(marginals, correlation, levels, space, step, difference)
     ledger = _Ledger(function)
@@ -511,21 +523,23 @@ def amv(
     noise: float | None = None,
     variance: float | None = None,
 ) -> LevelResult:
-    """Advanced mean value method: one evaluation of the response at each level's extreme point of the linearisation.
+    """Advanced mean value method: one evaluation of the response at each level's extreme point of the
+    linearisation.
 
     function    (n, d) inputs → (n,) responses
     marginals   d of them; fixed ones are held and cost nothing
     levels      probabilities p whose percentile z_p is wanted
-    space       'x': the model is linear in the physical inputs (Wu 1990, and the sprain study); 'u': linear in the standard
-                space about the point of the mean inputs
+    space       'x': the model is linear in the physical inputs (Wu 1990, and the sprain study); 'u': linear
+                in the standard space about the point of the mean inputs
     step        finite-difference step in standard deviations
     difference  'forward', 'backward' or 'central'; only central differences let the gate see curvature
     correlation (d, d) Pearson correlations of x, or None
     noise       standard deviation of the response's own noise, if known: slopes that drown in it are reported
-    variance    variance of the response from a sample, if there is one: a linearisation that explains little is reported
+    variance    variance of the response from a sample, if there is one: a linearisation that explains little
+                is reported
 
-    Evaluations requested: 1 + n + levels one-sided, 1 + 2n + levels central. Raises ValueError for arguments out of range,
-    correlations that cannot be, and a response that is not finite.
+    Evaluations requested: 1 + n + levels one-sided, 1 + 2n + levels central. Raises ValueError for arguments
+    out of range, correlations that cannot be, and a response that is not finite.
     """
     setting = _Setting.checked(marginals, correlation, levels, space, step, difference)
     ledger = _Ledger(function)
@@ -575,12 +589,14 @@ def _relinearise(
     noise: float | None,
     variance: float | None,
 ) -> LevelResult:
-    """The frame of AMV+ and HMV: start each level at its AMV point, let `improve` move it, judge the outcome."""
+    """The frame of AMV+ and HMV: start at each level's AMV point, let `improve` move it, judge it."""
     ledger = _Ledger(function, budget)
     joint = setting.joint
     try:
         linear = _Linearisation.at_mean(ledger, setting)
-        points = {p: setting.extreme(linear.slopes.gradient, p, linear.standard_point) for p in setting.levels}
+        points = {
+            p: setting.extreme(linear.slopes.gradient, p, linear.standard_point) for p in setting.levels
+        }
         start = ledger(joint.from_standard(np.array(list(points.values()))))
     except _BudgetSpent:
         raise ValueError(f"a budget of {budget} evaluations does not even allow the AMV step") from None
@@ -640,7 +656,8 @@ def _iterate_amv(ledger: _Ledger, setting: _Setting, level: float, search: _Sear
         if change < small:
             return
     search.complaint = (
-        f"plain relinearisation did not settle in {_AMV_PLUS_ITERATIONS} iterations (it cycles or crawls); use hmv"
+        f"plain relinearisation did not settle in {_AMV_PLUS_ITERATIONS} iterations (it cycles or crawls); "
+        "use hmv"
     )
 
 
@@ -660,9 +677,10 @@ def amv_plus(
 ) -> LevelResult:
     """AMV with the response linearised anew at each design point until z_p changes by less than tolerance·sd.
 
-    Arguments as in `amv`, but differences are central unless asked otherwise, since the result depends on the slopes at the
-    design point; `budget` bounds the evaluations executed. A search that cycles, crawls or spends the budget is reported as
-    suspect with the value it had reached: concave responses do that, `hmv` is made for them.
+    Arguments as in `amv`, but differences are central unless asked otherwise, since the result depends on the
+    slopes at the design point; `budget` bounds the evaluations executed. A search that cycles, crawls or
+    spends the budget is reported as suspect with the value it had reached: concave responses do that, `hmv`
+    is made for them.
     """
     setting = _Setting.checked(marginals, correlation, levels, space, step, difference)
     return _relinearise("amv+", _iterate_amv, function, setting, tolerance, budget, noise, variance)
@@ -673,8 +691,8 @@ _ARC_HALVINGS = 12
 
 
 def _climb_hybrid(ledger: _Ledger, setting: _Setting, level: float, search: _Search, small: float) -> None:
-    """Hybrid mean value: steepest direction where the response is convex, the mean of the last three where it is concave,
-    and an arc towards the steepest direction wherever either would not improve."""
+    """Hybrid mean value: steepest direction where the response is convex, the mean of the last three where it
+    is concave, and an arc towards the steepest direction wherever either would not improve."""
     beta = float(ndtri(level))
     _, search.gradient_u = _slopes_at(ledger, setting, search.u)
     search.iterations = 1
@@ -695,7 +713,9 @@ def _climb_hybrid(ledger: _Ledger, setting: _Setting, level: float, search: _Sea
         moved = _improved(ledger, setting, search, here, [direction, *_arc(here, steepest)], sign, radius)
         if not moved:
             if gain > math.sqrt(small):
-                search.complaint = "no step improves the response although its slope promises it: noise or a kink"
+                search.complaint = (
+                    "no step improves the response although its slope promises it: noise or a kink"
+                )
             return
         _, search.gradient_u = _slopes_at(ledger, setting, search.u)
         search.iterations += 1
@@ -744,11 +764,12 @@ def hmv(
     noise: float | None = None,
     variance: float | None = None,
 ) -> LevelResult:
-    """Hybrid mean value method: the true extreme of the response on each level's sphere, also where AMV+ cycles.
+    """Hybrid mean value method: the true extreme of the response on each level's sphere, also where AMV+
+    cycles.
 
-    Arguments as in `amv_plus`; `space` chooses the AMV start only, the search itself runs in the standard space. It stops
-    when the slope promises less than tolerance·sd. Every accepted step improves, so that the value never gets worse than
-    AMV's; a search that ends for another reason is suspect and says why.
+    Arguments as in `amv_plus`; `space` chooses the AMV start only, the search itself runs in the standard
+    space. It stops when the slope promises less than tolerance·sd. Every accepted step improves, so that the
+    value never gets worse than AMV's; a search that ends for another reason is suspect and says why.
     """
     setting = _Setting.checked(marginals, correlation, levels, space, step, difference)
     return _relinearise("hmv", _climb_hybrid, function, setting, tolerance, budget, noise, variance)
@@ -771,10 +792,11 @@ def form(
 ) -> FormResult:
     """First-order reliability method for the event `function <= threshold`, by the improved HL-RF algorithm.
 
-    The default step suits a limit state given as a formula; for a simulator choose it above the noise of the response, as
-    for `amv`. Stops when the limit state is met and u is parallel to its gradient within `tolerance` (and the finite
-    differences allow it). A search that ends for another reason, or a design point that is a second-best one, cannot be told
-    from inside; the former is reported as suspect. Raises ValueError as `amv` does.
+    The default step suits a limit state given as a formula; for a simulator choose it above the noise of the
+    response, as for `amv`. Stops when the limit state is met and u is parallel to its gradient within
+    `tolerance` (and the finite differences allow it). A search that ends for another reason, or a design
+    point that is a second-best one, cannot be told from inside; the former is reported as suspect. Raises
+    ValueError as `amv` does.
     """
     joint = JointDistribution(marginals, correlation)
     if not len(joint.active):
@@ -838,7 +860,7 @@ def form(
 def _hlrf_step(
     ledger: _Ledger, joint: JointDistribution, threshold: float, u: Array, g: float, gradient: Array
 ) -> Array | None:
-    """One step of iHL-RF: the HL-RF direction, shortened until the merit ½‖u‖² + c·|g| falls enough; None if it never does."""
+    """One step of iHL-RF: its direction, shortened until ½‖u‖² + c·|g| falls; None if it never does."""
     norm2 = float(gradient @ gradient)
     target = (float(gradient @ u) - g) / norm2 * gradient
     direction = target - u
@@ -852,19 +874,21 @@ def _hlrf_step(
         reached = 0.5 * float(moved @ moved) + penalty * abs(value)
         if best is not None and reached >= best[0]:
             break
-        # Past a step that will do, half of it is tried too: full steps swing about a curved limit state for long.
+        # Past a step that will do, half of it is tried too: full steps swing about a curved limit state.
         if reached <= merit + 0.1 * 0.5**halving * slope:
             best = reached, moved
     return None if best is None else best[1]
 
 
-def step_noise(function: Function, marginals: Sequence[Marginal], spacing: float = 1e-3, points: int = 9) -> float:
+def step_noise(
+    function: Function, marginals: Sequence[Marginal], spacing: float = 1e-3, points: int = 9
+) -> float:
     """Standard deviation of the response's own noise near the mean inputs.
 
-    A table of differences along the diagonal of the inputs (J. J. Moré, S. M. Wild, Estimating computational noise, SIAM J.
-    Sci. Comput. 33 (2011) 1292-1314): differences of order k of a smooth function vanish, those of independent noise of
-    standard deviation ε have standard deviation ε·√((2k)!/(k!)²). `points` evaluations, `spacing` standard deviations apart.
-    Returns 0 where the response is smooth to rounding.
+    A table of differences along the diagonal of the inputs (J. J. Moré, S. M. Wild, Estimating computational
+    noise, SIAM J. Sci. Comput. 33 (2011) 1292-1314): differences of order k of a smooth function vanish,
+    those of independent noise of standard deviation ε have standard deviation ε·√((2k)!/(k!)²). `points`
+    evaluations, `spacing` standard deviations apart. Returns 0 where the response is smooth to rounding.
     """
     if points < 5:
         raise ValueError(f"the noise needs at least 5 points, got {points}")

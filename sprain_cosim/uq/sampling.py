@@ -1,6 +1,7 @@
 """Samples of a joint distribution: Monte Carlo, Latin hypercube, scrambled Sobol', full factorial.
 
-Randomness enters as one integer seed. `Stream` names what a draw is for, so that no two uses of a seed share numbers.
+Randomness enters as one integer seed. `Stream` names what a draw is for, so that no two uses of a seed share
+numbers.
 
 | Sample          | row i depends on              | enlarging keeps rows | interval of a percentile    |
 |-----------------|-------------------------------|----------------------|-----------------------------|
@@ -9,8 +10,8 @@ Randomness enters as one integer seed. `Stream` names what a draw is for, so tha
 | Latin hypercube | seed, i, n                    | no                   | none                        |
 | full factorial  | the levels                    | no                   | none                        |
 
-A column takes its numbers by its position, never by its marginal: changing one marginal (a fixed value included) that is
-correlated with no other leaves the other columns as they were.
+A column takes its numbers by its position, never by its marginal: changing one marginal (a fixed value
+included) that is correlated with no other leaves the other columns as they were.
 """
 
 from __future__ import annotations
@@ -24,7 +25,15 @@ from scipy.special import ndtri
 
 from .distributions import JointDistribution
 
-__all__ = ["Stream", "full_factorial", "generator", "latin_hypercube", "monte_carlo", "monte_carlo_blocks", "sobol"]
+__all__ = [
+    "Stream",
+    "full_factorial",
+    "generator",
+    "latin_hypercube",
+    "monte_carlo",
+    "monte_carlo_blocks",
+    "sobol",
+]
 
 Array = NDArray[np.float64]
 
@@ -57,7 +66,7 @@ def _open_unit(raw: NDArray[np.uint64]) -> Array:
 
 
 def monte_carlo(joint: JointDistribution, n: int, seed: int, first: int = 0) -> Array:
-    """(n, d) independent rows number first … first + n − 1; row i is drawn from SeedSequence(seed, (0, i)) alone."""
+    """(n, d) independent rows number first … first + n − 1; row i comes from SeedSequence(seed, (0, i))."""
     _require_rows(n)
     d = len(joint)
     raw = np.empty((n, d), dtype=np.uint64)
@@ -85,9 +94,9 @@ def latin_hypercube(joint: JointDistribution, n: int, seed: int) -> Array:
 def sobol(joint: JointDistribution, n: int, seed: int, replicates: int = 8) -> Array:
     """(n, d) rows of `replicates` independently scrambled Sobol' sequences, taken in turn.
 
-    Row i is point i // replicates of sequence i % replicates, so that every prefix is balanced over the sequences. n must
-    be a multiple of `replicates`; n / replicates should be a power of two, which is where the sequence is balanced. The
-    spread over the replicates gives intervals (at least 8 are needed for that).
+    Row i is point i // replicates of sequence i % replicates, so that every prefix is balanced over the
+    sequences. n must be a multiple of `replicates`; n / replicates should be a power of two, which is where
+    the sequence is balanced. The spread over the replicates gives intervals (at least 8 are needed for that).
     """
     from scipy.stats import qmc  # slow to import, used here alone
 
@@ -98,7 +107,8 @@ def sobol(joint: JointDistribution, n: int, seed: int, replicates: int = 8) -> A
     p = np.empty((n, len(joint)))
     for r in range(replicates):
         engine = qmc.Sobol(len(joint), scramble=True, bits=53, rng=generator(seed, Stream.SOBOL, r))
-        # Whole powers of two are drawn, which a prefix does not notice, to spare the caller a warning on balance.
+        # Whole powers of two are drawn, which a prefix does not notice, to spare the caller a warning on
+        # balance.
         p[r::replicates] = engine.random_base2(max(points - 1, 0).bit_length())[:points]
     return joint.from_standard(ndtri(_inside(p)))
 

@@ -1,0 +1,267 @@
+"""What a sample says, and how surely: percentiles, distribution function, exceedance, stopping, agreement.
+
+Percentiles are of type 7 (linear between order statistics). Their intervals are order statistics too, so they
+hold for any continuous response, but for independent rows only: a Monte Carlo sample. Quasi-Monte Carlo takes
+the spread over its replicates instead. Failed trials are never dropped in silence: `percentile_bounds` and
+`exceedance` say what they could have changed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import bdtr, betaincinv, ndtr, ndtri, stdtrit
+
+from .distributions import Marginal, Uniform
+
+__all__ = [
+    "MIN_REPLICATES",
+    "Cdf",
+    "Estimate",
+    "Stopping",
+    "agreement",
+    "empirical_cdf",
+    "exceedance",
+    "mean",
+    "order_statistic_ranks",
+    "percentile",
+    "percentile_bounds",
+    "replicated_percentile",
+    "standard_deviation",
+    "stopping",
+    "wilks_size",
+]
+
+Array = NDArray[np.float64]
+
+MIN_REPLICATES = 8
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value with its confidence interval; an end is ±inf for too small a sample, NaN if unknown."""
+
+    value: float
+    low: float
+    high: float
+
+    @property
+    def half_width(self) -> float:
+        return 0.5 * (self.high - self.low)
+
+
+def _sample(y: ArrayLike, least: int = 1) -> Array:
+    values = np.asarray(y, dtype=float)
+    if values.ndim != 1 or len(values) < least:
+        raise ValueError(f"expected a sample of at least {least} values, got shape {values.shape}")
+    if not np.all(np.isfinite(values)):
+        raise ValueError("the sample holds values that are not finite; count failed trials apart")
+    return values
+
+
+def _probability(p: float, name: str = "the level") -> float:
+    if not 0 < p < 1:
+        raise ValueError(f"{name} must lie between 0 and 1, got {p}")
+    return float(p)
+
+
+def _type7(ordered: Array, p: float) -> float:
+    position = (len(ordered) - 1) * p
+    j = min(int(position), len(ordered) - 1)
+    share = position - j
+    if share == 0.0 or ordered[j] == ordered[min(j + 1, len(ordered) - 1)]:
+        return float(ordered[j])
+    return float(ordered[j] + share * (ordered[j + 1] - ordered[j]))
+
+
+def _binomial_quantile(q: float, n: int, p: float) -> int:
+    """Smallest k with P(B ≤ k) ≥ q for B ~ Binomial(n, p)."""
+    k = int(np.clip(n * p + ndtri(q) * math.sqrt(n * p * (1 - p)), 0, n))
+    while k > 0 and bdtr(k - 1, n, p) >= q:
+        k -= 1
+    while bdtr(k, n, p) < q:
+        k += 1
+    return k
+
+
+def order_statistic_ranks(n: int, p: float, confidence: float = 0.95) -> tuple[int, int]:
+    """Ranks (from 1) of the order statistics that bound the p-quantile of n independent values.
+
+    Rank 0 or n + 1 means that the sample is too small for a bound on that side. The coverage is at least
+    `confidence`.
+    """
+    _probability(p)
+    tail = 0.5 * (1.0 - _probability(confidence, "the confidence"))
+    return _binomial_quantile(tail, n, p), _binomial_quantile(1.0 - tail, n, p) + 1
+
+
+def percentile(y: ArrayLike, p: float, confidence: float = 0.95) -> Estimate:
+    """The p-quantile (0 < p < 1) of independent values, with an order-statistic interval."""
+    ordered = np.sort(_sample(y))
+    low, high = order_statistic_ranks(len(ordered), p, confidence)
+    return Estimate(
+        _type7(ordered, p),
+        float(ordered[low - 1]) if low >= 1 else -math.inf,
+        float(ordered[high - 1]) if high <= len(ordered) else math.inf,
+    )
+
+
+def replicated_percentile(y: ArrayLike, replicates: int, p: float, confidence: float = 0.95) -> Estimate:
+    """The p-quantile of a replicated quasi-Monte Carlo sample, row i belonging to replicate i % replicates.
+
+    The value is that of all rows together; the interval is Student's over the replicates' own quantiles, NaN
+    for fewer than 8 replicates.
+    """
+    values = _sample(y)
+    _probability(p)
+    value = _type7(np.sort(values), p)
+    if replicates < MIN_REPLICATES or len(values) < replicates:
+        return Estimate(value, math.nan, math.nan)
+    each = np.array([_type7(np.sort(values[r::replicates]), p) for r in range(replicates)])
+    half = _student(replicates - 1, confidence) * float(np.std(each, ddof=1)) / math.sqrt(replicates)
+    return Estimate(value, value - half, value + half)
+
+
+def _student(freedom: int, confidence: float) -> float:
+    return float(stdtrit(freedom, 0.5 * (1.0 + _probability(confidence, "the confidence"))))
+
+
+def mean(y: ArrayLike, confidence: float = 0.95) -> Estimate:
+    """Mean of independent values with Student's interval."""
+    values = _sample(y, 2)
+    half = _student(len(values) - 1, confidence) * float(np.std(values, ddof=1)) / math.sqrt(len(values))
+    value = float(np.mean(values))
+    return Estimate(value, value - half, value + half)
+
+
+def standard_deviation(y: ArrayLike, confidence: float = 0.95) -> Estimate:
+    """Standard deviation (n − 1) of independent values; large-sample interval by the kurtosis, in logs."""
+    values = _sample(y, 4)
+    n, value = len(values), float(np.std(values, ddof=1))
+    if value == 0.0:
+        return Estimate(0.0, 0.0, 0.0)
+    kurtosis = float(np.mean((values - np.mean(values)) ** 4)) / float(np.var(values)) ** 2
+    log_half = _student(n - 1, confidence) * 0.5 * math.sqrt(max(kurtosis - (n - 3) / (n - 1), 0.0) / n)
+    return Estimate(value, value * math.exp(-log_half), value * math.exp(log_half))
+
+
+@dataclass(frozen=True)
+class Cdf:
+    """Empirical distribution function: P(Y ≤ value[k]) = probability[k], bounds `low` and `high`."""
+
+    value: Array
+    probability: Array
+    low: Array
+    high: Array
+
+
+def empirical_cdf(y: ArrayLike, confidence: float = 0.95) -> Cdf:
+    """Distribution function of independent values, with Clopper-Pearson bounds at each value."""
+    values = _sample(y)
+    value, counts = np.unique(values, return_counts=True)
+    below = np.cumsum(counts)
+    low, high = _clopper_pearson(below, len(values), confidence)
+    return Cdf(value, below / len(values), low, high)
+
+
+def _clopper_pearson(k: ArrayLike, n: int, confidence: float) -> tuple[Array, Array]:
+    k = np.asarray(k, dtype=float)
+    tail = 0.5 * (1.0 - _probability(confidence, "the confidence"))
+    low = np.where(k > 0, betaincinv(np.maximum(k, 1.0), n - k + 1.0, tail), 0.0)
+    high = np.where(k < n, betaincinv(k + 1.0, np.maximum(n - k, 1.0), 1.0 - tail), 1.0)
+    return low, high
+
+
+def percentile_bounds(y: ArrayLike, failed: int, p: float) -> tuple[float, float]:
+    """Lowest and highest p-quantile of the sample and its `failed` missing values; ±inf where open."""
+    ordered = np.sort(_sample(y))
+    missing, p = np.full(failed, np.inf), _probability(p)
+    return _type7(np.concatenate([-missing, ordered]), p), _type7(np.concatenate([ordered, missing]), p)
+
+
+def exceedance(
+    y: ArrayLike, threshold: float | Marginal, confidence: float = 0.95, failed: int = 0
+) -> Estimate:
+    """P(Y > T) for independent values of Y and a threshold T that is a number or itself uncertain
+    (independent of Y).
+
+    For a number: share of the values above, Clopper-Pearson interval. For a marginal: mean of P(T < yᵢ),
+    Student's interval kept within 0 and 1. `failed` trials widen the interval by all they could have been:
+    none or all of them above.
+    """
+    values = _sample(y, 2)
+    n = len(values)
+    if isinstance(threshold, Marginal):
+        above = _threshold_below(threshold, values)
+        value = float(np.mean(above))
+        spread = _student(n - 1, confidence) * float(np.std(above, ddof=1)) / math.sqrt(n)
+        # Where no value differs in the least the spread says nothing; the count of rows still does.
+        low, high = (float(end[0]) for end in _clopper_pearson([round(value * n)], n, confidence))
+        if spread > 0:
+            low, high = max(value - spread, 0.0), min(value + spread, 1.0)
+    else:
+        k = int(np.sum(values > threshold))
+        value = k / n
+        low, high = (float(end[0]) for end in _clopper_pearson([k], n, confidence))
+    whole = n + failed
+    return Estimate(value, low * n / whole, (high * n + failed) / whole)
+
+
+def _threshold_below(threshold: Marginal, values: Array) -> Array:
+    """P(T < y) for each y."""
+    if threshold.is_fixed:
+        raise ValueError("give a fixed threshold as a number")
+    if isinstance(threshold, Uniform):
+        return np.clip((values - threshold.low) / (threshold.high - threshold.low), 0.0, 1.0)
+    return ndtr(threshold.to_standard(values))
+
+
+@dataclass(frozen=True)
+class Stopping:
+    """Whether a sample is large enough: the half-width of each level's interval against the one wanted.
+
+    `needed` is the number of rows at which the widest level should meet it, half-widths shrinking as 1/√n
+    (None while a level has no interval yet).
+    """
+
+    met: bool
+    half_width: dict[float, float]
+    wanted: float
+    needed: int | None
+
+
+def stopping(
+    y: ArrayLike, wanted: float, levels: Sequence[float] = (0.05, 0.5, 0.95), confidence: float = 0.95
+) -> Stopping:
+    """Compare the half-widths of the percentiles' intervals with the one wanted (in the response's unit)."""
+    if not wanted > 0:
+        raise ValueError(f"the half-width wanted must be positive, got {wanted}")
+    values = _sample(y)
+    half = {float(p): percentile(values, p, confidence).half_width for p in levels}
+    widest = max(half.values())
+    needed = None if math.isinf(widest) else max(len(values), math.ceil(len(values) * (widest / wanted) ** 2))
+    if needed is not None and widest <= wanted:
+        needed = len(values)
+    return Stopping(widest <= wanted, half, float(wanted), needed)
+
+
+def agreement(value: float, estimate: Estimate) -> str:
+    """A value against a sample's interval: 'inside', 'below by …', 'above by …' or 'no interval'."""
+    if math.isnan(estimate.low) or math.isnan(estimate.high):
+        return "no interval"
+    if value < estimate.low:
+        return f"below by {estimate.low - value:.3g}"
+    if value > estimate.high:
+        return f"above by {value - estimate.high:.3g}"
+    return "inside"
+
+
+def wilks_size(p: float, confidence: float = 0.95) -> int:
+    """Rows whose largest value is an upper bound of the p-quantile with `confidence` (S. S. Wilks, 1941)."""
+    _probability(p)
+    _probability(confidence, "the confidence")
+    return math.ceil(math.log(1.0 - confidence) / math.log(p) - 1e-12)
