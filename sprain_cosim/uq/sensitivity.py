@@ -21,9 +21,9 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr, ndtri, stdtrit
+from scipy.special import eval_hermitenorm, eval_legendre, ndtr, ndtri, stdtrit
 
-from .distributions import JointDistribution, Marginal, Normal
+from .distributions import JointDistribution, Marginal, Normal, Uniform
 from .sampling import Stream, generator, sobol
 
 __all__ = [
@@ -375,9 +375,9 @@ def _ratio_over_replicates(top: Array, s1: Array, s2: Array, confidence: float) 
 class GivenDataIndices:
     """Sobol' indices read off a polynomial chaos fitted to a sample at hand: no further evaluation.
 
-    first, total (d,) shares of the sampled variance; degree and terms of the expansion kept; q2, the share of
-    variance it predicts at rows left out (leave-one-out), which is the quality of these indices: what it does
-    not predict (1 − q2) may belong to any of them.
+    first, total (d,) shares of the expansion's variance; degree and terms of the expansion kept; q2, the
+    share of the sample's variance that it predicts at rows left out (leave-one-out), which is the quality of
+    these indices: what it does not predict (1 − q2) may belong to any of them.
     """
 
     first: Array
@@ -395,12 +395,13 @@ def given_data_indices(
 ) -> GivenDataIndices:
     """First-order and total Sobol' indices of independent inputs from the rows of any sample of them.
 
-    Hermite chaos in the standard space, of the total degree (≤ max_degree) that predicts left-out rows best.
+    Polynomial chaos (Legendre for uniform inputs, Hermite in the standard space for the others) of the total
+    degree ≤ max_degree that predicts left-out rows best.
     """
     xs, ys = _paired(x, y)
     joint = JointDistribution(marginals)
     active = joint.active
-    u = joint.to_standard(xs)[:, active]
+    table = _orthonormal(xs, [joint.marginals[i] for i in active], active, max_degree)
     n, variance = len(ys), float(np.var(ys))
     if variance == 0.0:
         raise ValueError("the response does not vary: it has no Sobol' indices")
@@ -409,7 +410,7 @@ def given_data_indices(
         powers = _multi_indices(len(active), degree)
         if len(powers) > _TERMS_PER_ROW * n:
             break
-        basis = _hermite_basis(u, powers, degree)
+        basis = _products(table, powers)
         q, r = np.linalg.qr(basis)
         coefficients = np.linalg.solve(r, q.T @ ys)
         leverage = np.sum(q**2, axis=1)
@@ -421,7 +422,7 @@ def given_data_indices(
         raise ValueError(f"{n} rows are too few for an expansion in {len(active)} inputs")
     q2, degree, powers, coefficients = best
     order = np.array(powers)
-    shares = coefficients**2 / variance
+    shares = coefficients**2 / np.sum(coefficients[1:] ** 2)
     first, total = np.zeros(len(joint)), np.zeros(len(joint))
     for k, i in enumerate(active):
         alone = (order[:, k] > 0) & (np.count_nonzero(order, axis=1) == 1)
@@ -438,17 +439,26 @@ def _multi_indices(d: int, degree: int) -> list[tuple[int, ...]]:
     return rows
 
 
-def _hermite_basis(u: Array, powers: list[tuple[int, ...]], degree: int) -> Array:
-    """(n, terms) products of orthonormal Hermite polynomials."""
-    table = np.ones((degree + 1, *u.shape))
-    for k in range(1, degree + 1):
-        previous = table[k - 2] * math.sqrt(k - 1) if k > 1 else 0.0
-        table[k] = (u * table[k - 1] - previous) / math.sqrt(k)
-    columns = []
-    for row in powers:
-        column = np.ones(len(u))
+def _orthonormal(xs: Array, marginals: Sequence[Marginal], columns: NDArray[np.intp], degree: int) -> Array:
+    """(degree + 1, n, d) polynomials of each input, orthonormal under its distribution."""
+    table = np.ones((degree + 1, len(xs), len(columns)))
+    for k, (marginal, column) in enumerate(zip(marginals, columns, strict=True)):
+        if isinstance(marginal, Uniform):
+            t = (xs[:, column] - marginal.mean) / (0.5 * (marginal.high - marginal.low))
+            for order in range(degree + 1):
+                table[order, :, k] = math.sqrt(2 * order + 1) * eval_legendre(order, t)
+        else:
+            u = marginal.to_standard(xs[:, column])
+            for order in range(degree + 1):
+                table[order, :, k] = eval_hermitenorm(order, u) / math.sqrt(math.factorial(order))
+    return table
+
+
+def _products(table: Array, powers: list[tuple[int, ...]]) -> Array:
+    """(n, terms) products of the inputs' polynomials."""
+    basis = np.ones((table.shape[1], len(powers)))
+    for term, row in enumerate(powers):
         for variable, power in enumerate(row):
             if power:
-                column = column * table[power, :, variable]
-        columns.append(column)
-    return np.column_stack(columns)
+                basis[:, term] *= table[power, :, variable]
+    return basis
