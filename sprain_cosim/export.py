@@ -41,10 +41,15 @@ SKIPPED = {"__pycache__", "resources"}
 EPOCH = (1980, 1, 1, 0, 0, 0)
 
 STUB = '''"""Start of the FMU's Python side; runs at every instantiation."""
+import atexit
 import ctypes
 import sys
+from pathlib import Path
 
 ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))  # the binary drops one reference too many per instance
+for _binary in (Path(__file__).parent.parent / "binaries").glob("linux64/*.so" if sys.platform == "linux" else "-"):
+    # at the end of the process the binary would free its interpreter state twice; told to here, it does so once
+    atexit.register(ctypes.CDLL(str(_binary)).finalizePythonInterpreter)
 {locate}
 from {package}.{name}.slave import Slave
 
@@ -58,7 +63,6 @@ def _stable_folder():
     import os
     import shutil
     import tempfile
-    from pathlib import Path
 
     here = Path(__file__).parent
     default = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "sprain-cosim"

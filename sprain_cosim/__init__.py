@@ -1,0 +1,50 @@
+"""sprain-cosim: co-simulation of single-leg landings with ankle braces as FMUs.
+
+    import sprain_cosim as sc
+    result = sc.load_scenario("incline30_brace").override("plant.drop_height", "0.35 m").run()
+    result.metrics["peak_subtalar_angle_deg"]
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "load_scenario": "scenario",
+    "Scenario": "scenario",
+    "System": "system",
+    "Component": "component",
+    "Master": "master",
+    "Result": "result",
+    "SprainError": "errors",
+    "InputError": "errors",
+    "SimulationError": "errors",
+    "EnvironmentProblem": "errors",
+}
+__all__ = ["__version__", *sorted(_HOME)]
+
+if TYPE_CHECKING:
+    from .component import Component as Component
+    from .errors import EnvironmentProblem as EnvironmentProblem
+    from .errors import InputError as InputError
+    from .errors import SimulationError as SimulationError
+    from .errors import SprainError as SprainError
+    from .master import Master as Master
+    from .result import Result as Result
+    from .scenario import Scenario as Scenario
+    from .scenario import load_scenario as load_scenario
+    from .system import System as System
+
+
+def __getattr__(name: str) -> Any:
+    """Public names are imported when they are first used: the command line starts without numpy."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,20 @@
+"""One after the other: each component takes its step with the newest outputs of those before it."""
+
+from __future__ import annotations
+
+from ..system import Assembly
+
+
+class GaussSeidel:
+    name = "gauss-seidel"
+
+    def start(self, assembly: Assembly) -> None:
+        assembly.hand_over(False)
+
+    def step(self, assembly: Assembly, time: float, step: float) -> None:
+        for member in assembly.members:
+            assembly.transfer(member)
+            member.instance.push()
+            member.instance.step(time, step)
+            member.instance.pull()
+        assembly.settle()

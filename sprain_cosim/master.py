@@ -1,0 +1,93 @@
+"""The master algorithm: drives a system through time.
+
+    start all components until their values agree, record k = 0
+    for k = 0, 1, ... n-1:  t = start + k * communication_step
+        the scheme takes every component from t to t + communication_step
+        a value that is not finite ends the run
+        record k + 1
+
+Failure policy: an FMI error or a value that is not finite ends the run with status `failed` and a message that names component, call or
+variable, and time; what was recorded until then stays in the result. A short record is never `completed`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from .coupling import scheme
+from .errors import InputError, SimulationError
+from .result import Result
+from .system import Assembly
+
+
+@dataclass(frozen=True)
+class Master:
+    """Times in s."""
+
+    communication_step: float = 5e-4
+    stop: float = 0.150
+    start: float = 0.0
+    scheme: str = "auto"
+
+    @property
+    def steps(self) -> int:
+        """Number of communication steps. Raises InputError when the stop time is not a whole number of them."""
+        if not (self.communication_step > 0 and math.isfinite(self.communication_step)):
+            raise InputError(f"communication step {1e3 * self.communication_step:g} ms: must be positive")
+        if not self.stop > self.start:
+            raise InputError(f"stop {1e3 * self.stop:g} ms: must lie after the start at {1e3 * self.start:g} ms")
+        span = self.stop - self.start
+        n = max(1, round(span / self.communication_step))
+        if n > 10_000_000:
+            raise InputError(f"communication step {1e3 * self.communication_step:g} ms: {n} steps until the stop at {1e3 * self.stop:g} ms; at most 10 000 000")
+        if abs(n * self.communication_step - span) > 1e-9 * span:
+            fewer = max(1, math.floor(span / self.communication_step))
+            raise InputError(
+                f"communication step {1e3 * self.communication_step:g} ms: the stop at {1e3 * self.stop:g} ms is not a whole number of steps; "
+                f"the nearest that are: {1e3 * span / fewer:.6g} ms and {1e3 * span / (fewer + 1):.6g} ms"
+            )
+        return n
+
+    def run(self, assembly: Assembly, parameters: Mapping[str, float]) -> Result:
+        """One run of an open system from its initial state; `parameters` {"component.parameter": value in its own unit}."""
+        began = perf_counter()
+        n, h = self.steps, self.communication_step
+        record = np.empty((n + 1, len(assembly.names)))
+        bus, step = assembly.bus, scheme(self.scheme)
+        done, message = 0, ""
+        try:
+            step.start(assembly)
+            assembly.start(parameters, self.start, self.stop)
+            if not math.isfinite(bus @ bus):
+                raise SimulationError(f"{_not_finite(assembly)} at the start")
+            record[0] = assembly.record
+            done = 1
+            for k in range(n):
+                step.step(assembly, self.start + k * h, h)
+                if not math.isfinite(bus @ bus) and assembly.not_finite():
+                    raise SimulationError(f"{_not_finite(assembly)} at {self.start + (k + 1) * h:.6g} s")
+                record[k + 1] = assembly.record
+                done = k + 2
+        except SimulationError as problem:
+            message = str(problem)
+        return Result(
+            time=self.start + h * np.arange(done),
+            values=record[:done],
+            names=tuple(assembly.names),
+            units=tuple(assembly.units),
+            status="failed" if message else "completed",
+            message=message,
+            scheme=step.name,
+            parameters=dict(parameters),
+            wall=perf_counter() - began,
+        )
+
+
+def _not_finite(assembly: Assembly) -> str:
+    name = assembly.not_finite() or "a value"
+    return f"{name.partition('.')[0]}: {name.partition('.')[2]} = {assembly.bus[assembly.index[name]]:g}" if name in assembly.index else name

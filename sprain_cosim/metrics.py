@@ -1,0 +1,58 @@
+"""Named responses of a landing: signed maxima over the communication points, t = 0 included, and moments at the moment of a peak."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+import numpy as np
+
+IMPACT = 0.005
+JCS = ("dorsiflexion", "inversion", "internal_rotation")
+ANATOMIC = ("subtalar", "talocrural")
+UNITS = {"_deg": "deg", "_deg_s": "deg/s", "_Nm": "N·m", "_N": "N", "_s": "s"}
+
+
+class Signals(Protocol):
+    """(n,) `time` [s] and (n,) signals by name."""
+
+    time: np.ndarray
+    index: dict[str, int]
+
+    def __getitem__(self, name: str) -> np.ndarray: ...
+
+
+def metrics(run: Signals) -> dict[str, float]:
+    """Keys carry their unit. Angles of the three axes of the joint coordinate system are raw, as in Table 3 of Yoder et al. 2021
+    (doi 10.3389/fbioe.2021.765331); velocities are components of the angular velocity; moments are those about an axis at the time of that
+    axis' own peak angle, positive when they resist. Without a brace on the plant the `brace_` keys are absent; without a plant there are none."""
+    if "plant.subtalar_angle" not in run.index:
+        return {}
+    degrees = math.degrees(1.0)
+    angle = {a: f"plant.{a}_angle" for a in ANATOMIC} | {a: f"plant.jcs_{a}_raw_angle" for a in JCS}
+    label = {a: a for a in ANATOMIC} | {a: f"jcs_{a}" for a in JCS}
+    braced = any(n.startswith("plant.brace_") and n.endswith("_torque") for n in run.index)
+    out: dict[str, float] = {}
+    peak = {}
+    for axis, name in angle.items():
+        values = run[name]
+        peak[axis] = k = int(np.argmax(values))
+        key = f"peak_{axis}_angle_deg" if axis in ANATOMIC else f"peak_jcs_{axis}_deg"
+        out[key] = degrees * float(values[k])
+        if axis == "subtalar":
+            out["time_of_peak_subtalar_s"] = float(run.time[k])
+        out[f"peak_{label[axis]}_velocity_deg_s"] = degrees * float(run[f"plant.{axis}_velocity"].max())
+    for who in ("anatomy", "brace") if braced else ("anatomy",):
+        for axis, k in peak.items():
+            out[f"{who}_{label[axis]}_moment_Nm"] = float(run[f"plant.{who}_{axis}_moment"][k])
+    force = run["plant.ground_force_y"]
+    out["peak_vertical_grf_N"] = float(force.max())
+    late = force[run.time > IMPACT]
+    if len(late):
+        out["peak_vertical_grf_after_impact_N"] = float(late.max())
+    return out
+
+
+def unit_of(key: str) -> str:
+    """The unit in the name of a metric."""
+    return next((unit for suffix, unit in sorted(UNITS.items(), key=lambda item: -len(item[0])) if key.endswith(suffix)), "")

@@ -1,0 +1,54 @@
+"""What a run leaves behind, and how it ended."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .metrics import metrics
+from .units import Unit
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class Result:
+    """`time` (n,) [s]; `values` (n, m), one column for each of `names` ("component.variable") in `units`; None is an undeclared unit.
+
+    `status` is completed or failed; a failed run has the record until it failed and a `message`, but no metrics. `scheme` is the coupling
+    scheme that ran, `coupling_error` its share of the exchanged energy or None, `wall` the wall time [s], `parameters` those that were set."""
+
+    time: np.ndarray
+    values: np.ndarray
+    names: tuple[str, ...]
+    units: tuple[Unit | None, ...]
+    status: str
+    message: str
+    scheme: str
+    parameters: dict[str, float] = field(default_factory=dict)
+    coupling_error: float | None = None
+    wall: float = 0.0
+
+    @cached_property
+    def signals(self) -> pd.DataFrame:
+        """(n, m) table over the index `time [s]`, columns "component.variable"."""
+        import pandas as pd
+
+        return pd.DataFrame(self.values, pd.Index(self.time, name="time [s]"), list(self.names))
+
+    @cached_property
+    def index(self) -> dict[str, int]:
+        return {name: k for k, name in enumerate(self.names)}
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """(n,) values of one signal."""
+        return self.values[:, self.index[name]]
+
+    @cached_property
+    def metrics(self) -> dict[str, float]:
+        """Named responses; empty unless the run completed."""
+        return metrics(self) if self.status == "completed" else {}

@@ -1,0 +1,287 @@
+"""Scenario files: components, connections, parameters with units, master. Declarative; one level of `base`.
+
+    base = "incline30"                    optional, a scenario that has no base itself
+    title = "..."
+    [components.NAME]  fmu = "..."        a shipped FMU by name, or a path (relative to the file)
+    [parameters]  "component.parameter" = "0.30 m"    a number only where the parameter has no dimension
+    [connections] "input" = "output"      left out, devices connect themselves (system.py)
+    [master] communication_step = "0.5 ms", stop = "150 ms", scheme = "auto"
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Self
+
+from .component import Component
+from .coupling import SCHEMES
+from .errors import EnvironmentProblem, InputError, nearest
+from .master import Master
+from .result import Result
+from .system import Assembly, System, connect, problems_to_error
+from .units import quantity, unit
+
+PACKAGE = Path(__file__).parent
+ROLES = ("plant", "controller", "brace")
+KEYS = ("base", "title", "components", "parameters", "connections", "master")
+MASTER_KEYS = ("communication_step", "scheme", "stop")
+SECOND = unit("s")
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+Value = float | int | str | bool
+
+
+def folder() -> Path:
+    """Where the shipped scenarios lie: inside the installed package, or in the clone."""
+    inside = PACKAGE / "_scenarios"
+    return inside if inside.is_dir() else PACKAGE.parent / "scenarios"
+
+
+def shipped() -> list[str]:
+    return sorted(p.stem for p in folder().glob("*.toml"))
+
+
+def shipped_fmus() -> list[str]:
+    return sorted(p.stem for p in (PACKAGE / "_fmus").glob("*.fmu"))
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """`fmus` {component: FMU file} in stepping order, `parameters` and `connections` as in the file, `source` where it came from."""
+
+    title: str
+    fmus: Mapping[str, Path]
+    parameters: Mapping[str, Value]
+    connections: Mapping[str, str]
+    master: Master
+    source: str
+    warnings: tuple[str, ...] = ()
+    dropped: tuple[str, ...] = field(default=())
+
+    def override(self, parameter: str, value: Value) -> Self:
+        """The same scenario with another value. Raises InputError when it has no such parameter or the value does not fit."""
+        changed = replace(self, parameters={**self.parameters, parameter: value})
+        system = changed._described()
+        connector = system.find(parameter)
+        if connector.causality != "parameter":
+            raise InputError(f"{parameter}: is an {connector.causality}, not a parameter")
+        connector.value(value, parameter)
+        return changed
+
+    def replace_fmu(self, name: str, fmu: Path | str) -> Self:
+        """Another device under a component's name, or one more: its connections are made anew from its contract profile; parameters of
+        this scenario that it lacks are dropped, with one warning."""
+        if name not in self.fmus and name not in ROLES:
+            raise InputError(f"component {name!r} is not in {self.source}{nearest(name, [*self.fmus, *ROLES])}")
+        path = _fmu_path(str(fmu), Path.cwd(), f"{name} = {fmu}")
+        component = Component.read(name, path)
+        lost = tuple(k for k in self.parameters if k.startswith(f"{name}.") and k.partition(".")[2] not in component.parameters)
+        warning = (f"{name}: {path.name} has no {', '.join(k.partition('.')[2] for k in lost)}; the scenario's value is dropped",) if lost else ()
+        return replace(
+            self,
+            fmus={**self.fmus, name: path},
+            parameters={k: v for k, v in self.parameters.items() if k not in lost},
+            connections={t: s for t, s in self.connections.items() if name not in (t.partition(".")[0], s.partition(".")[0])},
+            warnings=self.warnings + warning,
+            dropped=self.dropped + lost,
+        )
+
+    def system(self) -> System:
+        """The checked system. Raises InputError with all problems in one line."""
+        system = self._described()
+        problems = system.check(self.master.communication_step)
+        values: dict[str, float] = {}
+        for full, given in self.parameters.items():
+            try:
+                values[full] = system.find(full).value(given, full)
+            except InputError as problem:
+                problems.append(str(problem) if full in str(problem) else f"parameter {problem}")
+        problems_to_error(self.source, _without_repeats(problems))
+        return replace(system, parameters=values)
+
+    def _described(self) -> System:
+        components = tuple(Component.read(name, path) for name, path in self.fmus.items())
+        connections, problems = connect(components, self.connections)
+        problems_to_error(self.source, problems)
+        return System(components, connections)
+
+    def open(self) -> Session:
+        return Session(self)
+
+    def run(self) -> Result:
+        """One landing. Raises InputError before it, never during it: a failure is in the result's status and message."""
+        with self.open() as session:
+            return session.run()
+
+
+class Session:
+    """An open scenario: runs it many times with the same instances. Use as a context manager.
+
+    Every run starts from the initial state; two sessions in one process do not disturb each other."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        scenario.master.steps  # noqa: B018 - raises for times that do not fit
+        self.scenario, self.system = scenario, scenario.system()
+        self._assembly: Assembly | None = self.system.open()
+
+    def run(self, parameters: Mapping[str, float] | None = None) -> Result:
+        """`parameters` {"component.parameter": value in the parameter's own unit} on top of the scenario's."""
+        if self._assembly is None:
+            self._assembly = self.system.open()
+        result = self.scenario.master.run(self._assembly, {**self.system.parameters, **(parameters or {})})
+        if result.status != "completed":  # an instance that reported an error may only be freed
+            self.close()
+        return result
+
+    def close(self) -> None:
+        if self._assembly is not None:
+            self._assembly.close()
+            self._assembly = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def load_scenario(name: str | Path) -> Scenario:
+    """A scenario from a file or the name of one that ships. Raises InputError."""
+    path = _find(str(name))
+    content = _read(path)
+    if "base" in content:
+        base_path = _find(_text(content, "base", path), beside=path.parent)
+        base = _read(base_path)
+        if "base" in base:
+            raise InputError(f"{path}: base {base_path.stem!r} has a base itself; one level is allowed")
+        base = _resolve(base, base_path)
+        content = _merge(base, _resolve(content, path))
+    else:
+        content = _resolve(content, path)
+    if not content.get("components"):
+        raise InputError(f"{path}: no components; add [components.plant] with fmu = \"plant\", or a base")
+    return Scenario(
+        title=content.get("title", path.stem),
+        fmus={name: spec["fmu"] for name, spec in content["components"].items()},
+        parameters=content.get("parameters", {}),
+        connections=content.get("connections", {}),
+        master=Master(**content.get("master", {})),
+        source=str(path) if path.parent != folder() else path.stem,
+    )
+
+
+def _find(name: str, beside: Path | None = None) -> Path:
+    places = [Path(name)] if beside is None else [beside / name, beside / f"{name}.toml"]
+    for place in places:
+        if place.is_file():
+            return place
+    if NAME.fullmatch(name) or "/" not in name:
+        inside = folder() / f"{name}.toml"
+        if inside.is_file():
+            return inside
+    if name.endswith(".toml") or "/" in name:
+        raise InputError(f"{name}: no such scenario file")
+    raise InputError(f"scenario {name!r}: no such file, and none of that name ships{nearest(name, shipped())}; `sprain-cosim scenarios` lists them")
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        content = tomllib.loads(path.read_text("utf-8"))
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not UTF-8 text") from None
+    except tomllib.TOMLDecodeError as problem:
+        raise InputError(f"{path}: not valid TOML: {problem}") from None
+    except OSError as problem:
+        raise InputError(f"{path}: cannot be read: {problem.strerror}") from None
+    problems = [f"unknown key {key!r}{nearest(key, KEYS)}" for key in content if key not in KEYS]
+    for key in ("components", "parameters", "connections", "master"):
+        if key in content and not isinstance(content[key], dict):
+            problems.append(f"{key}: must be a table, [{key}]")
+            content.pop(key)
+    for name, spec in content.get("components", {}).items():
+        if not NAME.fullmatch(name):
+            problems.append(f"component name {name!r}: letters, digits and _ only, beginning with a letter")
+        if not isinstance(spec, dict) or not isinstance(spec.get("fmu"), str):
+            problems.append(f'components.{name}: needs fmu = "a shipped FMU or a path"')
+            continue
+        problems += [f"components.{name}: unknown key {key!r}{nearest(key, ['fmu'])}" for key in spec if key != "fmu"]
+    for key, value in content.get("parameters", {}).items():
+        if isinstance(value, dict):
+            problems.append(f'parameters.{key}: quote names with a dot: "{key}.{next(iter(value), "parameter")}" = ...')
+        elif not isinstance(value, (str, int, float, bool)):
+            problems.append(f"parameters.{key}: must be a number, a quantity such as \"0.3 m\", or a name")
+    for key, value in content.get("connections", {}).items():
+        if not isinstance(value, str):
+            problems.append(f'connections.{key}: must be "input" = "output", both as "component.variable"')
+    master = content.get("master", {})
+    problems += [f"master: unknown key {key!r}{nearest(key, MASTER_KEYS)}" for key in master if key not in MASTER_KEYS]
+    if master.get("scheme", "auto") not in SCHEMES:
+        problems.append(f"master.scheme = {master['scheme']!r}: is unknown{nearest(str(master['scheme']), SCHEMES)}")
+    for key in ("communication_step", "stop"):
+        if key in master:
+            try:
+                master[key] = quantity(master[key], SECOND, f"master.{key}")
+            except InputError as problem:
+                problems.append(str(problem))
+    if "title" in content and not isinstance(content["title"], str):
+        problems.append("title: must be text")
+    problems_to_error(str(path), problems)
+    return content
+
+
+def _text(content: Mapping[str, Any], key: str, path: Path) -> str:
+    if not isinstance(content[key], str):
+        raise InputError(f"{path}: {key}: must be text")
+    return content[key]
+
+
+def _resolve(content: dict[str, Any], path: Path) -> dict[str, Any]:
+    """FMU names to files; paths are relative to the scenario's file."""
+    components = {
+        name: {**spec, "fmu": _fmu_path(spec["fmu"], path.parent, f"{path}: components.{name}.fmu = {spec['fmu']!r}")}
+        for name, spec in content.get("components", {}).items()
+    }
+    return {**content, "components": components}
+
+
+def _merge(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
+    merged = {**base, **own}
+    for key in ("components", "parameters", "connections", "master"):
+        merged[key] = {**base.get(key, {}), **own.get(key, {})}
+    return merged
+
+
+def _fmu_path(name: str, beside: Path, what: str) -> Path:
+    if "/" not in name and "\\" not in name and not name.endswith(".fmu"):
+        built = PACKAGE / "_fmus" / f"{name}.fmu"
+        if built.is_file():
+            return built
+        if (PACKAGE.parent / "fmus" / name / "interface.py").is_file():
+            raise EnvironmentProblem(f"{what}: not built yet; run `sprain-cosim build`")
+        if not (beside / name).is_file():
+            raise InputError(f"{what}: no such FMU file, and none of that name ships{nearest(name, shipped_fmus())}")
+    path = beside / name
+    if not path.is_file():
+        raise InputError(f"{what}: no such FMU file")
+    return path
+
+
+def _without_repeats(problems: list[str]) -> list[str]:
+    """check() and the conversion of values both meet an unknown parameter; the first report stays."""
+    kept: list[str] = []
+    for problem in problems:
+        if not any(problem in other or other.removeprefix("parameter ") == problem.removeprefix("parameter ") for other in kept):
+            kept.append(problem)
+    return kept
+
+
+def parse_value(text: str) -> Value:
+    """A value typed on the command line: a number stays a number, anything else is for the connector to read."""
+    try:
+        return float(text)
+    except ValueError:
+        return text

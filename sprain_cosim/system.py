@@ -1,0 +1,292 @@
+"""Components and the connections between them: checked as a description, opened onto one bus of values.
+
+Connections are keyed by their target, so an input cannot be fed twice. Devices connect themselves to the plant by name: an input takes the
+plant's output of the same name, an output feeds the plant's input of the same name or of its name behind `brace_`; `.`, `_` and letter case do
+not count. Stiffness and damping connections are made as well, but carry values only under a scheme that hands them over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .component import Component, Connector, Instance
+from .errors import InputError, SimulationError, nearest
+from .units import Unit
+
+PROFILES = {
+    "anatomic": ("talocrural", "subtalar"),
+    "jcs": ("dorsiflexion", "inversion", "internal_rotation"),
+    "bushing": ("rotation_x", "rotation_y", "rotation_z"),
+}
+HANDED_OVER = ("_stiffness", "_damping")
+MAX_ROUNDS = 50
+
+
+@dataclass(frozen=True)
+class System:
+    """`components` in the order in which they take their steps, `connections` {target: source} of "component.connector" names, `parameters`
+    {"component.parameter": value in the parameter's own unit}."""
+
+    components: tuple[Component, ...]
+    connections: Mapping[str, str]
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+    def component(self, name: str) -> Component | None:
+        return next((c for c in self.components if c.name == name), None)
+
+    def find(self, full: str) -> Connector:
+        """The connector of "component.connector". Raises InputError with the nearest name."""
+        name, _, rest = full.partition(".")
+        component = self.component(name)
+        if component is None or not rest:
+            raise InputError(f"{full}: no component {name!r}{nearest(name, [c.name for c in self.components])}")
+        connector = component.connectors.get(rest)
+        if connector is None:
+            raise InputError(f"{full}: {name} has no variable {rest!r}{nearest(rest, component.connectors)}")
+        return connector
+
+    def check(self, communication_step: float | None = None) -> list[str]:
+        """All problems, one line each; empty when the system can run."""
+        problems: list[str] = []
+        for target, source in self.connections.items():
+            try:
+                into, out_of = self.find(target), self.find(source)
+            except InputError as problem:
+                problems.append(f"connection {target} = {source}: {problem}")
+                continue
+            place = f"connection {target} = {source}"
+            if into.causality != "input":
+                problems.append(f"{place}: {target} is {_a(into.causality)}; only an input can be fed")
+            if out_of.causality != "output":
+                problems.append(f"{place}: {source} is {_a(out_of.causality)}; only an output can feed an input")
+            if "string" in (into.kind, out_of.kind):
+                problems.append(f"{place}: text cannot be connected")
+            if into.unit and out_of.unit and not into.unit.same_dimension(out_of.unit):
+                problems.append(
+                    f"{place}: the units do not match: {target} in {into.unit.name} ({into.unit.dimension()}), {source} in {out_of.unit.name} ({out_of.unit.dimension()})"
+                )
+        for full in self.parameters:
+            try:
+                connector = self.find(full)
+            except InputError as problem:
+                problems.append(f"parameter {problem}")
+                continue
+            if connector.causality != "parameter":
+                problems.append(f"parameter {full}: is {_a(connector.causality)}, not a parameter")
+        for component in self.components:
+            touched = any(end.split(".")[0] == component.name for pair in self.connections.items() for end in pair)
+            if not touched and len(self.components) > 1 and component.name != "plant":
+                problems.append(f"{component.name}: connects to nothing; its variables match none of the plant's, so name the connections in [connections]")
+        if communication_step is not None:
+            problems += self._check_step(communication_step)
+        return problems
+
+    def _check_step(self, h: float) -> list[str]:
+        problems = []
+        for component in self.components:
+            own = component.capabilities.fixed_step
+            if own is None:
+                continue
+            ratio = h / own
+            if ratio < 0.999 or abs(ratio - round(ratio)) > 1e-6 * ratio:
+                low = max(1, int(ratio))
+                problems.append(
+                    f"communication step {1e3 * h:g} ms: {component.name} takes only whole multiples of its own {1e3 * own:g} ms; use {1e3 * low * own:g} ms or {1e3 * (low + 1) * own:g} ms"
+                )
+        return problems
+
+    def open(self) -> Assembly:
+        return Assembly(self)
+
+
+def connect(components: Sequence[Component], explicit: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
+    """The explicit connections and those that devices make themselves, with the problems met."""
+    connections, problems = dict(explicit), []
+    plant = next((c for c in components if c.name == "plant"), None)
+    if plant is None:
+        return connections, problems
+    outputs = {_plain(n): n for n in plant.outputs}
+    inputs = {_plain(n): n for n in plant.inputs}
+    for device in components:
+        if device is plant:
+            continue
+        feeds = {}
+        for name in device.outputs:
+            target = inputs.get(_plain(name)) or inputs.get("brace" + _plain(name))
+            if target:
+                feeds[name] = target
+        own = {source for source in explicit.values() if source.startswith(f"{device.name}.")}
+        torques = {_plain(n).removesuffix("torque") for n in feeds if f"{device.name}.{n}" not in own and _plain(n).endswith("torque")}
+        spanned = [p for p, axes in PROFILES.items() if torques & {_plain(a) for a in axes}]
+        if len(spanned) > 1:
+            problems.append(f"{device.name}: gives torques of several profiles ({', '.join(spanned)}); name the ones to use in [connections]")
+            continue
+        for name in device.inputs:
+            source = outputs.get(_plain(name))
+            if source:
+                connections.setdefault(f"{device.name}.{name}", f"plant.{source}")
+        for name, target in feeds.items():
+            if f"{device.name}.{name}" in own:
+                continue
+            full = f"plant.{target}"
+            other = connections.get(full)
+            if other and full not in explicit:
+                problems.append(f"{full}: fed by {other} and by {device.name}.{name}; keep one of the two devices")
+            connections.setdefault(full, f"{device.name}.{name}")
+    return connections, problems
+
+
+def _plain(name: str) -> str:
+    return name.replace("_", "").replace(".", "").lower()
+
+
+def _a(word: str) -> str:
+    return f"{'an' if word[:1] in 'aeiou' else 'a'} {word}"
+
+
+class Member:
+    """One instance and its place on the bus: inputs at `inputs`, outputs at `outputs`."""
+
+    def __init__(self, component: Component, instance: Instance, inputs: slice, outputs: slice) -> None:
+        self.name, self.component, self.instance = component.name, component, instance
+        self.inputs, self.outputs = inputs, outputs
+        self.sources = np.zeros(0, dtype=np.intp)
+        self.scaled = False
+        self.factor = self.offset = np.zeros(0)
+        self.echoes = False
+
+
+class Assembly:
+    """A system that is open: every instance reads and writes one array, `bus`, whose slots are named by `names`.
+
+    Order of the calls: start - (transfer, push, step, pull by the scheme)* - start again, or close."""
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self.names: list[str] = []
+        self.units: list[Unit | None] = []
+        connected = {c.name: [n for n in c.inputs if f"{c.name}.{n}" in system.connections] for c in system.components}
+        for component in system.components:
+            for n in [*connected[component.name], *(n for n, c in component.outputs.items() if c.kind != "string")]:
+                self.names.append(f"{component.name}.{n}")
+                self.units.append(component.connectors[n].unit)
+        self.bus = np.zeros(len(self.names) + 1)  # the last slot stays 0: the source of what is not handed over
+        self.record = self.bus[:-1]
+        self.index = {name: k for k, name in enumerate(self.names)}
+        self.members: list[Member] = []
+        self._started = False
+        self._states: list[list] = []
+        try:
+            at = 0
+            for component in system.components:
+                inputs = connected[component.name]
+                outputs = [n for n, c in component.outputs.items() if c.kind != "string"]
+                member = Member(component, component.open(), slice(at, at + len(inputs)), slice(at + len(inputs), at + len(inputs) + len(outputs)))
+                self.members.append(member)
+                member.instance.bind(self.bus, inputs, at, outputs, at + len(inputs))
+                at = member.outputs.stop
+        except BaseException:
+            self.close()
+            raise
+        self.hand_over(False)
+
+    def hand_over(self, on: bool) -> None:
+        """Connects stiffness and damping, or feeds zeros in their place."""
+        for member in self.members:
+            names = self.names[member.inputs]
+            sources = [self.system.connections[name] for name in names]
+            member.sources = np.array([self.index[s] if on or not n.endswith(HANDED_OVER) else len(self.names) for n, s in zip(names, sources, strict=True)], dtype=np.intp)
+            links = [_link(self.system.find(s).unit, self.system.find(n).unit) for n, s in zip(names, sources, strict=True)]
+            member.factor, member.offset = np.array([f for f, _ in links]), np.array([b for _, b in links])
+            member.scaled = any(link != (1.0, 0.0) for link in links)
+            fed = {n.partition(".")[2] for n, s in zip(names, sources, strict=True) if on or not n.endswith(HANDED_OVER)}
+            member.echoes = any(c.depends_on is None or fed.intersection(c.depends_on) for c in member.component.outputs.values()) and bool(fed)
+
+    @property
+    def handed_over(self) -> list[str]:
+        """Targets of the stiffness and damping connections."""
+        return [target for target in self.system.connections if target.endswith(HANDED_OVER)]
+
+    def transfer(self, member: Member) -> None:
+        """Sources to the member's inputs, on the bus only."""
+        place = self.bus[member.inputs]
+        np.take(self.bus, member.sources, out=place, mode="clip")
+        if member.scaled:
+            place *= member.factor
+            place += member.offset
+
+    def start(self, parameters: Mapping[str, float], time: float, stop: float) -> None:
+        """Initialises all components; inputs and outputs agree afterwards. Raises SimulationError."""
+        if self._started:
+            for member in self.members:
+                member.instance.reset()
+        self._started = True
+        self.bus[:] = 0.0
+        for member in self.members:
+            prefix = f"{member.name}."
+            member.instance.set({n.removeprefix(prefix): v for n, v in parameters.items() if n.startswith(prefix)})
+        for member in self.members:
+            member.instance.start(time, stop)
+        self.agree()
+        for member in self.members:
+            member.instance.finish_start()
+        for member in self.members:
+            member.instance.pull()
+        self.agree()
+
+    def agree(self) -> None:
+        """Exchanges until nothing changes: solves the direct feed-through between components by substitution."""
+        before = self.bus.copy()
+        for _ in range(MAX_ROUNDS):
+            for member in self.members:
+                self.transfer(member)
+                member.instance.push()
+                member.instance.pull()
+            for member in self.members:
+                self.transfer(member)
+            changed = np.abs(self.bus - before) > 1e-12 * np.maximum(1.0, np.abs(before))
+            if not changed.any():
+                return
+            if not np.isfinite(self.bus).all():
+                raise SimulationError(f"{self.not_finite()} is not finite at the start")
+            before[:] = self.bus
+        loop = ", ".join(name for name, moving in zip(self.names, changed, strict=False) if moving)
+        raise SimulationError(f"the values at the start do not settle in {MAX_ROUNDS} rounds; they keep changing at {loop}")
+
+    def settle(self) -> None:
+        """After all have stepped: inputs take the new outputs, and outputs that follow an input directly are read again."""
+        for member in self.members:
+            self.transfer(member)
+            if member.echoes:
+                member.instance.push()
+                member.instance.pull()
+
+    def not_finite(self) -> str | None:
+        """The first slot that holds no finite number, sources before what they feed."""
+        bad = [name for name, value in zip(self.names, self.record, strict=True) if not np.isfinite(value)]
+        return next((n for n in bad if n not in self.system.connections), bad[0] if bad else None)
+
+    def close(self) -> None:
+        for member in self.members:
+            member.instance.close()
+        self.members = []
+
+
+def _link(source: Unit | None, target: Unit | None) -> tuple[float, float]:
+    """Factor and offset from the source's unit to the target's; an undeclared unit is SI."""
+    if source == target or (source is not None and target is not None and (source.factor, source.offset) == (target.factor, target.offset)):
+        return 1.0, 0.0
+    source, target = source or Unit("1"), target or Unit("1")
+    return source.factor / target.factor, (source.offset - target.offset) / target.factor
+
+
+def problems_to_error(place: str, problems: Iterable[str]) -> None:
+    """Raises one InputError in one line for all problems; nothing for none."""
+    found = list(dict.fromkeys(problems))
+    if len(found) == 1:
+        raise InputError(f"{place}: {found[0]}")
+    if found:
+        raise InputError(f"{place}: {len(found)} problems: " + "; ".join(f"({k}) {p}" for k, p in enumerate(found, 1)))

@@ -1,0 +1,173 @@
+"""Units: names to base-unit exponents, "30 deg" to radians, and back.
+
+A unit is a factor, an offset and the exponents of FMI's eight base units: value in base units = factor * value + offset. Dimensions are equal
+when the exponents are equal, whatever the names; the radian is a base unit of its own, as in FMI.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+
+from .errors import InputError, nearest
+
+BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+
+
+@dataclass(frozen=True)
+class Unit:
+    """`factor` and `offset` lead to base units; `exponents` (8,) follow BASE."""
+
+    name: str
+    exponents: tuple[int, ...] = (0,) * 8
+    factor: float = 1.0
+    offset: float = 0.0
+
+    @property
+    def dimensionless(self) -> bool:
+        return not any(self.exponents)
+
+    def same_dimension(self, other: Unit) -> bool:
+        return self.exponents == other.exponents
+
+    def to_base(self, value: float) -> float:
+        return self.factor * value + self.offset
+
+    def from_base(self, value: float) -> float:
+        return (value - self.offset) / self.factor
+
+    def dimension(self) -> str:
+        """The exponents as a product of base units, such as kg.m2/s2."""
+        over = [f"{b}{e if e > 1 else ''}" for b, e in zip(BASE, self.exponents, strict=True) if e > 0]
+        under = [f"{b}{-e if e < -1 else ''}" for b, e in zip(BASE, self.exponents, strict=True) if e < 0]
+        text = ".".join(over) or "1"
+        if under:
+            text += "/" + (under[0] if len(under) == 1 else f"({'.'.join(under)})")
+        return text
+
+
+def _symbol(factor: float, offset: float = 0.0, **exponents: int) -> tuple[float, float, tuple[int, ...]]:
+    return factor, offset, tuple(exponents.get(base, 0) for base in BASE)
+
+
+_G0, _LB, _IN, _FT = 9.80665, 0.45359237, 0.0254, 0.3048
+SYMBOLS = {
+    "1": _symbol(1.0),
+    "%": _symbol(0.01),
+    "kg": _symbol(1.0, kg=1),
+    "g": _symbol(1e-3, kg=1),
+    "lb": _symbol(_LB, kg=1),
+    "m": _symbol(1.0, m=1),
+    "in": _symbol(_IN, m=1),
+    "inch": _symbol(_IN, m=1),
+    "ft": _symbol(_FT, m=1),
+    "s": _symbol(1.0, s=1),
+    "min": _symbol(60.0, s=1),
+    "h": _symbol(3600.0, s=1),
+    "Hz": _symbol(1.0, s=-1),
+    "rad": _symbol(1.0, rad=1),
+    "deg": _symbol(math.pi / 180, rad=1),
+    "°": _symbol(math.pi / 180, rad=1),
+    "rev": _symbol(2 * math.pi, rad=1),
+    "N": _symbol(1.0, kg=1, m=1, s=-2),
+    "kgf": _symbol(_G0, kg=1, m=1, s=-2),
+    "lbf": _symbol(_LB * _G0, kg=1, m=1, s=-2),
+    "Nm": _symbol(1.0, kg=1, m=2, s=-2),
+    "Pa": _symbol(1.0, kg=1, m=-1, s=-2),
+    "bar": _symbol(1e5, kg=1, m=-1, s=-2),
+    "J": _symbol(1.0, kg=1, m=2, s=-2),
+    "W": _symbol(1.0, kg=1, m=2, s=-3),
+    "A": _symbol(1.0, A=1),
+    "V": _symbol(1.0, kg=1, m=2, s=-3, A=-1),
+    "K": _symbol(1.0, K=1),
+    "degC": _symbol(1.0, 273.15, K=1),
+    "mol": _symbol(1.0, mol=1),
+    "cd": _symbol(1.0, cd=1),
+}
+PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "k": 1e3, "M": 1e6, "G": 1e9}
+PREFIXED = {"g", "m", "s", "Hz", "rad", "N", "Nm", "Pa", "J", "W", "A", "V", "K", "mol", "bar"}
+
+_FACTOR = re.compile(r"([^\d^.*/()\s-]+|1)(?:\^?(-?\d+))?")
+
+
+@lru_cache(maxsize=512)
+def unit(name: str) -> Unit:
+    """The unit of a name such as N.m/rad, kg.m^2, deg/s, MPa/m or lbf.in. Raises InputError."""
+    over, slash, under = name.strip().partition("/")
+    under = under.strip()
+    if under.startswith("(") and under.endswith(")"):
+        under = under[1:-1]
+    parts = [(part, 1) for part in re.split(r"[.*·\s]+", over.strip())]
+    parts += [(part, -1) for part in re.split(r"[.*·\s]+", under)] if slash else []
+    factor, exponents, offset = 1.0, [0] * 8, 0.0
+    for part, sign in parts:
+        match = _FACTOR.fullmatch(part)
+        if not match:
+            raise InputError(f"unit {name!r}: cannot read {part!r}; write units as N.m/rad, m/s2 or deg")
+        scale, shift, dims = _lookup(match[1], name)
+        power = sign * int(match[2] or 1)
+        factor *= scale**power
+        exponents = [e + power * d for e, d in zip(exponents, dims, strict=True)]
+        offset = shift
+    if offset and len(parts) > 1:
+        raise InputError(f"unit {name!r}: degC cannot be part of a product; use K")
+    return Unit(name.strip(), tuple(exponents), factor, offset)
+
+
+def _lookup(symbol: str, name: str) -> tuple[float, float, tuple[int, ...]]:
+    if symbol in SYMBOLS:
+        return SYMBOLS[symbol]
+    prefix, rest = symbol[0], symbol[1:]
+    if prefix in PREFIXES and rest in PREFIXED:
+        factor, offset, dims = SYMBOLS[rest]
+        return PREFIXES[prefix] * factor, offset, dims
+    raise InputError(f"unit {name!r}: unknown symbol {symbol!r}{nearest(symbol, SYMBOLS)}")
+
+
+_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)?\s*")
+
+
+def split(text: str) -> tuple[float, str] | None:
+    """"0.30 m" to (0.30, "m"); the unit is empty where there is none; None when it does not begin with a number."""
+    match = _QUANTITY.fullmatch(text)
+    return (float(match[1]), match[2] or "") if match else None
+
+
+def quantity(value: float | str, wanted: Unit | None, what: str) -> float:
+    """A number or "number unit" in the unit `wanted` (None: not declared, so SI is assumed). `what` begins the messages.
+
+    Raises InputError when the unit is missing, unknown or of another dimension, or the number is not finite."""
+    dimensionless = wanted is None or wanted.dimensionless
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        raise InputError(f"{what} = {value!r}: expected a number{'' if dimensionless else f' with a unit of dimension {wanted.dimension()}'}")
+    if isinstance(value, str):
+        parts = split(value)
+        if parts is None:
+            raise InputError(f"{what} = {value!r}: expected a number and a unit, such as {_example(wanted)}")
+        number, name = parts
+    else:
+        number, name = float(value), ""
+    if not math.isfinite(number):
+        raise InputError(f"{what} = {value!r}: must be finite")
+    if not name:
+        if not dimensionless:
+            raise InputError(f"{what} = {value}: needs a unit, for example {_example(wanted, number)}")
+        name = "1"
+    try:
+        given = unit(name)
+    except InputError as problem:
+        raise InputError(f"{what} = {value!r}: {problem}") from None
+    target = wanted or Unit("1")
+    if wanted is None:
+        return given.to_base(number)
+    if not given.same_dimension(target):
+        raise InputError(f"{what} = {value!r}: {name} has the dimension {given.dimension()}, expected {target.dimension()}, for example {_example(wanted, number)}")
+    if given.name == target.name:
+        return number
+    return target.from_base(given.to_base(number))
+
+
+def _example(wanted: Unit | None, number: float = 1.0) -> str:
+    return f'"{number:g} {wanted.name}"' if wanted is not None and not wanted.dimensionless else f"{number:g}"
