@@ -7,6 +7,7 @@ exception the instance may only be reset or freed. The file is copied into every
 
 from __future__ import annotations
 
+import contextlib
 import math
 import traceback
 from pathlib import Path
@@ -110,10 +111,8 @@ class Fmi2Slave:
         self.close()
 
     def __del__(self) -> None:
-        try:
+        with contextlib.suppress(Exception):  # the interpreter may be going down
             self.close()
-        except Exception:  # the interpreter may be going down
-            pass
 
     def get_real(self, references: list[int]) -> list[float]:
         if self._stale:

@@ -1,8 +1,8 @@
 """sprain-cosim: co-simulation of single-leg landings with ankle braces as FMUs.
 
-    import sprain_cosim as sc
-    result = sc.load_scenario("incline30_brace").override("plant.drop_height", "0.35 m").run()
-    result.metrics["peak_subtalar_angle_deg"]
+import sprain_cosim as sc
+result = sc.load_scenario("incline30_brace").override("plant.drop_height", "0.35 m").run()
+result.metrics["peak_subtalar_angle_deg"]
 """
 
 from __future__ import annotations

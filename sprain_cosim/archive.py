@@ -10,6 +10,7 @@ import tempfile
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 from .errors import EnvironmentProblem, InputError
 
@@ -144,7 +145,7 @@ def unpack(archive: Archive) -> Path:
     return target
 
 
-def _copy(source, sink, entry: zipfile.ZipInfo, path: Path) -> None:
+def _copy(source: IO[bytes], sink: IO[bytes], entry: zipfile.ZipInfo, path: Path) -> None:
     left = entry.file_size
     while chunk := source.read(1 << 20):
         left -= len(chunk)

@@ -241,7 +241,12 @@ def _first_line(problem: BaseException) -> str:
 
 _OK, _WARNING, _DISCARD = 0, 1, 2
 _STATUS = {2: "discarded the call", 3: "reported an error", 4: "reported a fatal error"}
-_TYPES = {"real": ("Real", ctypes.c_double), "integer": ("Integer", ctypes.c_int), "enumeration": ("Integer", ctypes.c_int), "boolean": ("Boolean", ctypes.c_int)}
+_TYPES: dict[str, tuple[str, Any]] = {
+    "real": ("Real", ctypes.c_double),
+    "integer": ("Integer", ctypes.c_int),
+    "enumeration": ("Integer", ctypes.c_int),
+    "boolean": ("Boolean", ctypes.c_int),
+}
 
 
 _counter = itertools.count(1)
@@ -292,7 +297,9 @@ class Fmi2Instance:
             # PythonFMU's library frees its interpreter state twice at the end of the process, unless it was told to before
             atexit.register(self._fmu.dll.finalizePythonInterpreter)
         dll = self._fmu.dll
-        self._functions = {name: dll[f"fmi2{name}"] for name in ("DoStep", *(f"{verb}{kind}" for verb in ("Get", "Set") for kind in ("Real", "Integer", "Boolean")))}
+        self._functions = {
+            name: dll[f"fmi2{name}"] for name in ("DoStep", *(f"{verb}{kind}" for verb in ("Get", "Set") for kind in ("Real", "Integer", "Boolean")))
+        }
         self._pushes: list[tuple[Any, ...]] = []
         self._pulls: list[tuple[Any, ...]] = []
         self._transfers: tuple[list[Any], list[Any]] = ([], [])
@@ -307,180 +314,6 @@ class Fmi2Instance:
             self._broken = True
             raise SimulationError(f"{self.component.name}: cannot be instantiated{self._said()}") from None
         self._instance.value = self._fmu.component
-
-    def bind(self, bus: np.ndarray, inputs: Sequence[str], first_input: int, outputs: Sequence[str], first_output: int) -> None: ...
-    def set(self, values: Mapping[str, float]) -> None: ...
-    def start(self, time: float, stop: float) -> None: ...
-    def finish_start(self) -> None: ...
-    def push(self) -> None: ...
-    def pull(self) -> None: ...
-    def step(self, time: float, step: float) -> None: ...
-    def save(self) -> Any: ...
-    def restore(self, state: Any) -> None: ...
-    def release(self, state: Any) -> None: ...
-    def reset(self) -> None: ...
-    def close(self) -> None: ...
-
-
-# ---- description
-
-
-@lru_cache(maxsize=64)
-def _describe(sha256: str, description: bytes, names: tuple[str, ...]) -> tuple[Mapping[str, Connector], Capabilities, str, str, tuple[str, ...]]:
-    import fmpy
-    from fmpy.model_description import read_model_description
-
-    container = io.BytesIO()  # fmpy wants an archive; this one holds nothing but the description that was checked
-    with zipfile.ZipFile(container, "w") as packed:
-        packed.writestr("modelDescription.xml", description)
-    container.seek(0)
-    try:
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            md = read_model_description(container)
-    except Exception as problem:
-        raise InputError(f"modelDescription.xml is not valid: {_first_line(problem)}") from None
-    if md.fmiVersion != "2.0" or md.coSimulation is None:
-        kind = "co-simulation" if md.coSimulation is not None else "model exchange"
-        raise InputError(f"an FMI {md.fmiVersion} {kind} FMU; only FMI 2.0 co-simulation is supported; export it as such")
-    cs = md.coSimulation
-    if cs.needsExecutionTool:
-        raise InputError(f"needs its authoring tool ({md.generationTool or 'unnamed'}) at run time; export it with the tool's stand-alone option")
-    binary = f"binaries/{fmpy.platform}/{cs.modelIdentifier}{fmpy.sharedLibraryExtension}"
-    if binary not in names:
-        there = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") >= 2})
-        raise InputError(f"no binary for this platform ({binary}); it has {', '.join(there) or 'none'}; export it for {fmpy.platform}")
-    warnings: list[str] = []
-    units = {u.name: u for u in md.unitDefinitions}
-    dependencies = {u.variable.name: u for u in md.outputs}
-    connectors: dict[str, Connector] = {}
-    for v in md.modelVariables:
-        unit_name = v.unit or (v.declaredType.unit if v.declaredType is not None and getattr(v.declaredType, "unit", None) else None)
-        unit = None
-        if unit_name and unit_name in units and units[unit_name].baseUnit is not None:
-            b = units[unit_name].baseUnit
-            unit = Unit(unit_name, (b.kg, b.m, b.s, b.A, b.K, b.mol, b.cd, b.rad), float(b.factor), float(b.offset))
-        elif unit_name:
-            unit = _unit_by_name(unit_name)
-            if unit is None:
-                warnings.append(f"{v.name}: unit {unit_name!r} is not defined; SI is assumed")
-        elif v.type == "Real" and v.causality in ("input", "output"):
-            warnings.append(f"{v.name}: no unit declared; SI is assumed")
-        items: dict[str, int] = {}
-        declared = v.declaredType
-        if declared is not None and getattr(declared, "items", None):
-            items = {item.name: int(item.value) for item in declared.items}
-        unknown = dependencies.get(v.name)
-        depends = None
-        if unknown is not None and unknown.dependencies is not None:
-            depends = tuple(d.name for d in unknown.dependencies)
-        connectors[v.name] = Connector(
-            v.name,
-            int(v.valueReference),
-            v.causality or "local",
-            v.type.lower(),
-            unit,
-            _number(v.start),
-            _number(v.min, -math.inf),
-            _number(v.max, math.inf),
-            items,
-            v.description or "",
-            depends,
-        )
-    fixed = None
-    if not cs.canHandleVariableCommunicationStepSize and md.defaultExperiment is not None and md.defaultExperiment.stepSize:
-        fixed = float(md.defaultExperiment.stepSize)
-    tool = md.generationTool or ""
-    capabilities = Capabilities("2.0", fixed, bool(cs.canGetAndSetFMUstate), tool == OWN_TOOL, tool)
-    return connectors, capabilities, cs.modelIdentifier, md.guid, tuple(warnings)
-
-
-def _unit_by_name(name: str) -> Unit | None:
-    from .units import unit
-
-    try:
-        return unit(name)
-    except InputError:
-        return None
-
-
-def _number(text: Any, default: float | None = None) -> Any:
-    if text is None:
-        return default
-    if str(text) in ("true", "false"):
-        return float(str(text) == "true")
-    try:
-        return float(text)
-    except ValueError:
-        return default
-
-
-def _first_line(problem: BaseException) -> str:
-    lines = [line.strip(" -") for line in str(problem).splitlines() if line.strip()]
-    return "; ".join(lines[:3]) or type(problem).__name__
-
-
-# ---- FMI 2.0 co-simulation
-
-_OK, _WARNING, _DISCARD = 0, 1, 2
-_STATUS = {2: "discarded the call", 3: "reported an error", 4: "reported a fatal error"}
-_TYPES = {"real": ("Real", ctypes.c_double), "integer": ("Integer", ctypes.c_int), "enumeration": ("Integer", ctypes.c_int), "boolean": ("Boolean", ctypes.c_int)}
-
-
-class Fmi2Instance:
-    """fmpy loads the library; the calls of the time loop go to it with buffers made once, because fmpy's own wrappers cost more per step
-    than the FMU. Real variables live on the bus itself, others in a buffer of their type."""
-
-    def __init__(self, component: Component) -> None:
-        from fmpy.fmi2 import FMU2Slave
-
-        self.component = component
-        folder = archive.unpack(archive.read(component.fmu))
-        self._label = f"{component.name}_{next(_counter)}"
-        self.messages = _messages[self._label] = []
-        self._time = 0.0
-        try:
-            self._fmu = FMU2Slave(guid=component.guid, modelIdentifier=component.identifier, unzipDirectory=str(folder), instanceName=self._label)
-        except Exception as problem:
-            raise EnvironmentProblem(f"{component.fmu}: its library cannot be loaded: {_first_line(problem)}") from None
-        if hasattr(self._fmu.dll, "finalizePythonInterpreter"):
-            # PythonFMU's library frees its interpreter state twice at the end of the process, unless it was told to before
-            atexit.register(self._fmu.dll.finalizePythonInterpreter)
-        dll = self._fmu.dll
-        self._functions = {name: dll[f"fmi2{name}"] for name in ("DoStep", *(f"{verb}{kind}" for verb in ("Get", "Set") for kind in ("Real", "Integer", "Boolean")))}
-        self._pushes: list[tuple[Any, ...]] = []
-        self._pulls: list[tuple[Any, ...]] = []
-        self._transfers: tuple[list[Any], list[Any]] = ([], [])
-        self._broken = False
-        self._instance = ctypes.c_void_p()  # one object for all prepared calls, also after a fresh instantiation
-        self._instantiate()
-
-    def _instantiate(self) -> None:
-        try:
-            self._fmu.instantiate(callbacks=_callbacks(), loggingOn=False)
-        except Exception:
-            self._broken = True
-            raise SimulationError(f"{self.component.name}: cannot be instantiated{self._said()}") from None
-        self._instance.value = self._fmu.component
-
-    def _make_callbacks(self) -> Any:
-        import fmpy
-        from fmpy import fmi2
-
-        def log(environment: Any, instance: bytes, status: int, category: bytes, message: bytes) -> None:
-            if len(self.messages) < 100:
-                self.messages.append((message or b"").decode("utf-8", "replace"))
-
-        callbacks = fmi2.fmi2CallbackFunctions()
-        callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(log)
-        callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
-        callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
-        try:
-            from fmpy.logging import addLoggerProxy
-
-            addLoggerProxy(ctypes.byref(callbacks))  # formats the message's variable arguments
-        except Exception:
-            pass
-        return callbacks
 
     def bind(self, bus: np.ndarray, inputs: Sequence[str], first_input: int, outputs: Sequence[str], first_output: int) -> None:
         self._pushes, into = self._buffers("Set", bus, inputs, first_input)
@@ -501,7 +334,7 @@ class Fmi2Instance:
             references = (ctypes.c_uint * n)(*(connectors[k].reference for k in members))
             at = first + members[0]
             if kind == "Real":
-                buffer: Any = (ctypes.c_double * n).from_buffer(bus, 8 * at)
+                buffer: Any = (ctypes.c_double * n).from_buffer(bus.data, 8 * at)
             else:
                 buffer = (ctypes.c_int * n)()
                 conversions.append((np.frombuffer(buffer, np.int32), slice(at, at + n)))
@@ -512,11 +345,9 @@ class Fmi2Instance:
         for name, value in values.items():
             connector = self.component.connectors[name]
             kind, ctype = _TYPES[connector.kind]
-            number: Any = value if kind == "Real" else int(value)
-            self._check(
-                self._functions[f"Set{kind}"](self._instance, (ctypes.c_uint * 1)(connector.reference), ctypes.c_size_t(1), (ctype * 1)(number)),
-                f"setting {name} = {value:g}",
-            )
+            number = value if kind == "Real" else int(value)
+            status = self._functions[f"Set{kind}"](self._instance, (ctypes.c_uint * 1)(connector.reference), ctypes.c_size_t(1), (ctype * 1)(number))
+            self._check(status, f"setting {name} = {value:g}")
 
     def start(self, time: float, stop: float) -> None:
         self._time = time

@@ -1,9 +1,9 @@
 """The exceptions of the package; each message is one line that says what, where, and what to do next.
 
-    SprainError                exit code
-    ├── InputError             2   bad input: file, option, archive, unit
-    ├── SimulationError        3   a simulation failed: NaN, FMI error, crash, timeout
-    └── EnvironmentProblem     4   the machine: missing library, full disk, no permission
+SprainError                exit code
+├── InputError             2   bad input: file, option, archive, unit
+├── SimulationError        3   a simulation failed: NaN, FMI error, crash, timeout
+└── EnvironmentProblem     4   the machine: missing library, full disk, no permission
 """
 
 from __future__ import annotations

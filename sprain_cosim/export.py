@@ -14,12 +14,13 @@ import hashlib
 import importlib.util
 import io
 import zipfile
+from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from .errors import InputError
+from .errors import InputError, nearest
 
 BASE_UNITS: dict[str, dict[str, int]] = {
     "1": {},
@@ -57,7 +58,7 @@ from {package}.{name}.slave import Slave
 class {name}(Slave):
     pass
 '''
-LOCATE_CACHED = '''
+LOCATE_CACHED = """
 
 def _stable_folder():
     import os
@@ -86,7 +87,23 @@ def _stable_folder():
 _folder = _stable_folder()
 if _folder not in sys.path:
     sys.path.insert(0, _folder)
-'''
+"""
+
+
+def build_all(names: Iterable[str] = ()) -> list[tuple[Path, str]]:
+    """Builds the models of the clone's fmus/ folder (or those named) to where the package looks for them: (file, GUID) of each.
+
+    Raises InputError outside a clone or for a name that is no model."""
+    package = Path(__file__).parent
+    folder = package.parent / "fmus"
+    models = {p.parent.name: p.parent for p in sorted(folder.glob("*/interface.py"))}
+    if not models:
+        raise InputError(f"{folder}: no models to build; an installed package ships its FMUs ready")
+    for name in names:
+        if name not in models:
+            raise InputError(f"model {name!r} is not in {folder}{nearest(name, models)}")
+    chosen = list(names) or list(models)
+    return [(target, build_fmu(models[n], target)) for n in chosen for target in [package / "_fmus" / f"{n}.fmu"]]
 
 
 def build_fmu(folder: Path, target: Path, support: Path | None = None) -> str:
@@ -173,17 +190,17 @@ def model_description(name: str, description: str, variables: list[dict[str, Any
             entry["initial"] = "exact"
         if "items" in variable:
             entry["variability"] = "fixed"
-            kind, detail = "Enumeration", {"declaredType": variable["name"], "start": str(variable["start"])}
+            tag, detail = "Enumeration", {"declaredType": variable["name"], "start": str(variable["start"])}
         else:
-            kind, detail = "Real", {"unit": variable["unit"]}
+            tag, detail = "Real", {"unit": variable["unit"]}
             detail |= {key: repr(float(variable[key])) for key in ("min", "max", "start") if key in variable}
-        ET.SubElement(ET.SubElement(listed, "ScalarVariable", entry, valueReference=str(k)), kind, detail)
+        ET.SubElement(ET.SubElement(listed, "ScalarVariable", entry, valueReference=str(k)), tag, detail)
     structure = ET.SubElement(root, "ModelStructure")
     outputs = [v for v in variables if v["causality"] == "output"]
     for section in ("Outputs", "InitialUnknowns"):
-        unknowns = ET.SubElement(structure, section)
+        group = ET.SubElement(structure, section)
         for variable in outputs:
-            unknown = ET.SubElement(unknowns, "Unknown", index=str(position[variable["name"]]))
+            unknown = ET.SubElement(group, "Unknown", index=str(position[variable["name"]]))
             if section == "Outputs" and "depends" in variable:
                 unknown.set("dependencies", " ".join(str(position[n]) for n in variable["depends"]))
     ET.indent(root)

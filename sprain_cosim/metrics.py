@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Protocol
 
 import numpy as np
@@ -16,8 +17,11 @@ UNITS = {"_deg": "deg", "_deg_s": "deg/s", "_Nm": "N·m", "_N": "N", "_s": "s"}
 class Signals(Protocol):
     """(n,) `time` [s] and (n,) signals by name."""
 
-    time: np.ndarray
-    index: dict[str, int]
+    @property
+    def time(self) -> np.ndarray: ...
+
+    @property
+    def index(self) -> Mapping[str, int]: ...
 
     def __getitem__(self, name: str) -> np.ndarray: ...
 
@@ -56,3 +60,26 @@ def metrics(run: Signals) -> dict[str, float]:
 def unit_of(key: str) -> str:
     """The unit in the name of a metric."""
     return next((unit for suffix, unit in sorted(UNITS.items(), key=lambda item: -len(item[0])) if key.endswith(suffix)), "")
+
+
+def table(run: Signals) -> list[tuple[str, float, str, float]]:
+    """What a reader wants first, as (label, value, unit, time [s]) rows: the peaks, and who bears the moment at the subtalar peak."""
+    values = metrics(run)
+    if not values:
+        return []
+    rows = []
+    for label, signal, key in (
+        ("subtalar supination", "plant.subtalar_angle", "peak_subtalar_angle_deg"),
+        ("subtalar velocity", "plant.subtalar_velocity", "peak_subtalar_velocity_deg_s"),
+        ("talocrural dorsiflexion", "plant.talocrural_angle", "peak_talocrural_angle_deg"),
+        ("JCS inversion (raw)", "plant.jcs_inversion_raw_angle", "peak_jcs_inversion_deg"),
+        ("JCS internal rotation (raw)", "plant.jcs_internal_rotation_raw_angle", "peak_jcs_internal_rotation_deg"),
+        ("vertical ground reaction", "plant.ground_force_y", "peak_vertical_grf_N"),
+    ):
+        rows.append((label, values[key], unit_of(key), float(run.time[np.argmax(run[signal])])))
+    at = values["time_of_peak_subtalar_s"]
+    for who in ("anatomy", "brace"):
+        key = f"{who}_subtalar_moment_Nm"
+        if key in values:
+            rows.append((f"subtalar moment of the {who}", values[key], unit_of(key), at))
+    return rows

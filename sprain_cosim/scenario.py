@@ -1,11 +1,11 @@
 """Scenario files: components, connections, parameters with units, master. Declarative; one level of `base`.
 
-    base = "incline30"                    optional, a scenario that has no base itself
-    title = "..."
-    [components.NAME]  fmu = "..."        a shipped FMU by name, or a path (relative to the file)
-    [parameters]  "component.parameter" = "0.30 m"    a number only where the parameter has no dimension
-    [connections] "input" = "output"      left out, devices connect themselves (system.py)
-    [master] communication_step = "0.5 ms", stop = "150 ms", scheme = "auto"
+base = "incline30"                    optional, a scenario that has no base itself
+title = "..."
+[components.NAME]  fmu = "..."        a shipped FMU by name, or a path (relative to the file)
+[parameters]  "component.parameter" = "0.30 m"    a number only where the parameter has no dimension
+[connections] "input" = "output"      left out, devices connect themselves (system.py)
+[master] communication_step = "0.5 ms", stop = "150 ms", scheme = "auto"
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from .component import Component
-from .coupling import SCHEMES
+from .coupling import scheme as check_scheme
 from .errors import EnvironmentProblem, InputError, nearest
 from .master import Master
 from .result import Result
@@ -89,6 +89,27 @@ class Scenario:
             warnings=self.warnings + warning,
             dropped=self.dropped + lost,
         )
+
+    def with_master(self, scheme: str | None = None, communication_step: str | None = None, stop: str | None = None) -> Self:
+        """Other settings of the master; times as "0.5 ms". Raises InputError."""
+        master = self.master
+        if scheme is not None:
+            check_scheme(scheme)
+            master = replace(master, scheme=scheme)
+        if communication_step is not None:
+            master = replace(master, communication_step=quantity(communication_step, SECOND, "communication step"))
+        if stop is not None:
+            master = replace(master, stop=quantity(stop, SECOND, "stop"))
+        return replace(self, master=master)
+
+    def initial_pose(self) -> str | None:
+        """The name of the plant's initial pose; None for a plant that has no such choice."""
+        plant = next((c for c in self._described().components if c.name == "plant"), None)
+        connector = plant.parameters.get("initial_pose") if plant else None
+        if connector is None or not connector.items:
+            return None
+        given = self.parameters.get("plant.initial_pose")
+        return str(given) if given is not None else next(n for n, v in connector.items.items() if v == connector.start)
 
     def system(self) -> System:
         """The checked system. Raises InputError with all problems in one line."""
@@ -163,7 +184,7 @@ def load_scenario(name: str | Path) -> Scenario:
     else:
         content = _resolve(content, path)
     if not content.get("components"):
-        raise InputError(f"{path}: no components; add [components.plant] with fmu = \"plant\", or a base")
+        raise InputError(f'{path}: no components; add [components.plant] with fmu = "plant", or a base')
     return Scenario(
         title=content.get("title", path.stem),
         fmus={name: spec["fmu"] for name, spec in content["components"].items()},
@@ -213,14 +234,16 @@ def _read(path: Path) -> dict[str, Any]:
         if isinstance(value, dict):
             problems.append(f'parameters.{key}: quote names with a dot: "{key}.{next(iter(value), "parameter")}" = ...')
         elif not isinstance(value, (str, int, float, bool)):
-            problems.append(f"parameters.{key}: must be a number, a quantity such as \"0.3 m\", or a name")
+            problems.append(f'parameters.{key}: must be a number, a quantity such as "0.3 m", or a name')
     for key, value in content.get("connections", {}).items():
         if not isinstance(value, str):
             problems.append(f'connections.{key}: must be "input" = "output", both as "component.variable"')
     master = content.get("master", {})
     problems += [f"master: unknown key {key!r}{nearest(key, MASTER_KEYS)}" for key in master if key not in MASTER_KEYS]
-    if master.get("scheme", "auto") not in SCHEMES:
-        problems.append(f"master.scheme = {master['scheme']!r}: is unknown{nearest(str(master['scheme']), SCHEMES)}")
+    try:
+        check_scheme(master.get("scheme", "auto"))
+    except InputError as problem:
+        problems.append(f"master: {problem}")
     for key in ("communication_step", "stop"):
         if key in master:
             try:

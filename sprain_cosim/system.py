@@ -65,9 +65,8 @@ class System:
             if "string" in (into.kind, out_of.kind):
                 problems.append(f"{place}: text cannot be connected")
             if into.unit and out_of.unit and not into.unit.same_dimension(out_of.unit):
-                problems.append(
-                    f"{place}: the units do not match: {target} in {into.unit.name} ({into.unit.dimension()}), {source} in {out_of.unit.name} ({out_of.unit.dimension()})"
-                )
+                ends = [f"{end} in {c.unit.name} ({c.unit.dimension()})" for end, c in ((target, into), (source, out_of)) if c.unit]
+                problems.append(f"{place}: the units do not match: {', '.join(ends)}")
         for full in self.parameters:
             try:
                 connector = self.find(full)
@@ -93,9 +92,8 @@ class System:
             ratio = h / own
             if ratio < 0.999 or abs(ratio - round(ratio)) > 1e-6 * ratio:
                 low = max(1, int(ratio))
-                problems.append(
-                    f"communication step {1e3 * h:g} ms: {component.name} takes only whole multiples of its own {1e3 * own:g} ms; use {1e3 * low * own:g} ms or {1e3 * (low + 1) * own:g} ms"
-                )
+                multiples = f"use {1e3 * low * own:g} ms or {1e3 * (low + 1) * own:g} ms"
+                problems.append(f"communication step {1e3 * h:g} ms: {component.name} takes only whole multiples of its own {1e3 * own:g} ms; {multiples}")
         return problems
 
     def open(self) -> Assembly:
@@ -104,7 +102,7 @@ class System:
 
 def connect(components: Sequence[Component], explicit: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
     """The explicit connections and those that devices make themselves, with the problems met."""
-    connections, problems = dict(explicit), []
+    connections, problems = dict(explicit), list[str]()
     plant = next((c for c in components if c.name == "plant"), None)
     if plant is None:
         return connections, problems
@@ -198,7 +196,9 @@ class Assembly:
         for member in self.members:
             names = self.names[member.inputs]
             sources = [self.system.connections[name] for name in names]
-            member.sources = np.array([self.index[s] if on or not n.endswith(HANDED_OVER) else len(self.names) for n, s in zip(names, sources, strict=True)], dtype=np.intp)
+            member.sources = np.array(
+                [self.index[s] if on or not n.endswith(HANDED_OVER) else len(self.names) for n, s in zip(names, sources, strict=True)], dtype=np.intp
+            )
             links = [_link(self.system.find(s).unit, self.system.find(n).unit) for n, s in zip(names, sources, strict=True)]
             member.factor, member.offset = np.array([f for f, _ in links]), np.array([b for _, b in links])
             member.scaled = any(link != (1.0, 0.0) for link in links)

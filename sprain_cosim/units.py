@@ -130,7 +130,7 @@ _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?
 
 
 def split(text: str) -> tuple[float, str] | None:
-    """"0.30 m" to (0.30, "m"); the unit is empty where there is none; None when it does not begin with a number."""
+    """ "0.30 m" to (0.30, "m"); the unit is empty where there is none; None when it does not begin with a number."""
     match = _QUANTITY.fullmatch(text)
     return (float(match[1]), match[2] or "") if match else None
 
@@ -141,11 +141,11 @@ def quantity(value: float | str, wanted: Unit | None, what: str) -> float:
     Raises InputError when the unit is missing, unknown or of another dimension, or the number is not finite."""
     dimensionless = wanted is None or wanted.dimensionless
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-        raise InputError(f"{what} = {value!r}: expected a number{'' if dimensionless else f' with a unit of dimension {wanted.dimension()}'}")
+        raise InputError(f"{what} = {value!r}: expected a number, such as {_example(wanted)}")
     if isinstance(value, str):
         parts = split(value)
         if parts is None:
-            raise InputError(f"{what} = {value!r}: expected a number and a unit, such as {_example(wanted)}")
+            raise InputError(f"{what} = {value!r}: expected {'a number' if dimensionless else 'a number and a unit'}, such as {_example(wanted)}")
         number, name = parts
     else:
         number, name = float(value), ""
@@ -163,7 +163,9 @@ def quantity(value: float | str, wanted: Unit | None, what: str) -> float:
     if wanted is None:
         return given.to_base(number)
     if not given.same_dimension(target):
-        raise InputError(f"{what} = {value!r}: {name} has the dimension {given.dimension()}, expected {target.dimension()}, for example {_example(wanted, number)}")
+        raise InputError(
+            f"{what} = {value!r}: {name} has the dimension {given.dimension()}, expected {target.dimension()}, for example {_example(wanted, number)}"
+        )
     if given.name == target.name:
         return number
     return target.from_base(given.to_base(number))

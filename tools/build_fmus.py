@@ -5,20 +5,10 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).parent.parent
-sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from sprain_cosim.export import build_fmu  # noqa: E402
-
-
-def build(names: list[str]) -> None:
-    folders = sorted(p.parent for p in (ROOT / "fmus").glob("*/interface.py"))
-    for folder in folders:
-        if not names or folder.name in names:
-            target = ROOT / "sprain_cosim" / "_fmus" / f"{folder.name}.fmu"
-            guid = build_fmu(folder, target)
-            print(f"{target.relative_to(ROOT)}  {guid[:12]}")
-
+from sprain_cosim.export import build_all
 
 if __name__ == "__main__":
-    build(sys.argv[1:])
+    for target, guid in build_all(sys.argv[1:]):
+        print(f"{target}  {guid[:12]}")

@@ -51,9 +51,7 @@ def main() -> None:
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else reference / "model"
     surface = pd.read_csv(folder / "contact_foot_mesh_triangles.csv")
     centroid = surface[["centroid_x_m", "centroid_y_m", "centroid_z_m"]].to_numpy() + OFFSET
-    points, areas = sample(
-        centroid, surface[["normal_x", "normal_y", "normal_z"]].to_numpy(), surface["area_m2"].to_numpy()
-    )
+    points, areas = sample(centroid, surface[["normal_x", "normal_y", "normal_z"]].to_numpy(), surface["area_m2"].to_numpy())
     facets = gather(points, areas)
     facets = facets[facets[:, 1] < HIGHEST]
     with open(TARGET, "w", encoding="utf-8", newline="\n") as file:

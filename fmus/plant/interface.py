@@ -61,7 +61,11 @@ def variables() -> list[dict]:
         out.append(dict(name=name, causality="parameter", variability="fixed", unit=unit, start=start, min=least, max=greatest, description=text))
     for name, items, text in (
         ("initial_pose", POSES, "touching: pelvis moved along the vertical until the foot just touches; published: as in the measured state"),
-        ("fibre_start", FIBRE_STARTS, "equilibrium (OpenSim 4.6), or as in the published records (OpenSim 3.3: one numerical failure at the start, excitations of at least 0.01)"),
+        (
+            "fibre_start",
+            FIBRE_STARTS,
+            "equilibrium (OpenSim 4.6), or as in the published records (OpenSim 3.3: one numerical failure at the start, excitations of at least 0.01)",
+        ),
     ):
         out.append(dict(name=name, causality="parameter", variability="fixed", items=items, start=0, description=text))
 
@@ -79,14 +83,14 @@ def variables() -> list[dict]:
         for axis, other in IMPEDANCES:
             name = f"brace_{axis}_{kind}" if axis == other else f"brace_{axis}_{other}_{kind}"
             signal(name, "input", unit, f"-d(torque about {axis})/d({other} {'angle' if kind == 'stiffness' else 'velocity'})")
+    of_brace = [v["name"] for v in out if v["name"].startswith("brace_")]
     for name, unit, text in SIGNALS:
         signal(name, "output", unit, text)
+        out[-1]["depends"] = of_brace if name.startswith("brace_") else []
     return out
 
 
-IMPEDANCES = tuple((axis, axis) for axis in AXES) + tuple(
-    (axis, other) for axes in PROFILES.values() for axis in axes for other in axes if axis != other
-)
+IMPEDANCES = tuple((axis, axis) for axis in AXES) + tuple((axis, other) for axes in PROFILES.values() for axis in axes for other in axes if axis != other)
 
 SIGNALS = (
     *((f"{axis}_angle", "rad", MEANING[axis]) for axis in AXES),

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import llvmlite.binding
 import mujoco
-import numba
 import numpy as np
 from numba import carray, njit, types
 from numba.extending import intrinsic
@@ -423,9 +422,7 @@ def muscles(m, s, stage, a, l):
             rate[k] = top * v
             pole[k] = top * (dv_f * df - dv_afl * afl * 4.0 * (norm - 1.0) / lo)
             coupling[k] = top * dv_f * kt / cosine
-        reflex[k] = s.reflex_scale * (
-            m.length_gain[k] * max(0.0, length - m.rest_length[k] * lo) + m.velocity_gain[k] * max(0.0, rate[k]) / V_MAX
-        ) / lo
+        reflex[k] = s.reflex_scale * (m.length_gain[k] * max(0.0, length - m.rest_length[k] * lo) + m.velocity_gain[k] * max(0.0, rate[k]) / V_MAX) / lo
 
 
 @kernel
@@ -506,9 +503,7 @@ def place_facets(m, s, facets, blocks, place, origin):
     o0, o1, o2, modulus = origin[0], origin[1], origin[2], s.modulus
     a0, a1, a2 = abs(n0), abs(n1), abs(n2)
     for k in range(blocks.shape[1]):
-        s.block_low[k] = (
-            o2 + n0 * blocks[0, k] + n1 * blocks[1, k] + n2 * blocks[2, k] - a0 * blocks[3, k] - a1 * blocks[4, k] - a2 * blocks[5, k]
-        )
+        s.block_low[k] = o2 + n0 * blocks[0, k] + n1 * blocks[1, k] + n2 * blocks[2, k] - a0 * blocks[3, k] - a1 * blocks[4, k] - a2 * blocks[5, k]
     x, y, elastic = s.facet_x, s.facet_y, s.facet_force
     n = 0
     for k in range(blocks.shape[1]):
@@ -542,11 +537,7 @@ def contact(m, s, facets, blocks, stage):
     for i in range(3):
         for j in range(3):
             place[i, j] = plane[i, 0] * xmat[CALCN, j] + plane[i, 1] * xmat[CALCN, 3 + j] + plane[i, 2] * xmat[CALCN, 6 + j]
-        origin[i] = (
-            plane[i, 0] * (xpos[CALCN, 0] - pivot[0])
-            + plane[i, 1] * (xpos[CALCN, 1] - pivot[1])
-            + plane[i, 2] * (xpos[CALCN, 2] - pivot[2])
-        )
+        origin[i] = plane[i, 0] * (xpos[CALCN, 0] - pivot[0]) + plane[i, 1] * (xpos[CALCN, 1] - pivot[1]) + plane[i, 2] * (xpos[CALCN, 2] - pivot[2])
         twist[i] = plane[i, 0] * w[0] + plane[i, 1] * w[1] + plane[i, 2] * w[2]
         twist[3 + i] = plane[i, 0] * vx + plane[i, 1] * vy + plane[i, 2] * vz
     for c in range(6):
@@ -929,9 +920,7 @@ def step(m, s, facets, blocks, h):
         s.yu[k] = u[k] + h * (1.5 * s.k1u[k] + 0.5 * s.k2u[k])
     for k in range(NM):
         s.k2a[k] = (s.a_rate[1, k] - 2.0 * s.k1a[k]) / (1.0 + gh * s.a_pole[1, k])
-        s.k2l[k] = (s.l_rate[1, k] - 2.0 * s.k1l[k] + gh * s.l_mtu[1, k] * (s.mtu_rate[1, k] - 2.0 * s.mtu_rate[0, k])) / (
-            1.0 - gh * s.l_pole[1, k]
-        )
+        s.k2l[k] = (s.l_rate[1, k] - 2.0 * s.k1l[k] + gh * s.l_mtu[1, k] * (s.mtu_rate[1, k] - 2.0 * s.mtu_rate[0, k])) / (1.0 - gh * s.l_pole[1, k])
         s.ya[k] = a[k] + h * (1.5 * s.k1a[k] + 0.5 * s.k2a[k])
         s.yl[k] = max(l[k] + h * (1.5 * s.k1l[k] + 0.5 * s.k2l[k]), m.l_min[k])
     return error_norm(m, s, h)
@@ -958,7 +947,7 @@ def advance(model, state, facets, blocks, end, fixed_step):
         s.held_angle[k] = s.angle[k]
         s.held_velocity[k] = s.velocity[k]
     refresh(m, s, facets, blocks)
-    start, limit = s.time, 1e-12 * max(1.0, abs(end))
+    limit = 1e-12 * max(1.0, abs(end))
     while end - s.time > limit:
         left = end - s.time
         size = fixed_step if fixed_step > 0.0 else s.h

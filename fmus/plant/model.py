@@ -55,9 +55,7 @@ class Spline:
             matrix[i, i - 1 : i + 2] = h[i - 1], 2 * (h[i - 1] + h[i]), h[i]
             right[i] = slope[i] - slope[i - 1]
         sigma = np.linalg.solve(matrix, right)
-        return np.column_stack(
-            [y[:-1], slope - h * (sigma[1:] + 2 * sigma[:-1]), 3 * sigma[:-1], np.diff(sigma) / h]
-        )
+        return np.column_stack([y[:-1], slope - h * (sigma[1:] + 2 * sigma[:-1]), 3 * sigma[:-1], np.diff(sigma) / h])
 
     def __call__(self, angle: float) -> float:
         i = int(np.clip(np.searchsorted(self.knots, angle) - 1, 0, len(self.knots) - 2))
@@ -151,8 +149,7 @@ class Skeleton:
             i = body.inertia
             full = np.array([i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]])
             joints = "".join(
-                f'<joint name="{body.name}_{k}" type="{"slide" if m.motion == "translation" else "hinge"}"'
-                f' axis="{text(m.axis)}" pos="{text(body.at_child)}"/>'
+                f'<joint name="{body.name}_{k}" type="{"slide" if m.motion == "translation" else "hinge"}" axis="{text(m.axis)}" pos="{text(body.at_child)}"/>'
                 for k, m in enumerate(m for m in self.movements if m.body == body.name)
             )
             children = "".join(element(child) for child in self.bodies.values() if child.parent == body.name)

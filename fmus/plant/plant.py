@@ -152,7 +152,7 @@ class Plant:
                 math.radians(float(row["transition_deg"])),
             ]
         model["pivot"] = PLATFORM_PIVOT
-        q, u = self.skeleton.initial()
+        q, _ = self.skeleton.initial()
         state = self.state
         state["plane"], state["l"], state["a"], state["strength"] = np.eye(3), model["l_opt"], 0.05, 1.0
         q[kernels.TALOCRURAL] = q[kernels.SUBTALAR] = 0.0

@@ -39,6 +39,11 @@ class Slave(Fmi2Slave):
         self._stiffness, self._damping = slice(first, first + len(IMPEDANCES)), slice(first + len(IMPEDANCES), first + 2 * len(IMPEDANCES))
         self._rows = np.array([AXES.index(a) for a, _ in IMPEDANCES])
         self._columns = np.array([AXES.index(b) for _, b in IMPEDANCES])
+        if not self._idle:  # loading or compiling the kernels belongs to instantiation, not to the first run
+            plant = Plant()
+            plant.start(Landing())
+            plant.advance(1e-5)
+            self._idle.append(plant)
 
     def initialise(self) -> None:
         if self._plant is None:

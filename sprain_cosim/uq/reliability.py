@@ -195,9 +195,7 @@ class _Slopes:
     moved: Array
 
 
-def _differences(
-    ledger: _Ledger, joint: JointDistribution, x: Array, step: float, how: Difference
-) -> _Slopes:
+def _differences(ledger: _Ledger, joint: JointDistribution, x: Array, step: float, how: Difference) -> _Slopes:
     """Differences of step·σᵢ about x in one batch: 1 + n points, or 1 + 2n central; fixed inputs skipped."""
     active, h = joint.active, step * joint.sds
     offsets = {"forward": (1.0,), "backward": (-1.0,), "central": (1.0, -1.0)}[how]
@@ -402,18 +400,13 @@ class _Gate:
                     f"(curvature ratio {ratio[i]:.2g}); the response is not monotonic"
                 )
             else:
-                self.suspicions.append(
-                    f"input number {i}: curvature ratio {ratio[i]:.2g} is above {_CURVATURE_LIMIT}"
-                )
+                self.suspicions.append(f"input number {i}: curvature ratio {ratio[i]:.2g} is above {_CURVATURE_LIMIT}")
 
     def look_at_order(self, value: Mapping[float, float]) -> None:
         ordered = sorted(value)
         for low, high in itertools.pairwise(ordered):
             if value[high] <= value[low]:
-                self.rejections.append(
-                    f"the percentiles do not increase: {value[low]:.6g} at {low:g}, "
-                    f"{value[high]:.6g} at {high:g}"
-                )
+                self.rejections.append(f"the percentiles do not increase: {value[low]:.6g} at {low:g}, {value[high]:.6g} at {high:g}")
 
     def look_at_departure(self, value: Mapping[float, float]) -> None:
         for level in sorted(value):
@@ -421,23 +414,19 @@ class _Gate:
             spread = abs(expected - self.linear.slopes.value)
             if spread > 0 and abs(value[level] - expected) > _DEPARTURE_LIMIT * spread:
                 self.suspicions.append(
-                    f"level {level:g}: {value[level]:.6g} departs from the linearisation's {expected:.6g} "
-                    "by more than half of its distance from the centre"
+                    f"level {level:g}: {value[level]:.6g} departs from the linearisation's {expected:.6g} by more than half of its distance from the centre"
                 )
 
     def look_at_turn(self, level: float, gradient_u: Array) -> None:
         cosine = float(_unit(gradient_u) @ self.linear.importance)
         if ndtri(level) and cosine < math.cos(_TURN_LIMIT):
             self.suspicions.append(
-                f"level {level:g}: the gradient at the design point is turned by "
-                f"{math.degrees(math.acos(max(cosine, -1.0))):.0f}° from that at the mean inputs"
+                f"level {level:g}: the gradient at the design point is turned by {math.degrees(math.acos(max(cosine, -1.0))):.0f}° from that at the mean inputs"
             )
 
     def look_at_variance(self, variance: float | None) -> None:
         if variance is not None and self.linear.sd**2 < _VARIANCE_LIMIT * variance:
-            self.suspicions.append(
-                f"the linearisation explains {self.linear.sd**2 / variance:.0%} of the sampled variance"
-            )
+            self.suspicions.append(f"the linearisation explains {self.linear.sd**2 / variance:.0%} of the sampled variance")
 
     @property
     def status(self) -> Status:
@@ -596,9 +585,7 @@ def _relinearise(
     joint = setting.joint
     try:
         linear = _Linearisation.at_mean(ledger, setting)
-        points = {
-            p: setting.extreme(linear.slopes.gradient, p, linear.standard_point) for p in setting.levels
-        }
+        points = {p: setting.extreme(linear.slopes.gradient, p, linear.standard_point) for p in setting.levels}
         start = ledger(joint.from_standard(np.array(list(points.values()))))
     except _BudgetSpent:
         raise ValueError(f"a budget of {budget} evaluations does not even allow the AMV step") from None
@@ -638,9 +625,7 @@ def _relinearise(
 
 def _slopes_at(ledger: _Ledger, setting: _Setting, u: Array) -> tuple[_Slopes, Array]:
     """Differences at x(u), and the gradient in u."""
-    slopes = _differences(
-        ledger, setting.joint, setting.joint.from_standard(u), setting.step, setting.difference
-    )
+    slopes = _differences(ledger, setting.joint, setting.joint.from_standard(u), setting.step, setting.difference)
     return slopes, _standard_gradient(setting.joint, slopes.gradient, u)
 
 
@@ -657,10 +642,7 @@ def _iterate_amv(ledger: _Ledger, setting: _Setting, level: float, search: _Sear
         change, search.u, search.value = abs(value - search.value), u, value
         if change < small:
             return
-    search.complaint = (
-        f"plain relinearisation did not settle in {_AMV_PLUS_ITERATIONS} iterations (it cycles or crawls); "
-        "use hmv"
-    )
+    search.complaint = f"plain relinearisation did not settle in {_AMV_PLUS_ITERATIONS} iterations (it cycles or crawls); use hmv"
 
 
 def amv_plus(
@@ -715,9 +697,7 @@ def _climb_hybrid(ledger: _Ledger, setting: _Setting, level: float, search: _Sea
         moved = _improved(ledger, setting, search, here, [direction, *_arc(here, steepest)], sign, radius)
         if not moved:
             if gain > math.sqrt(small):
-                search.complaint = (
-                    "no step improves the response although its slope promises it: noise or a kink"
-                )
+                search.complaint = "no step improves the response although its slope promises it: noise or a kink"
             return
         _, search.gradient_u = _slopes_at(ledger, setting, search.u)
         search.iterations += 1
@@ -859,9 +839,7 @@ def form(
     )
 
 
-def _hlrf_step(
-    ledger: _Ledger, joint: JointDistribution, threshold: float, u: Array, g: float, gradient: Array
-) -> Array | None:
+def _hlrf_step(ledger: _Ledger, joint: JointDistribution, threshold: float, u: Array, g: float, gradient: Array) -> Array | None:
     """One step of iHL-RF: its direction, shortened until ½‖u‖² + c·|g| falls; None if it never does."""
     norm2 = float(gradient @ gradient)
     target = (float(gradient @ u) - g) / norm2 * gradient
@@ -926,9 +904,7 @@ def sorm(
     values = ledger(joint.from_standard(np.array(points)))
     second = dict(zip(pairs, (values[1::2] - 2.0 * values[0] + values[2::2]) / step**2, strict=True))
     diagonal = np.array([second[i, i] for i in range(d)])
-    slopes = np.array(
-        [values[1 + 2 * pairs.index((i, i))] - values[2 + 2 * pairs.index((i, i))] for i in range(d)]
-    )
+    slopes = np.array([values[1 + 2 * pairs.index((i, i))] - values[2 + 2 * pairs.index((i, i))] for i in range(d)])
     hessian = np.diag(diagonal)
     for i, j in pairs:
         if i != j:
@@ -959,9 +935,7 @@ def _second_order(beta: float, curvatures: Array) -> tuple[float, float, float]:
     return first * at_beta, first * shrink(density / first), tvedt
 
 
-def step_noise(
-    function: Function, marginals: Sequence[Marginal], spacing: float = 1e-3, points: int = 9
-) -> float:
+def step_noise(function: Function, marginals: Sequence[Marginal], spacing: float = 1e-3, points: int = 9) -> float:
     """Standard deviation of the response's own noise near the mean inputs.
 
     A table of differences along the diagonal of the inputs (J. J. Moré, S. M. Wild, Estimating computational

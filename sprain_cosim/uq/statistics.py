@@ -183,9 +183,7 @@ def percentile_bounds(y: ArrayLike, failed: int, p: float) -> tuple[float, float
     return _type7(np.concatenate([-missing, ordered]), p), _type7(np.concatenate([ordered, missing]), p)
 
 
-def exceedance(
-    y: ArrayLike, threshold: float | Marginal, confidence: float = 0.95, failed: int = 0
-) -> Estimate:
+def exceedance(y: ArrayLike, threshold: float | Marginal, confidence: float = 0.95, failed: int = 0) -> Estimate:
     """P(Y > T) for independent values of Y and a threshold T that is a number or itself uncertain
     (independent of Y).
 
@@ -234,9 +232,7 @@ class Stopping:
     needed: int | None
 
 
-def stopping(
-    y: ArrayLike, wanted: float, levels: Sequence[float] = (0.05, 0.5, 0.95), confidence: float = 0.95
-) -> Stopping:
+def stopping(y: ArrayLike, wanted: float, levels: Sequence[float] = (0.05, 0.5, 0.95), confidence: float = 0.95) -> Stopping:
     """Compare the half-widths of the percentiles' intervals with the one wanted (in the response's unit)."""
     if not wanted > 0:
         raise ValueError(f"the half-width wanted must be positive, got {wanted}")

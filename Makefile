@@ -1,0 +1,43 @@
+# Every target sets up what it needs. README.md shows the plain commands.
+PYTHON ?= python3
+BIN := .venv/bin
+RUN := $(BIN)/sprain-cosim
+OUT ?= out
+
+.PHONY: demo test validate lint build lock clean
+
+demo: build
+	$(RUN) run incline30 --out $(OUT)/incline30
+	@echo
+	$(RUN) run incline30_brace --out $(OUT)/incline30_brace
+	@echo
+	$(RUN) plot $(OUT)/incline30 $(OUT)/incline30_brace --out $(OUT)
+
+test: build lint
+	$(BIN)/python -m pytest
+
+validate: build
+	$(BIN)/python -m pytest -m "long or not long"
+
+lint: .venv/installed
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+build: .venv/installed
+	$(RUN) build
+
+.venv/installed: requirements.txt pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "error: Python 3.11 or newer is needed; set PYTHON=...")'
+	$(PYTHON) -m venv .venv || { $(PYTHON) -m pip install --user virtualenv && $(PYTHON) -m virtualenv .venv; }
+	$(BIN)/python -m pip install --quiet --require-hashes -r requirements.txt
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .
+	touch $@
+
+# needs uv; writes the versions and hashes of everything that `make` installs
+lock:
+	uv pip compile --quiet --universal --python-version 3.11 --extra dev --extra distributed --extra parquet --generate-hashes \
+	  --no-emit-index-url --no-emit-find-links --no-header --no-annotate pyproject.toml -o requirements.txt
+
+clean:
+	rm -rf .venv build dist $(OUT) sprain_cosim/_fmus .pytest_cache .mypy_cache .ruff_cache .hypothesis

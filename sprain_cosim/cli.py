@@ -1,0 +1,165 @@
+"""The command line. It reads options, calls the package, prints; it holds no logic. Heavy modules are imported inside the commands."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .errors import InputError, SprainError
+
+OUT = click.option("--out", type=click.Path(path_type=Path), help="Folder for signals, summary and figure.")
+JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(package_name="sprain-cosim")
+def cli() -> None:
+    """Simulate single-leg landings and the ankle braces that should make them safe."""
+
+
+@cli.command()
+@click.argument("scenario")
+@click.option("--fmu", "fmus", multiple=True, metavar="NAME=FILE", help="Put another FMU in a component's place.")
+@click.option("--set", "settings", multiple=True, metavar="COMPONENT.PARAMETER=VALUE", help='Such as plant.drop_height="0.35 m".')
+@click.option("--scheme", help="Coupling scheme: auto, gauss-seidel.")
+@click.option("--step", metavar='"0.5 ms"', help="Communication step.")
+@OUT
+@JSON
+def run(scenario: str, fmus: tuple[str, ...], settings: tuple[str, ...], scheme: str | None, step: str | None, out: Path | None, as_json: bool) -> None:
+    """Run one landing: SCENARIO is a file, or the name of one that ships."""
+    from . import runfolder
+    from .scenario import load_scenario, parse_value
+
+    chosen = load_scenario(scenario)
+    for text in fmus:
+        name, file = _pair(text, "--fmu", "NAME=FILE")
+        chosen = chosen.replace_fmu(name, file)
+    for text in settings:
+        name, value = _pair(text, "--set", "COMPONENT.PARAMETER=VALUE")
+        chosen = chosen.override(name, parse_value(value))
+    chosen = chosen.with_master(scheme, step)
+    for warning in chosen.warnings:
+        click.echo(f"warning: {warning}", err=True)
+    if out is not None:
+        runfolder.check(out)
+    result = chosen.run()
+    summary = runfolder.summary(chosen, result)
+    if out is not None and result.status == "completed":
+        runfolder.write(out, chosen, result, summary)
+    if as_json:
+        click.echo(json.dumps(summary, allow_nan=False))
+    elif result.status == "completed":
+        _print_table(chosen.title, summary, result)
+        if out is not None:
+            click.echo(f"\nwritten: {', '.join(str(out / name) for name in runfolder.FILES)}")
+    if result.status != "completed":
+        click.echo(f"error: {result.message}", err=True)
+        raise SystemExit(3)
+
+
+def _print_table(title: str, summary: dict[str, Any], result: Any) -> None:
+    from .metrics import table
+
+    pose = summary["initial_pose"]
+    click.echo(f"{title}  ·  {f'pose {pose}, ' if pose else ''}{result.scheme}, {len(result.time) - 1} steps, {1e3 * result.wall:.0f} ms wall time\n")
+    rows = table(result)
+    if rows:
+        click.echo(f"{'':32}{'value':>10}  {'unit':7}{'time [ms]':>10}")
+    for label, value, unit, time in rows:
+        click.echo(f"{label:32}{value:10.2f}  {unit:7}{1e3 * time:10.1f}")
+
+
+@cli.command()
+@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="Where figures/ goes (default: the first folder).")
+def plot(folders: tuple[Path, ...], out: Path | None) -> None:
+    """Draw the runs of one or more FOLDERS over each other."""
+    from . import runfolder
+
+    click.echo(f"written: {runfolder.plot(folders, out or folders[0])}")
+
+
+@cli.command()
+@JSON
+def scenarios(as_json: bool) -> None:
+    """List the scenarios that ship."""
+    from .scenario import folder, load_scenario, shipped
+
+    listed = [(name, load_scenario(name).title) for name in shipped()]
+    if as_json:
+        click.echo(json.dumps({"folder": str(folder()), "scenarios": dict(listed)}))
+        return
+    for name, title in listed:
+        click.echo(f"{name:26}{title}")
+
+
+@cli.command()
+@click.argument("models", nargs=-1)
+def build(models: tuple[str, ...]) -> None:
+    """Build the FMUs of the clone's fmus/ folder (all, or the MODELS named)."""
+    from .export import build_all
+
+    for target, guid in build_all(models):
+        click.echo(f"{target}  {guid[:12]}")
+
+
+@cli.command()
+@JSON
+def doctor(as_json: bool) -> None:
+    """Check this installation: libraries, FMUs, caches, one short landing."""
+    from .doctor import findings
+
+    found = findings()
+    if as_json:
+        click.echo(json.dumps([{"ok": ok, "what": what, "detail": detail} for ok, what, detail in found]))
+    else:
+        for ok, what, detail in found:
+            click.echo(f"{'ok     ' if ok else 'problem'}  {what:18}{detail}")
+    if not all(ok for ok, _, _ in found):
+        raise SystemExit(4)
+
+
+def _pair(text: str, option: str, form: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals or not name.strip() or not value.strip():
+        raise InputError(f"{option} {text}: must read {form}")
+    return name.strip(), value.strip()
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Runs the command line; errors become one line on stderr and the exit code of interface and README."""
+    try:
+        code = cli.main(arguments, prog_name="sprain-cosim", standalone_mode=False) or 0
+    except click.ClickException as problem:
+        where = problem.ctx.command_path if isinstance(problem, click.UsageError) and problem.ctx else "sprain-cosim"
+        code = _say(f"{_one_line(problem.format_message())} (see `{where} --help`)", 2)
+    except SprainError as problem:
+        code = _say(_one_line(str(problem)), problem.exit_code)
+    except (click.Abort, KeyboardInterrupt):
+        code = _say("interrupted", 130)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = 141
+    except (OSError, ImportError) as problem:
+        if os.environ.get("SPRAIN_COSIM_DEBUG"):
+            raise
+        code = _say(_one_line(str(problem)), 4)
+    except Exception as problem:
+        if os.environ.get("SPRAIN_COSIM_DEBUG"):
+            raise
+        code = _say(f"internal: {type(problem).__name__}: {_one_line(str(problem))}; please report it (SPRAIN_COSIM_DEBUG=1 shows where)", 4)
+    sys.exit(code)
+
+
+def _say(message: str, code: int) -> int:
+    click.echo(f"error: {message}", err=True)
+    return code
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())

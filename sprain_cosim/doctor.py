@@ -1,0 +1,72 @@
+"""What `sprain-cosim doctor` finds out about the installation."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import tempfile
+
+from . import archive
+from .errors import SprainError
+
+REQUIRED = ("fmpy", "numpy", "scipy", "pandas", "matplotlib", "click", "mujoco-core", "numba")
+
+Finding = tuple[bool, str, str]
+
+
+def findings() -> list[Finding]:
+    """(ok, what, detail) rows."""
+    found: list[Finding] = [(True, "python", f"{platform.python_version()} on {platform.platform()}, {os.cpu_count()} cores")]
+    for name in REQUIRED:
+        try:
+            found.append((True, name, importlib.metadata.version(name)))
+        except importlib.metadata.PackageNotFoundError:
+            found.append((False, name, f"not installed; run `pip install {name}`"))
+    found.append(_cache())
+    if all(ok for ok, _, _ in found):
+        found += [*_fmus(), _landing()]
+    return found
+
+
+def _cache() -> Finding:
+    folder = archive.cache_folder()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as problem:
+        return False, "cache", f"{folder}: {problem.strerror}; set SPRAIN_COSIM_CACHE to a folder that can be written"
+    compiled = sum(1 for _ in (folder / "kernels").glob("*/*/__pycache__/*.nbi"))
+    return True, "cache", f"{folder} ({compiled} compiled kernels; the first landing compiles what is missing)"
+
+
+def _fmus() -> list[Finding]:
+    from .component import Component
+    from .scenario import PACKAGE, shipped_fmus
+
+    names = shipped_fmus()
+    if not names:
+        return [(False, "FMUs", "none built; run `sprain-cosim build`")]
+    rows: list[Finding] = []
+    for name in names:
+        try:
+            component = Component.read(name, PACKAGE / "_fmus" / f"{name}.fmu")
+            rows.append((True, name, f"FMI {component.capabilities.fmi_version}, {len(component.connectors)} variables, {component.guid[:12]}"))
+        except SprainError as problem:
+            rows.append((False, name, str(problem)))
+    return rows
+
+
+def _landing() -> Finding:
+    from .scenario import load_scenario
+
+    try:
+        with load_scenario("incline30").open() as session:
+            session.run()
+            result = session.run()
+    except SprainError as problem:
+        return False, "landing", str(problem)
+    if result.status != "completed":
+        return False, "landing", result.message
+    return True, "landing", f"peak subtalar angle {result.metrics['peak_subtalar_angle_deg']:.1f} deg in {1e3 * result.wall:.0f} ms"

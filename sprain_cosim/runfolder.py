@@ -1,0 +1,113 @@
+"""The folder that `run --out` leaves: signals.csv, landing.png, summary.json. The summary is written last: without it the folder is not complete."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from .errors import EnvironmentProblem, InputError
+from .result import Result
+from .scenario import Scenario
+from .units import Unit
+
+FILES = ("signals.csv", "landing.png", "summary.json")
+
+
+def summary(scenario: Scenario, result: Result) -> dict[str, Any]:
+    """What `run --json` prints."""
+    return {
+        "status": result.status,
+        "message": result.message,
+        "wall_s": round(result.wall, 6),
+        "initial_pose": scenario.initial_pose(),
+        "coupling_error": result.coupling_error,
+        "metrics": result.metrics,
+        "scenario": scenario.source,
+        "title": scenario.title,
+        "scheme": result.scheme,
+        "communication_step_s": scenario.master.communication_step,
+        "fmus": {name: path.name for name, path in scenario.fmus.items()},
+        "parameters": dict(scenario.parameters),
+        "dropped": list(scenario.dropped),
+    }
+
+
+def check(folder: Path) -> None:
+    """Raises InputError when the folder holds something else than an earlier run."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file; name a folder")
+    if folder.is_dir():
+        strangers = sorted(p.name for p in folder.iterdir() if p.name not in (*FILES, "figures"))
+        if strangers:
+            raise InputError(f"{folder}: holds other files ({', '.join(strangers[:3])}); name a new folder")
+
+
+def write(folder: Path, scenario: Scenario, result: Result, summary: dict[str, Any]) -> None:
+    """Replaces an earlier run. Raises EnvironmentProblem when the folder cannot be written."""
+    from . import plots
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "summary.json").unlink(missing_ok=True)
+        table = result.signals.set_axis([f"{n} [{u.name if u else '?'}]" for n, u in zip(result.names, result.units, strict=True)], axis=1)
+        _replace(folder / "signals.csv", table.to_csv(float_format="%.10g").encode())
+        figure = plots.landing([(scenario.title, result)], _note(summary))
+        with open(folder / ".landing.png", "wb") as file:
+            figure.savefig(file, dpi=150, format="png", metadata={"Software": None})
+        os.replace(folder / ".landing.png", folder / "landing.png")
+        _replace(folder / "summary.json", (json.dumps(summary, indent=2, allow_nan=False) + "\n").encode())
+    except OSError as problem:
+        raise EnvironmentProblem(f"{folder}: cannot be written: {problem.strerror or problem}") from None
+
+
+def read(folder: Path) -> tuple[dict[str, Any], Result]:
+    """Raises InputError when the folder holds no complete run."""
+    import pandas as pd
+
+    try:
+        head = json.loads((folder / "summary.json").read_text("utf-8"))
+        table = pd.read_csv(folder / "signals.csv", index_col=0)
+    except FileNotFoundError:
+        raise InputError(f"{folder}: no complete run in it; make one with `sprain-cosim run SCENARIO --out {folder}`") from None
+    except (ValueError, OSError) as problem:
+        raise InputError(f"{folder}: cannot be read: {problem}") from None
+    names, units = zip(*(str(c).removesuffix("]").rsplit(" [", 1) for c in table.columns), strict=True)
+    result = Result(
+        time=table.index.to_numpy(float),
+        values=table.to_numpy(float),
+        names=names,
+        units=tuple(None if u == "?" else Unit(u) for u in units),
+        status=head["status"],
+        message=head["message"],
+        scheme=head["scheme"],
+    )
+    return head, result
+
+
+def plot(folders: Sequence[Path], out: Path) -> Path:
+    """One figure of all runs, written to `out`/figures/landing.png."""
+    from . import plots
+
+    runs = [read(folder) for folder in folders]
+    figure = plots.landing([(head["title"], result) for head, result in runs], _note(runs[0][0]))
+    target = out / "figures" / "landing.png"
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(target, dpi=150, metadata={"Software": None})
+    except OSError as problem:
+        raise EnvironmentProblem(f"{target}: cannot be written: {problem.strerror or problem}") from None
+    return target
+
+
+def _note(head: dict[str, Any]) -> str:
+    pose = f"initial pose {head['initial_pose']}, " if head["initial_pose"] else ""
+    return f"{head['scenario']}: {pose}{head['scheme']} coupling every {1e3 * head['communication_step_s']:g} ms"
+
+
+def _replace(path: Path, data: bytes) -> None:
+    partial = path.with_name(f".{path.name}")
+    partial.write_bytes(data)
+    os.replace(partial, path)
