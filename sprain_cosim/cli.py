@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from . import __version__
 from .errors import InputError, SprainError
 
 OUT = click.option("--out", type=click.Path(path_type=Path), help="Folder for signals, summary and figure.")
@@ -17,7 +18,7 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON obje
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
-@click.version_option(package_name="sprain-cosim")
+@click.version_option(__version__)
 def cli() -> None:
     """Simulate single-leg landings and the ankle braces that should make them safe."""
 

@@ -13,6 +13,7 @@ import io
 import itertools
 import math
 import zipfile
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -250,7 +251,7 @@ _TYPES: dict[str, tuple[str, Any]] = {
 
 
 _counter = itertools.count(1)
-_messages: dict[str, list[str]] = {}  # by instance name: all instances share one logger
+_messages: dict[str, deque[str]] = {}  # by instance name: all instances share one logger
 MAX_MESSAGES = 100
 
 
@@ -262,7 +263,7 @@ def _callbacks() -> Any:
 
     def log(environment: Any, instance: bytes, status: int, category: bytes, message: bytes) -> None:
         said = _messages.get((instance or b"").decode("utf-8", "replace"))
-        if said is not None and len(said) < MAX_MESSAGES:
+        if said is not None:
             said.append((message or b"").decode("utf-8", "replace"))
 
     callbacks = fmi2.fmi2CallbackFunctions()
@@ -287,7 +288,7 @@ class Fmi2Instance:
         self.component = component
         folder = archive.unpack(archive.read(component.fmu))
         self._label = f"{component.name}_{next(_counter)}"
-        self.messages = _messages[self._label] = []
+        self.messages = _messages[self._label] = deque(maxlen=MAX_MESSAGES)
         self._time = 0.0
         try:
             self._fmu = FMU2Slave(guid=component.guid, modelIdentifier=component.identifier, unzipDirectory=str(folder), instanceName=self._label)
@@ -309,7 +310,7 @@ class Fmi2Instance:
 
     def _instantiate(self) -> None:
         try:
-            self._fmu.instantiate(callbacks=_callbacks(), loggingOn=False)
+            self._fmu.instantiate(callbacks=_callbacks(), loggingOn=True)
         except Exception:
             self._broken = True
             raise SimulationError(f"{self.component.name}: cannot be instantiated{self._said()}") from None

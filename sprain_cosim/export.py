@@ -1,6 +1,6 @@
 """Turns a folder with a Python slave into an FMI 2.0 co-simulation FMU.
 
-The folder holds `interface.py` (MODEL, DESCRIPTION, `variables()`, optionally COMPILED and RESOURCES; plain data, it is run here) and
+The folder holds `interface.py` (MODEL, DESCRIPTION, `variables()`, optionally COMPILED and FIXED_STEP [s]; plain data, it is run here) and
 `slave.py` (class Slave; it is not run here). The binaries are those of PythonFMU; model description and archive are our own, so that
 units, start values and unknowns are declared and the same sources give the same bytes. The sources travel inside a package whose name
 ends in the hash of its content, so that no two FMUs in one process can mistake each other's modules. The sources of a COMPILED model are
@@ -131,7 +131,7 @@ def build_fmu(folder: Path, target: Path, support: Path | None = None) -> str:
         **{f"resources/{path}": data for path, data in _tree(folder / "resources", {"__pycache__"}).items()},
         **_binaries(name),
     }
-    description = model_description(name, interface.DESCRIPTION, interface.variables())
+    description = model_description(name, interface.DESCRIPTION, interface.variables(), getattr(interface, "FIXED_STEP", None))
     guid = _digest({**files, "modelDescription.xml": description.replace(GUID_PLACE, "").encode()})
     files["modelDescription.xml"] = description.replace(GUID_PLACE, guid).encode()
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -144,8 +144,9 @@ def build_fmu(folder: Path, target: Path, support: Path | None = None) -> str:
 GUID_PLACE = "@GUID@"
 
 
-def model_description(name: str, description: str, variables: list[dict[str, Any]]) -> str:
-    """modelDescription.xml of FMI 2.0 with GUID_PLACE for the GUID; value references are positions in `variables`."""
+def model_description(name: str, description: str, variables: list[dict[str, Any]], fixed_step: float | None = None) -> str:
+    """modelDescription.xml of FMI 2.0 with GUID_PLACE for the GUID; value references are positions in `variables`. `fixed_step` [s] is the
+    model's own step where it cannot take another one."""
     root = ET.Element(
         "fmiModelDescription",
         fmiVersion="2.0",
@@ -160,7 +161,7 @@ def model_description(name: str, description: str, variables: list[dict[str, Any
         "CoSimulation",
         modelIdentifier=name,
         needsExecutionTool="false",
-        canHandleVariableCommunicationStepSize="true",
+        canHandleVariableCommunicationStepSize="false" if fixed_step else "true",
         canBeInstantiatedOnlyOncePerProcess="false",
         canNotUseMemoryManagementFunctions="true",
         canGetAndSetFMUstate="true",
@@ -179,7 +180,7 @@ def model_description(name: str, description: str, variables: list[dict[str, Any
                 ET.SubElement(kind, "Item", name=item, value=str(value))
     categories = ET.SubElement(root, "LogCategories")
     ET.SubElement(categories, "Category", name="logAll")
-    ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime="0.15", stepSize="0.0005")
+    ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime="0.15", stepSize=repr(fixed_step or 0.0005))
     listed = ET.SubElement(root, "ModelVariables")
     position = {v["name"]: k + 1 for k, v in enumerate(variables)}
     for k, variable in enumerate(variables):

@@ -3,7 +3,6 @@
     start all components until their values agree, record k = 0
     for k = 0, 1, ... n-1:  t = start + k * communication_step
         the scheme takes every component from t to t + communication_step
-        a value that is not finite ends the run
         record k + 1
 
 Failure policy: an FMI error or a value that is not finite ends the run with status `failed` and a message that names component, call or
@@ -58,19 +57,15 @@ class Master:
         began = perf_counter()
         n, h = self.steps, self.communication_step
         record = np.empty((n + 1, len(assembly.names)))
-        bus, step = assembly.bus, scheme(self.scheme)
+        step = scheme(self.scheme)
         done, message = 0, ""
         try:
             step.start(assembly)
             assembly.start(parameters, self.start, self.stop)
-            if not math.isfinite(bus @ bus):
-                raise SimulationError(f"{_not_finite(assembly)} at the start")
             record[0] = assembly.record
             done = 1
             for k in range(n):
                 step.step(assembly, self.start + k * h, h)
-                if not math.isfinite(bus @ bus) and assembly.not_finite():
-                    raise SimulationError(f"{_not_finite(assembly)} at {self.start + (k + 1) * h:.6g} s")
                 record[k + 1] = assembly.record
                 done = k + 2
         except SimulationError as problem:
@@ -86,8 +81,3 @@ class Master:
             parameters=dict(parameters),
             wall=perf_counter() - began,
         )
-
-
-def _not_finite(assembly: Assembly) -> str:
-    name = assembly.not_finite() or "a value"
-    return f"{name.partition('.')[0]}: {name.partition('.')[2]} = {assembly.bus[assembly.index[name]]:g}" if name in assembly.index else name

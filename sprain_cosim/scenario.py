@@ -125,10 +125,16 @@ class Scenario:
         return replace(system, parameters=values)
 
     def _described(self) -> System:
-        components = tuple(Component.read(name, path) for name, path in self.fmus.items())
+        components, unreadable = list[Component](), list[str]()
+        for name, path in self.fmus.items():
+            try:
+                components.append(Component.read(name, path))
+            except InputError as problem:
+                unreadable.append(f"components.{name}: {problem}")
+        problems_to_error(self.source, unreadable)
         connections, problems = connect(components, self.connections)
         problems_to_error(self.source, problems)
-        return System(components, connections)
+        return System(tuple(components), connections)
 
     def open(self) -> Session:
         return Session(self)

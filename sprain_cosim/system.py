@@ -7,6 +7,7 @@ not count. Stiffness and damping connections are made as well, but carry values 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -148,9 +149,10 @@ def _a(word: str) -> str:
 class Member:
     """One instance and its place on the bus: inputs at `inputs`, outputs at `outputs`."""
 
-    def __init__(self, component: Component, instance: Instance, inputs: slice, outputs: slice) -> None:
+    def __init__(self, component: Component, instance: Instance, bus: np.ndarray, inputs: slice, outputs: slice) -> None:
         self.name, self.component, self.instance = component.name, component, instance
         self.inputs, self.outputs = inputs, outputs
+        self.given, self.gives = bus[inputs], bus[outputs]
         self.sources = np.zeros(0, dtype=np.intp)
         self.scaled = False
         self.factor = self.offset = np.zeros(0)
@@ -182,9 +184,10 @@ class Assembly:
             for component in system.components:
                 inputs = connected[component.name]
                 outputs = [n for n, c in component.outputs.items() if c.kind != "string"]
-                member = Member(component, component.open(), slice(at, at + len(inputs)), slice(at + len(inputs), at + len(inputs) + len(outputs)))
+                first_output = at + len(inputs)
+                member = Member(component, component.open(), self.bus, slice(at, first_output), slice(first_output, first_output + len(outputs)))
                 self.members.append(member)
-                member.instance.bind(self.bus, inputs, at, outputs, at + len(inputs))
+                member.instance.bind(self.bus, inputs, at, outputs, first_output)
                 at = member.outputs.stop
         except BaseException:
             self.close()
@@ -212,11 +215,10 @@ class Assembly:
 
     def transfer(self, member: Member) -> None:
         """Sources to the member's inputs, on the bus only."""
-        place = self.bus[member.inputs]
-        np.take(self.bus, member.sources, out=place, mode="clip")
+        np.take(self.bus, member.sources, out=member.given, mode="clip")
         if member.scaled:
-            place *= member.factor
-            place += member.offset
+            member.given *= member.factor
+            member.given += member.offset
 
     def start(self, parameters: Mapping[str, float], time: float, stop: float) -> None:
         """Initialises all components; inputs and outputs agree afterwards. Raises SimulationError."""
@@ -251,10 +253,22 @@ class Assembly:
             if not changed.any():
                 return
             if not np.isfinite(self.bus).all():
-                raise SimulationError(f"{self.not_finite()} is not finite at the start")
+                bad = [n for n, v in zip(self.names, self.record, strict=True) if not math.isfinite(v)]
+                first = next((n for n in bad if n not in self.system.connections), bad[0])
+                raise SimulationError(f"{first} is not finite at the start")
             before[:] = self.bus
         loop = ", ".join(name for name, moving in zip(self.names, changed, strict=False) if moving)
         raise SimulationError(f"the values at the start do not settle in {MAX_ROUNDS} rounds; they keep changing at {loop}")
+
+    def advance(self, member: Member, time: float, step: float) -> None:
+        """One member takes its step with the inputs that stand on the bus. Raises SimulationError, also when an output is not finite."""
+        member.instance.push()
+        member.instance.step(time, step)
+        member.instance.pull()
+        if not math.isfinite(member.gives @ member.gives):  # the square of a large finite number may overflow: look closer
+            for name, value in zip(self.names[member.outputs], member.gives.tolist(), strict=True):
+                if not math.isfinite(value):
+                    raise SimulationError(f"{member.name}: {name.partition('.')[2]} = {value:g} at {time + step:.6g} s")
 
     def settle(self) -> None:
         """After all have stepped: inputs take the new outputs, and outputs that follow an input directly are read again."""
@@ -263,11 +277,6 @@ class Assembly:
             if member.echoes:
                 member.instance.push()
                 member.instance.pull()
-
-    def not_finite(self) -> str | None:
-        """The first slot that holds no finite number, sources before what they feed."""
-        bad = [name for name, value in zip(self.names, self.record, strict=True) if not np.isfinite(value)]
-        return next((n for n in bad if n not in self.system.connections), bad[0] if bad else None)
 
     def close(self) -> None:
         for member in self.members:

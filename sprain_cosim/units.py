@@ -110,7 +110,7 @@ def unit(name: str) -> Unit:
         power = sign * int(match[2] or 1)
         factor *= scale**power
         exponents = [e + power * d for e, d in zip(exponents, dims, strict=True)]
-        offset = shift
+        offset = offset or shift
     if offset and len(parts) > 1:
         raise InputError(f"unit {name!r}: degC cannot be part of a product; use K")
     return Unit(name.strip(), tuple(exponents), factor, offset)

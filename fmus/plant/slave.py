@@ -58,6 +58,8 @@ class Slave(Fmi2Slave):
 
     def refresh(self) -> None:
         self._write_inputs()
+        state = self._plant.state
+        state["held_angle"], state["held_velocity"] = state["angle"], state["velocity"]
         self.values[self._outputs] = self._plant.observe()
 
     def step(self, time: float, step: float) -> None:

@@ -7,6 +7,7 @@ from typing import Protocol
 from ..errors import InputError, nearest
 from ..system import Assembly
 from .gauss_seidel import GaussSeidel
+from .impedance import Impedance
 
 
 class Scheme(Protocol):
@@ -20,7 +21,7 @@ class Scheme(Protocol):
     def step(self, assembly: Assembly, time: float, step: float) -> None: ...
 
 
-SCHEMES = {"auto": GaussSeidel, "gauss-seidel": GaussSeidel}
+SCHEMES = {"auto": Impedance, "gauss-seidel": GaussSeidel, "impedance": Impedance}
 
 
 def scheme(name: str) -> Scheme:

@@ -14,7 +14,5 @@ class GaussSeidel:
     def step(self, assembly: Assembly, time: float, step: float) -> None:
         for member in assembly.members:
             assembly.transfer(member)
-            member.instance.push()
-            member.instance.step(time, step)
-            member.instance.pull()
+            assembly.advance(member, time, step)
         assembly.settle()

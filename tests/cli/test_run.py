@@ -1,0 +1,226 @@
+"""The command line as a user meets it, in processes of its own: output, exit codes, one line per error, nothing half-written."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from tests.fake import brace_variables, make_fmu
+
+ROOT = Path(__file__).parent.parent.parent
+
+
+def call(*arguments: str, cwd: Path | None = None, **environment: str) -> subprocess.CompletedProcess[str]:
+    import os
+
+    env = {**os.environ, "PYTHONPATH": str(ROOT), **environment}
+    return subprocess.run([sys.executable, "-m", "sprain_cosim", *arguments], capture_output=True, text=True, cwd=cwd, env=env, timeout=120)
+
+
+def refused(outcome: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
+    assert outcome.returncode == code, outcome.stderr
+    lines = outcome.stderr.strip().splitlines()
+    assert len(lines) == 1, outcome.stderr
+    assert lines[0].startswith("error: ")
+    assert outcome.stdout == ""
+    for word in words:
+        assert word in lines[0]
+
+
+def test_table_and_folder(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    outcome = call("run", "incline30_brace", "--out", str(out))
+    assert outcome.returncode == 0, outcome.stderr
+    row = next(line for line in outcome.stdout.splitlines() if line.startswith("subtalar supination"))
+    value, unit, time = row.removeprefix("subtalar supination").split()
+    summary = json.loads((out / "summary.json").read_text())
+    assert float(value) == pytest.approx(summary["metrics"]["peak_subtalar_angle_deg"], abs=0.005)
+    assert unit == "deg"
+    assert float(time) == pytest.approx(1e3 * summary["metrics"]["time_of_peak_subtalar_s"], abs=0.05)
+    assert "pose touching" in outcome.stdout
+    signals = pd.read_csv(out / "signals.csv")
+    assert len(signals) == 301
+    assert signals.columns[0] == "time [s]"
+    assert signals["plant.subtalar_angle [rad]"].max() == pytest.approx(summary["metrics"]["peak_subtalar_angle_deg"] * 0.017453292519943295, rel=1e-8)
+    assert (out / "landing.png").read_bytes().startswith(b"\x89PNG")
+    again = call("run", "incline30_brace", "--out", str(out), "--set", "brace.angle_scale=1.5")
+    assert again.returncode == 0
+    assert json.loads((out / "summary.json").read_text())["metrics"] != summary["metrics"]
+    drawn = call("plot", str(out), "--out", str(tmp_path))
+    assert drawn.returncode == 0
+    assert (tmp_path / "figures" / "landing.png").stat().st_size > 20_000
+
+
+def test_json_is_one_object_with_the_promised_keys() -> None:
+    outcome = call("run", "incline30", "--json")
+    summary = json.loads(outcome.stdout)
+    assert outcome.stdout.count("\n") == 1
+    assert {"status", "message", "wall_s", "initial_pose", "coupling_error", "metrics"} <= set(summary)
+    assert summary["status"] == "completed"
+    assert summary["initial_pose"] == "touching"
+    assert not [key for key in summary["metrics"] if key.startswith("brace_")]
+
+
+def test_two_processes_give_identical_numbers() -> None:
+    first, second = (json.loads(call("run", "incline30_mixed", "--json").stdout)["metrics"] for _ in range(2))
+    assert first == second
+
+
+BAD = [
+    (["run", "incline3"], ["did you mean incline30?"]),
+    (["run", "no/such.toml"], ["no/such.toml", "no such scenario file"]),
+    (["run", "incline30", "--set", "plant.drop_hight=0.3m"], ["plant.drop_hight", "did you mean drop_height?"]),
+    (["run", "incline30", "--set", "plnt.drop_height=0.3m"], ["no component 'plnt'", "did you mean plant?"]),
+    (["run", "incline30", "--set", "plant.drop_height=0.3"], ["plant.drop_height", "needs a unit"]),
+    (["run", "incline30", "--set", "plant.drop_height=3 deg"], ["plant.drop_height", "expected m"]),
+    (["run", "incline30", "--set", "plant.drop_height=-1 m"], ["plant.drop_height = -1 m", "outside its range 0 ... 5 m"]),
+    (["run", "incline30", "--set", "plant.drop_height"], ["--set", "COMPONENT.PARAMETER=VALUE"]),
+    (["run", "incline30", "--set", "plant.initial_pose=sitting"], ["must be one of touching, published"]),
+    (["run", "incline30", "--set", "plant.ground_force=1 N"], ["is an output, not a parameter"]),
+    (["run", "incline30", "--step", "0.7 ms"], ["not a whole number of steps", "0.700935 ms"]),
+    (["run", "incline30", "--step", "0.5"], ["needs a unit"]),
+    (["run", "incline30", "--scheme", "jakobi"], ["jakobi"]),
+    (["run", "incline30", "--fmu", "brase=brace_bushing"], ["did you mean brace?"]),
+    (["run", "incline30", "--fmu", "brace=gone.fmu"], ["gone.fmu", "no such FMU file"]),
+    (["run", "incline30", "--fmu", "brace=brace_bushin"], ["did you mean brace_bushing?"]),
+    (["run", "incline30", "--nonsense"], ["--nonsense"]),
+    (["run"], ["SCENARIO"]),
+    (["jump"], ["jump"]),
+    (["plot", "nowhere"], ["nowhere", "no complete run"]),
+]
+
+
+@pytest.mark.parametrize(("arguments", "words"), BAD, ids=lambda v: " ".join(v) if isinstance(v, list) else str(v))
+def test_bad_input_is_one_line_and_exit_2(arguments: list[str], words: list[str], tmp_path: Path) -> None:
+    refused(call(*arguments, cwd=tmp_path), 2, *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+FILES = [
+    ('base = "incline30"\n[parameter]\n', ["unknown key 'parameter'", "did you mean parameters?"]),
+    ('base = "incline30"\n[parameters]\nplant.drop_height = "0.3 m"\n', ["quote names with a dot"]),
+    ('base = "incline30"\n[parameters]\n"plant.drop_height" = 0.3\n', ['needs a unit, for example "0.3 m"']),
+    ('base = "incline30_brace"\n', None),
+    ('base = "second"\n', ["one level is allowed"]),
+    ('base = "incline30"\n[connections]\n"plant.ext_dig_excitation" = "controller.ext_dig_excitatio"\n', ["did you mean ext_dig_excitation?"]),
+    (
+        'base = "incline30"\n[connections]\n"plant.ext_dig_excitation" = "controller.ext_dig_stretch_velocity"\n',
+        ["is an input; only an output can feed an input"],
+    ),
+    ('base = "incline30"\n[connections]\n"plant.ext_dig_excitation" = "plant.ground_force"\n', ["the units do not match"]),
+    ('base = "incline30"\n[connections]\n"a" = "b"\n"a" = "c"\n', ["not valid TOML"]),
+    ('base = "incline30"\n[master]\ncommunication_step = 0.5\n', ["master.communication_step", "needs a unit"]),
+    ('base = "incline30"\n[master]\nstep = "0.5 ms"\n', ["unknown key 'step'"]),
+    ('base = "incline30"\n[components.brace]\nfmu = "gone.fmu"\n', ["gone.fmu", "no such FMU file"]),
+    ('base = "incline30"\n[components.brace]\nfmu = "broken.fmu"\n', ["broken.fmu", "not a readable zip archive"]),
+    ("[components]\n", ["no components"]),
+    ("title = 3\n", ["title: must be text"]),
+    ("=", ["not valid TOML"]),
+]
+
+
+@pytest.mark.parametrize(("text", "words"), FILES, ids=[str(k) for k in range(len(FILES))])
+def test_bad_scenario_files(text: str, words: list[str] | None, tmp_path: Path) -> None:
+    (tmp_path / "case.toml").write_text(text)
+    (tmp_path / "second.toml").write_text('base = "incline30"\n')
+    (tmp_path / "broken.fmu").write_bytes(b"not a zip archive")
+    outcome = call("run", "case.toml", "--out", "out", cwd=tmp_path)
+    if words is None:  # a shipped scenario with a base of its own
+        refused(outcome, 2, "one level is allowed")
+    else:
+        refused(outcome, 2, "case.toml", *words)
+    assert not (tmp_path / "out").exists()
+
+
+def test_all_problems_of_a_file_at_once(tmp_path: Path) -> None:
+    (tmp_path / "case.toml").write_text(
+        'base = "incline30"\n[parameters]\n"plant.drop_height" = 0.3\n"plant.platform_incline" = "30 m"\n"plant.gravity" = 9.81\n'
+    )
+    refused(call("run", "case.toml", cwd=tmp_path), 2, "3 problems", "plant.drop_height", "plant.platform_incline", "plant.gravity")
+
+
+FAULTS = {
+    "nan": ('def step(self, time, step):\n    self["subtalar_torque"] = float("nan") if time > 0.01 else 0.0', ["brace: subtalar_torque = nan at 0.011"]),
+    "raises": (
+        'def step(self, time, step):\n    if time > 0.01:\n        raise RuntimeError("the strap broke")',
+        ["brace: reported a fatal error in the step from 0.0105 s", "RuntimeError: the strap broke"],
+    ),
+    "at the start": ('def initialise(self):\n    raise RuntimeError("no strap")', ["brace: reported a fatal error", "RuntimeError: no strap"]),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_failing_device_ends_the_run_with_exit_3(fault: str, tmp_path: Path) -> None:
+    body, words = FAULTS[fault]
+    fmu = make_fmu(tmp_path, "faulty", brace_variables(), body)
+    outcome = call("run", "incline30", "--fmu", f"brace={fmu}", "--out", str(tmp_path / "out"))
+    refused(outcome, 3, *words)
+    assert not (tmp_path / "out").exists()
+    summary = json.loads(call("run", "incline30", "--fmu", f"brace={fmu}", "--json").stdout)
+    assert summary["status"] == "failed"
+    assert summary["metrics"] == {}
+
+
+def test_a_step_the_device_cannot_take(tmp_path: Path) -> None:
+    fmu = make_fmu(tmp_path, "slow", brace_variables(), "def step(self, time, step):\n    pass", "FIXED_STEP = 0.001")
+    refused(call("run", "incline30", "--fmu", f"brace={fmu}"), 2, "brace takes only whole multiples of its own 1 ms", "use 1 ms or 2 ms")
+    assert call("run", "incline30", "--fmu", f"brace={fmu}", "--step", "1 ms").returncode == 0
+
+
+def test_an_input_fed_twice(tmp_path: Path) -> None:
+    (tmp_path / "case.toml").write_text('base = "incline30_brace"\n')
+    (tmp_path / "case.toml").write_text('base = "incline30"\n[components.brace]\nfmu = "brace_bushing"\n[components.second]\nfmu = "brace_bushing"\n')
+    refused(call("run", "case.toml", cwd=tmp_path), 2, "plant.brace_rotation_x_torque: fed by brace.rotation_x_torque and by second.rotation_x_torque")
+
+
+def test_a_device_that_lacks_a_parameter_gets_one_warning(tmp_path: Path) -> None:
+    fmu = make_fmu(tmp_path, "spring", brace_variables(), 'def refresh(self):\n    self["subtalar_torque"] = -self["k"] * self["subtalar_angle"]\n\n'
+                   "def initialise(self):\n    self.refresh()\n\ndef step(self, time, step):\n    self.refresh()")  # fmt: skip
+    outcome = call("run", "incline30_brace", "--fmu", f"brace={fmu}", "--json")
+    assert outcome.returncode == 0
+    assert outcome.stderr.splitlines() == ["warning: brace: spring.fmu has no angle_scale; the scenario's value is dropped"]
+    assert json.loads(outcome.stdout)["dropped"] == ["brace.angle_scale"]
+    refused(call("run", "incline30_brace", "--fmu", f"brace={fmu}", "--set", "brace.angle_scale=2"), 2, "brace has no variable 'angle_scale'")
+
+
+def test_a_folder_in_use_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("precious")
+    refused(call("run", "incline30", "--out", str(tmp_path)), 2, "holds other files (thesis.tex)")
+    assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_an_output_that_cannot_be_written(tmp_path: Path) -> None:
+    refused(call("run", "incline30", "--out", "/dev/null/run"), 4, "cannot be written")
+
+
+def test_cache_that_cannot_be_written() -> None:
+    refused(call("run", "incline30", SPRAIN_COSIM_CACHE="/dev/null/cache"), 4, "SPRAIN_COSIM_CACHE")
+
+
+def test_lists_and_doctor() -> None:
+    listed = call("scenarios")
+    assert [line.split()[0] for line in listed.stdout.splitlines()] == sorted(
+        ["incline30", "incline30_brace", "incline30_coactivation", "incline30_mixed", "incline30_reflex", "level"]
+    )
+    healthy = call("doctor")
+    assert healthy.returncode == 0
+    assert "peak subtalar angle 49.6 deg" in healthy.stdout
+    assert call("--version").stdout.startswith("sprain-cosim, version ")
+
+
+def test_help_does_not_load_the_heavy_libraries() -> None:
+    code = """if True:
+        import sys
+        from sprain_cosim.cli import main
+        try:
+            main(["--help"])
+        except SystemExit:
+            print(sorted({"numpy", "fmpy", "pandas", "matplotlib", "numba"} & set(sys.modules)))
+    """
+    outcome = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert outcome.stdout.strip().endswith("[]")

@@ -1,0 +1,35 @@
+"""Fixtures for all tests, and one line that says what was skipped for want of the reference numbers."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from tests.reference import FOLDER
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    missing = [r for r in terminalreporter.stats.get("skipped", []) if "reference numbers not found" in str(r.longrepr)]
+    if missing:
+        terminalreporter.write_line(f"{len(missing)} tests skipped: no reference numbers in {FOLDER} (set SPRAIN_REFERENCE)")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def cache(tmp_path_factory: pytest.TempPathFactory):
+    """Unpacked FMUs go to a fresh folder; compiled kernels stay in the user's cache, where they were compiled once."""
+    from pathlib import Path
+
+    from sprain_cosim import archive
+
+    real = archive.cache_folder()
+    fresh = tmp_path_factory.mktemp("cache")
+    (real / "kernels").mkdir(parents=True, exist_ok=True)
+    (fresh / "kernels").symlink_to((real / "kernels").resolve(), target_is_directory=True)
+    before = os.environ.get("SPRAIN_COSIM_CACHE")
+    os.environ["SPRAIN_COSIM_CACHE"] = str(fresh)
+    yield Path(fresh)
+    if before is None:
+        del os.environ["SPRAIN_COSIM_CACHE"]
+    else:
+        os.environ["SPRAIN_COSIM_CACHE"] = before

@@ -1,0 +1,124 @@
+"""Components without FMUs: a few lines of Python behind the protocol that the master drives, and small FMUs built from source text."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sprain_cosim.component import Capabilities, Connector
+from sprain_cosim.export import build_fmu
+from sprain_cosim.units import unit
+
+FMUS = Path(__file__).parent.parent / "fmus"
+
+
+def connector(name: str, causality: str, in_unit: str | None = "1", **more: Any) -> Connector:
+    return Connector(name, 0, causality, "real", unit(in_unit) if in_unit else None, **more)
+
+
+@dataclass(frozen=True)
+class FakeComponent:
+    """`law(state, inputs, time, step)` returns the new state; `outputs(state, inputs)` the outputs."""
+
+    name: str
+    connectors: Mapping[str, Connector]
+    law: Callable[..., Any] = lambda state, inputs, time, step: state
+    output: Callable[..., Sequence[float]] = lambda state, inputs: ()
+    initial: Any = 0.0
+    capabilities: Capabilities = field(default_factory=lambda: Capabilities("2.0", state=True, reusable=True))
+    journal: list[str] = field(default_factory=list)
+
+    def select(self, causality: str) -> dict[str, Connector]:
+        return {n: c for n, c in self.connectors.items() if c.causality == causality}
+
+    @property
+    def inputs(self) -> dict[str, Connector]:
+        return self.select("input")
+
+    @property
+    def outputs(self) -> dict[str, Connector]:
+        return self.select("output")
+
+    @property
+    def parameters(self) -> dict[str, Connector]:
+        return self.select("parameter")
+
+    def open(self) -> FakeInstance:
+        return FakeInstance(self)
+
+
+class FakeInstance:
+    def __init__(self, component: FakeComponent) -> None:
+        self.component, self.parameters = component, {}
+        self.reset()
+
+    def bind(self, bus: np.ndarray, inputs: Sequence[str], first_input: int, outputs: Sequence[str], first_output: int) -> None:
+        self.bus, self.names = bus, list(inputs)
+        self.place, self.out = slice(first_input, first_input + len(inputs)), slice(first_output, first_output + len(outputs))
+        self.inputs = dict.fromkeys(self.component.inputs, 0.0)
+
+    def note(self, what: str) -> None:
+        self.component.journal.append(what)
+
+    def set(self, values: Mapping[str, float]) -> None:
+        self.parameters.update(values)
+
+    def start(self, time: float, stop: float) -> None:
+        self.note("start")
+        self.state = self.component.initial
+
+    def finish_start(self) -> None:
+        self.note("finish_start")
+
+    def push(self) -> None:
+        self.inputs.update(zip(self.names, self.bus[self.place].tolist(), strict=True))
+
+    def pull(self) -> None:
+        self.bus[self.out] = self.component.output(self.state, self.inputs)
+
+    def step(self, time: float, step: float) -> None:
+        self.note(f"step {time!r}")
+        self.state = self.component.law(self.state, self.inputs, time, step)
+
+    def save(self) -> Any:
+        return self.state
+
+    def restore(self, state: Any) -> None:
+        self.state = state
+
+    def release(self, state: Any) -> None:
+        pass
+
+    def reset(self) -> None:
+        self.state = self.component.initial
+
+    def close(self) -> None:
+        self.note("close")
+
+
+def make_fmu(folder: Path, name: str, variables: str, slave: str, extra: str = "") -> Path:
+    """An FMU from the text of `variables()`'s list and of the slave's methods."""
+    model = folder / name
+    model.mkdir(parents=True)
+    (model / "interface.py").write_text(f'MODEL = "{name}"\nDESCRIPTION = "made by a test"\n{extra}\n\ndef variables():\n    return {variables}\n')
+    body = textwrap.indent(textwrap.dedent(slave).strip(), "    ")
+    (model / "slave.py").write_text(
+        f"from .._fmi import Fmi2Slave\nfrom .interface import variables\n\n\nclass Slave(Fmi2Slave):\n    variables = variables()\n\n{body}\n"
+    )
+    target = folder / f"{name}.fmu"
+    build_fmu(model, target, FMUS / "_fmi.py")
+    return target
+
+
+def brace_variables(angle_unit: str = "rad", torque_unit: str = "N.m", axis: str = "subtalar") -> str:
+    """The list for a device with one axis and a stiffness [N.m/rad]."""
+    return f"""[
+        dict(name="k", causality="parameter", variability="fixed", unit="N.m/rad", start=50.0, description="stiffness"),
+        dict(name="{axis}_angle", causality="input", variability="continuous", unit="{angle_unit}", start=0.0, description="angle"),
+        dict(name="{axis}_torque", causality="output", variability="continuous", unit="{torque_unit}", description="torque", depends=["{axis}_angle"]),
+    ]"""

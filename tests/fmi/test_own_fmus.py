@@ -1,0 +1,219 @@
+"""The project's own FMUs seen from outside: description, reproducible build, reset, rollback, other masters."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sprain_cosim.component import Component
+from sprain_cosim.errors import SimulationError
+from sprain_cosim.export import build_fmu
+from sprain_cosim.scenario import PACKAGE, load_scenario
+from tests.fake import FMUS, brace_variables, make_fmu
+
+NAMES = ("plant", "reflex_controller", "brace_bushing")
+EVERTOR, INVERTOR = "ext_dig", "tib_post"
+
+
+def component(name: str) -> Component:
+    return Component.read(name, PACKAGE / "_fmus" / f"{name}.fmu")
+
+
+class Bench:
+    """One instance with all inputs and outputs on a bus, by name."""
+
+    def __init__(self, chosen: Component, **parameters: float) -> None:
+        self.instance = chosen.open()
+        inputs, outputs = list(chosen.inputs), list(chosen.outputs)
+        self.bus = np.zeros(len(inputs) + len(outputs))
+        self.at = {n: k for k, n in enumerate([*inputs, *outputs])}
+        self.instance.bind(self.bus, inputs, 0, outputs, len(inputs))
+        self.start(**parameters)
+
+    def start(self, **parameters: float) -> None:
+        self.bus[:] = 0.0
+        self.instance.set(parameters)
+        self.instance.start(0.0, 1.0)
+        self.instance.push()
+        self.instance.finish_start()
+        self.instance.pull()
+
+    def step(self, time: float, step: float, **inputs: float) -> np.ndarray:
+        for name, value in inputs.items():
+            self.bus[self.at[name]] = value
+        self.instance.push()
+        self.instance.step(time, step)
+        self.instance.pull()
+        return self.bus.copy()
+
+    def __getitem__(self, name: str) -> float:
+        return float(self.bus[self.at[name]])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_fmpy_finds_nothing_to_complain_about(name: str) -> None:
+    from fmpy.validation import validate_fmu
+
+    assert validate_fmu(PACKAGE / "_fmus" / f"{name}.fmu") == []
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_fmpy_simulates_it_alone(name: str) -> None:
+    outcome = subprocess.run([sys.executable, "-m", "fmpy", "simulate", str(PACKAGE / "_fmus" / f"{name}.fmu")], capture_output=True, text=True, timeout=120)
+    assert outcome.returncode == 0, outcome.stderr
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_rebuilding_gives_the_same_bytes(name: str, tmp_path: Path) -> None:
+    build_fmu(FMUS / name, tmp_path / "a.fmu")
+    build_fmu(FMUS / name, tmp_path / "b.fmu")
+    assert (tmp_path / "a.fmu").read_bytes() == (tmp_path / "b.fmu").read_bytes() == (PACKAGE / "_fmus" / f"{name}.fmu").read_bytes()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_everything_has_unit_start_and_a_name_of_its_own(name: str) -> None:
+    described = component(name)
+    assert described.warnings == ()
+    assert described.capabilities.state
+    for c in described.connectors.values():
+        assert c.unit is not None or c.items, c.name
+        assert c.description, c.name
+        assert c.causality == "output" or c.start is not None, c.name
+    modules = {Path(n).parts[1] for n in zipfile.ZipFile(described.fmu).namelist() if n.startswith("resources/") and n.endswith("/_fmi.py")}
+    assert len(modules) == 1
+    assert next(iter(modules)).startswith(f"{name}_")
+
+
+def test_contract_signals_of_the_plant() -> None:
+    plant = component("plant")
+    axes = ("talocrural", "subtalar", "dorsiflexion", "inversion", "internal_rotation", "rotation_x", "rotation_y", "rotation_z")
+    for axis in axes:
+        assert {f"{axis}_angle", f"{axis}_velocity", f"{axis}_effective_inertia", f"anatomy_{axis}_moment", f"brace_{axis}_moment"} <= set(plant.outputs)
+        assert {f"brace_{axis}_torque", f"brace_{axis}_stiffness", f"brace_{axis}_damping"} <= set(plant.inputs)
+    assert {"brace_inversion_dorsiflexion_stiffness", "brace_rotation_x_rotation_y_damping"} <= set(plant.inputs)
+    assert {"ground_force_x", "ground_force", "in_contact", "evertor_activation", "jcs_inversion_raw_angle"} <= set(plant.outputs)
+
+
+def test_reset_equals_a_fresh_instance() -> None:
+    for name in ("incline30_mixed", "incline30"):
+        scenario = load_scenario(name)
+        with scenario.open() as session:
+            first = session.run()
+            session.run({"plant.drop_height": 0.4, "plant.subtalar_angle_at_contact": 0.1})
+            again = session.run()
+        with scenario.open() as fresh:
+            other = fresh.run()
+        assert (first.values == again.values).all()
+        assert (first.values == other.values).all()
+
+
+def test_two_scenarios_in_one_process_do_not_disturb_each_other() -> None:
+    a, b = load_scenario("incline30_brace"), load_scenario("incline30_reflex")
+    alone = a.run().values, b.run().values
+    with a.open() as one, b.open() as two:
+        together = one.run().values, two.run().values
+        later = one.run().values, two.run().values
+    for k in range(2):
+        assert (alone[k] == together[k]).all()
+        assert (alone[k] == later[k]).all()
+
+
+def test_plant_rolls_back_to_the_bit() -> None:
+    bench = Bench(component("plant"), contact_modulus=4.5e7)
+    for k in range(100):
+        bench.step(k * 5e-4, 5e-4, brace_subtalar_torque=-0.1 * k)
+    state = bench.instance.save()
+    first = [bench.step(0.05 + k * 5e-4, 5e-4, brace_subtalar_torque=-20.0, brace_subtalar_stiffness=50.0) for k in range(20)]
+    bench.instance.restore(state)
+    second = [bench.step(0.05 + k * 5e-4, 5e-4, brace_subtalar_torque=-20.0, brace_subtalar_stiffness=50.0) for k in range(20)]
+    assert (np.array(first) == np.array(second)).all()
+
+
+def test_controller_rolls_back_with_its_delay_line() -> None:
+    bench = Bench(component("reflex_controller"), reflex_gain=3.0, reflex_delay=0.0043)
+    signal = np.random.default_rng(5).normal(size=60)
+    for k in range(30):
+        bench.step(k * 5e-4, 5e-4, **{f"{EVERTOR}_stretch_velocity": signal[k]})
+    state = bench.instance.save()
+    first = [bench.step(k * 5e-4, 5e-4, **{f"{EVERTOR}_stretch_velocity": signal[k]}) for k in range(30, 60)]
+    bench.instance.restore(state)
+    second = [bench.step(k * 5e-4, 5e-4, **{f"{EVERTOR}_stretch_velocity": signal[k]}) for k in range(30, 60)]
+    assert (np.array(first) == np.array(second)).all()
+
+
+@pytest.mark.parametrize("h", [1e-4, 5e-4, 7e-4, 1e-3])
+@pytest.mark.parametrize("delay", [0.0101, 0.06])
+def test_reflex_is_the_stretch_one_delay_ago(h: float, delay: float) -> None:
+    """excitation = c + gain * max(0, stretch velocity one delay before the middle of the coming step); exact for a signal linear in time."""
+    gain, ratio, c = 2.0, 0.9322, 0.1
+    bench = Bench(component("reflex_controller"), coactivation=c, reflex_gain=gain, reflex_delay=delay)
+    assert bench[f"{EVERTOR}_excitation"] == pytest.approx(c)
+    assert bench[f"{INVERTOR}_excitation"] == pytest.approx(ratio * c)
+    for k in range(200):
+        t = (k + 1) * h
+        bench.step(k * h, h, **{f"{EVERTOR}_stretch_velocity": 3.0 * t, f"{INVERTOR}_stretch_velocity": -t})
+        past = t + 0.5 * h - delay
+        assert bench[f"{EVERTOR}_excitation"] == pytest.approx(c + gain * 3.0 * max(0.0, past), abs=1e-12)
+        assert bench[f"{INVERTOR}_excitation"] == pytest.approx(ratio * c, abs=1e-12)
+
+
+def test_bushing_brace_torque_stiffness_and_energy() -> None:
+    """Torque and stiffness are the first and second derivatives of the stored energy (central differences)."""
+    bench = Bench(component("brace_bushing"), angle_scale=1.7, torque_scale=0.8)
+    rng = np.random.default_rng(2)
+
+    def at(angles: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        bench.step(0.0, 1e-3, **{f"rotation_{a}_angle": v for a, v in zip("xyz", angles, strict=True)})
+        return bench["stored_energy"], np.array([bench[f"rotation_{a}_torque"] for a in "xyz"]), np.array([bench[f"rotation_{a}_stiffness"] for a in "xyz"])
+
+    for angles in rng.uniform(-0.6, 0.6, (20, 3)):
+        _, torque, stiffness = at(angles)
+        for i in range(3):
+            d = 1e-5 * np.eye(3)[i]
+            up, down = at(angles + d), at(angles - d)
+            assert torque[i] == pytest.approx(-(up[0] - down[0]) / 2e-5, rel=1e-6, abs=1e-6)
+            assert stiffness[i] == pytest.approx(-(up[1][i] - down[1][i]) / 2e-5, rel=1e-6, abs=1e-6)
+
+
+def test_a_parameter_cannot_change_during_a_run() -> None:
+    bench = Bench(component("plant"))
+    bench.step(0.0, 5e-4)
+    with pytest.raises(SimulationError, match=r"plant: .* setting drop_height = 0.4: .*can only be set before initialisation"):
+        bench.instance.set({"drop_height": 0.4})
+
+
+def test_the_plant_states_the_range_it_refuses() -> None:
+    with pytest.raises(SimulationError, match=r"drop_height = -1 m: must lie between 0 and 5"):
+        Bench(component("plant"), drop_height=-1.0)
+
+
+def test_a_hundred_instances_live_and_die() -> None:
+    brace = component("brace_bushing")
+    for _ in range(100):
+        bench = Bench(brace, angle_scale=2.0)
+        bench.step(0.0, 1e-3, rotation_x_angle=0.1)
+        torque = bench["rotation_x_torque"]
+        bench.instance.close()
+    assert torque == pytest.approx(-0.2 * (9.52095038 + 0.2 * (-29.57608094 + 0.2 * 169.01588105)))
+
+
+def test_python_fmus_with_the_same_module_names_do_not_mix(tmp_path: Path) -> None:
+    law = 'def refresh(self):\n    self["subtalar_torque"] = {} * self["subtalar_angle"]\n\ndef initialise(self):\n    self.refresh()\n\ndef step(self, time, step):\n    self.refresh()'
+    fmus = [make_fmu(tmp_path / str(k), "spring", brace_variables(), law.format(k)) for k in (-1.0, -2.0)]
+    benches = [Bench(Component.read("brace", fmu)) for fmu in fmus]
+    for bench in benches:
+        bench.step(0.0, 1e-3, subtalar_angle=0.5)
+    assert [bench["subtalar_torque"] for bench in benches] == [-0.5, -1.0]
+
+
+def test_a_process_with_python_fmus_ends_quietly() -> None:
+    """PythonFMU's binary frees its interpreter state twice at the end of the process unless told otherwise."""
+    code = "from sprain_cosim import load_scenario\nfor _ in range(2):\n    load_scenario('incline30_mixed').run()\nprint('done')"
+    for _ in range(3):
+        outcome = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=FMUS.parent, timeout=120)
+        assert (outcome.returncode, outcome.stdout.strip(), outcome.stderr) == (0, "done", "")

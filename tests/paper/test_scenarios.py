@@ -1,0 +1,68 @@
+"""The six scenarios against the paper's study means (Yoder, Petrella & Farrokhi 2021, doi 10.3389/fbioe.2021.765331; the published base
+cases, and the same landings with the foot just touching simulated with OpenSim 4.6), and their numerical convergence."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from sprain_cosim.scenario import load_scenario
+
+PUBLISHED = {"level": 0.8, "incline30": 48.5, "incline30_reflex": 42.1, "incline30_coactivation": 30.4, "incline30_brace": 30.0, "incline30_mixed": 30.8}
+TOUCHING = {"level": 1.1, "incline30": 49.6, "incline30_reflex": 38.6, "incline30_coactivation": 31.6, "incline30_brace": 29.8, "incline30_mixed": 28.3}
+CASES = [(name, pose, peak) for pose, peaks in (("published", PUBLISHED), ("touching", TOUCHING)) for name, peak in peaks.items()]
+
+# mean and standard deviation of the inputs (Table 1 of the paper; angles in rad)
+PLANT = {
+    "plant.drop_height": (0.30, 0.05),
+    "plant.talocrural_angle_at_contact": (math.radians(-34.0), math.radians(5.0)),
+    "plant.subtalar_angle_at_contact": (0.0, math.radians(5.0)),
+    "plant.contact_modulus": (50e6, 5e6),
+    "plant.contact_dissipation": (5.0, 1.0),
+    "plant.passive_angle_scale": (1.0, 0.0625),
+    "plant.ankle_strength_scale": (1.0, 0.05),
+}
+MIXED = {**PLANT, "brace.angle_scale": (1.5, 0.0625), "controller.coactivation": (0.20, 0.05), "controller.reflex_gain": (5.0, 1.0)}
+
+
+def peak(name: str, pose: str, step: str | None = None, tolerance: float | None = None, **_: object) -> float:
+    scenario = load_scenario(name).override("plant.initial_pose", pose).with_master(communication_step=step)
+    if tolerance:
+        scenario = scenario.override("plant.tolerance", tolerance)
+    return scenario.run().metrics["peak_subtalar_angle_deg"]
+
+
+@pytest.mark.parametrize(("name", "pose", "expected"), CASES)
+def test_peak_subtalar_supination(name: str, pose: str, expected: float) -> None:
+    assert peak(name, pose) == pytest.approx(expected, abs=0.5)
+
+
+@pytest.mark.parametrize(("name", "pose"), [(name, pose) for name, pose, _ in CASES])
+def test_a_tenth_of_the_tolerance_and_half_the_step_change_little(name: str, pose: str) -> None:
+    assert peak(name, pose, "0.25 ms", 2e-4) == pytest.approx(peak(name, pose), abs=0.2)
+
+
+def corners(inputs: dict[str, tuple[float, float]]) -> list[dict[str, float]]:
+    """All at +3 SD, all at -3 SD, 20 seeded random sign patterns; shares stay at or above zero."""
+    rng = np.random.default_rng(20211208)
+    signs = [np.ones(len(inputs)), -np.ones(len(inputs)), *rng.choice([-1.0, 1.0], (20, len(inputs)))]
+    return [
+        {name: max(mean + 3 * s * sd, 0.0) if mean > 0 else mean + 3 * s * sd for s, (name, (mean, sd)) in zip(sign, inputs.items(), strict=True)}
+        for sign in signs
+    ]
+
+
+@pytest.mark.parametrize("pose", ["published", "touching"])
+@pytest.mark.parametrize(("name", "inputs"), [("incline30", PLANT), ("incline30_mixed", MIXED)])
+def test_corners_are_as_converged_as_the_mean(name: str, inputs: dict[str, tuple[float, float]], pose: str) -> None:
+    scenario = load_scenario(name).override("plant.initial_pose", pose)
+    fine = scenario.with_master(communication_step="0.25 ms").override("plant.tolerance", 2e-4)
+    with scenario.open() as usual, fine.open() as better:
+        changes = []
+        for corner in corners(inputs):
+            results = usual.run(corner), better.run(corner)
+            assert [r.status for r in results] == ["completed", "completed"], [r.message for r in results]
+            changes.append(results[0].metrics["peak_subtalar_angle_deg"] - results[1].metrics["peak_subtalar_angle_deg"])
+    assert max(map(abs, changes)) < 0.2

@@ -1,0 +1,79 @@
+"""The master's time grid, its order of calls and its failure policy, on components made of lambdas."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from sprain_cosim.errors import InputError, SimulationError
+from sprain_cosim.master import Master
+from sprain_cosim.system import System
+from tests.fake import FakeComponent, connector
+
+
+def ramp(**more) -> FakeComponent:
+    return FakeComponent("a", {"y": connector("y", "output")}, law=lambda s, i, t, h: s + h, output=lambda s, i: [s], **more)
+
+
+def test_communication_points_come_from_the_integer() -> None:
+    part = ramp()
+    result = Master(communication_step=1e-4, stop=0.3).run(System((part,), {}).open(), {})
+    assert result.status == "completed"
+    assert len(result.time) == 3001
+    assert result.time[-1] == 3000 * 1e-4
+    steps = [float(line.split()[1]) for line in part.journal if line.startswith("step")]
+    assert steps == [k * 1e-4 for k in range(3000)]
+
+
+@pytest.mark.parametrize(
+    ("master", "words"),
+    [
+        (Master(communication_step=7e-4), "nearest that are: 0.700935 ms and 0.697674 ms"),
+        (Master(communication_step=0.0), "must be positive"),
+        (Master(communication_step=math.nan), "must be positive"),
+        (Master(stop=0.0), "must lie after the start"),
+        (Master(communication_step=1e-9, stop=1.0), "at most 10 000 000"),
+    ],
+)
+def test_times_that_do_not_fit(master: Master, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        _ = master.steps
+
+
+def test_a_value_that_is_not_finite_ends_the_run() -> None:
+    part = FakeComponent("a", {"y": connector("y", "output")}, law=lambda s, i, t, h: math.nan if t > 1.2e-3 else s, output=lambda s, i: [s])
+    result = Master(stop=5e-3).run(System((part,), {}).open(), {})
+    assert (result.status, result.message) == ("failed", "a: y = nan at 0.002 s")
+    assert len(result.time) == len(result.values) == 4
+    assert np.isfinite(result.values).all()
+    assert result.metrics == {}
+
+
+def test_an_error_in_a_step_ends_the_run() -> None:
+    def law(state, inputs, time, step):
+        raise SimulationError("a: reported an error")
+
+    result = Master(stop=5e-3).run(System((FakeComponent("a", {"y": connector("y", "output")}, law=law, output=lambda s, i: [s]),), {}).open(), {})
+    assert (result.status, len(result.time)) == ("failed", 1)
+
+
+def test_later_components_see_the_newest_outputs() -> None:
+    """Gauss-Seidel: the follower's output at t(k+1) is the leader's at t(k+1)."""
+    leader = FakeComponent("lead", {"y": connector("y", "output")}, law=lambda s, i, t, h: t + h, output=lambda s, i: [s])
+    follower = FakeComponent(
+        "follow",
+        {"x": connector("x", "input"), "y": connector("y", "output", depends_on=())},
+        law=lambda s, i, t, h: i["x"],
+        output=lambda s, i: [s],
+    )
+    result = Master(stop=5e-3).run(System((leader, follower), {"follow.x": "lead.y"}).open(), {})
+    assert result["follow.y"][1:] == pytest.approx(result.time[1:])
+    assert result["follow.x"] == pytest.approx(result["lead.y"])
+
+
+def test_runs_of_one_assembly_are_independent() -> None:
+    assembly = System((ramp(),), {}).open()
+    first, second = Master().run(assembly, {}), Master().run(assembly, {})
+    assert (first.values == second.values).all()

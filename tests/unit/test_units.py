@@ -1,0 +1,82 @@
+"""Units: names, dimensions, quantities."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sprain_cosim.errors import InputError
+from sprain_cosim.units import SYMBOLS, Unit, quantity, unit
+
+
+@pytest.mark.parametrize(
+    ("text", "value", "dimension"),
+    [
+        ("N.m/rad", 1.0, "kg.m2/(s2.rad)"),
+        ("N*m", 1.0, "kg.m2/s2"),
+        ("N.mm", 1e-3, "kg.m2/s2"),
+        ("lbf.in", 0.45359237 * 9.80665 * 0.0254, "kg.m2/s2"),
+        ("deg/s", math.pi / 180, "rad/s"),
+        ("MPa/m", 1e6, "kg/(m2.s2)"),
+        ("kg.m^2", 1.0, "kg.m2"),
+        ("m/s2", 1.0, "m/s2"),
+        ("W/(m.K)", 1.0, "kg.m/(s3.K)"),
+        ("%", 0.01, "1"),
+        ("ms", 1e-3, "s"),
+        ("min", 60.0, "s"),
+    ],
+)
+def test_factor_and_dimension(text: str, value: float, dimension: str) -> None:
+    assert unit(text).factor == pytest.approx(value, rel=1e-14)
+    assert unit(text).dimension() == dimension
+
+
+@pytest.mark.parametrize("text", ["furlong", "N.", "m//s", "", "m/s/s", "degC/s", "kkg"])
+def test_unknown_units_are_refused(text: str) -> None:
+    with pytest.raises(InputError, match="unit"):
+        unit(text)
+
+
+def test_quantity_converts() -> None:
+    assert quantity("0.5 ms", unit("s"), "step") == pytest.approx(5e-4)
+    assert quantity("30deg", unit("rad"), "angle") == pytest.approx(math.pi / 6)
+    assert quantity("20 %", unit("1"), "share") == pytest.approx(0.2)
+    assert quantity("20 degC", unit("K"), "t") == pytest.approx(293.15)
+    assert quantity("4.5 N.m", unit("N.mm"), "torque") == pytest.approx(4500.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (0.3, 'needs a unit, for example "0.3 m"'),
+        ("0.3", 'needs a unit, for example "0.3 m"'),
+        ("0.3 rad", "has the dimension rad, expected m"),
+        ("0.3 mn", "unknown symbol 'mn'"),
+        ("tall", "expected a number and a unit"),
+        (True, "expected a number"),
+        ("nan m", "expected a number"),
+        (float("inf"), "must be finite"),
+        ("1e999 m", "must be finite"),
+    ],
+)
+def test_quantity_says_what_is_wrong(value: object, words: str) -> None:
+    with pytest.raises(InputError) as problem:
+        quantity(value, unit("m"), "plant.drop_height")
+    assert words in str(problem.value)
+    assert str(problem.value).startswith("plant.drop_height")
+
+
+@given(st.floats(-1e6, 1e6), st.sampled_from(sorted(SYMBOLS)))
+def test_there_and_back(value: float, symbol: str) -> None:
+    u = unit(symbol)
+    assert u.from_base(u.to_base(value)) == pytest.approx(value, rel=1e-12, abs=1e-9)
+
+
+@given(st.text(max_size=20))
+def test_any_text_gives_a_unit_or_an_input_error(text: str) -> None:
+    with contextlib.suppress(InputError):
+        assert isinstance(unit(text), Unit)
