@@ -125,14 +125,16 @@ class Component:
 class Instance(Protocol):
     """A running component. Order of the calls: bind - set - start - (push, pull)* - finish_start - (push, step, pull)* - reset or close.
 
-    `push` sends the bound inputs from the bus, `pull` fetches the bound outputs onto it. After a SimulationError only `close` may be called."""
+    `bind` lays `inputs` and `outputs` on the bus, the first `exchanged` outputs being those that others need. `push` sends the inputs from the
+    bus, `pull` fetches all outputs onto it, `pull_exchanged` only those. After a SimulationError only `close` may be called."""
 
-    def bind(self, bus: np.ndarray, inputs: Sequence[str], first_input: int, outputs: Sequence[str], first_output: int) -> None: ...
+    def bind(self, bus: np.ndarray, inputs: Sequence[str], first_input: int, outputs: Sequence[str], first_output: int, exchanged: int) -> None: ...
     def set(self, values: Mapping[str, float]) -> None: ...
     def start(self, time: float, stop: float) -> None: ...
     def finish_start(self) -> None: ...
     def push(self) -> None: ...
     def pull(self) -> None: ...
+    def pull_exchanged(self) -> None: ...
     def step(self, time: float, step: float) -> None: ...
     def save(self) -> Any: ...
     def restore(self, state: Any) -> None: ...
@@ -250,6 +252,7 @@ _TYPES: dict[str, tuple[str, Any]] = {
 }
 
 
+_Calls = tuple[list[tuple[Any, tuple[Any, ...]]], list[tuple[np.ndarray, slice]]]  # library calls, and values that are not real
 _counter = itertools.count(1)
 _messages: dict[str, deque[str]] = {}  # by instance name: all instances share one logger
 MAX_MESSAGES = 100
@@ -301,9 +304,6 @@ class Fmi2Instance:
         self._functions = {
             name: dll[f"fmi2{name}"] for name in ("DoStep", *(f"{verb}{kind}" for verb in ("Get", "Set") for kind in ("Real", "Integer", "Boolean")))
         }
-        self._pushes: list[tuple[Any, ...]] = []
-        self._pulls: list[tuple[Any, ...]] = []
-        self._transfers: tuple[list[Any], list[Any]] = ([], [])
         self._broken = False
         self._instance = ctypes.c_void_p()  # one object for all prepared calls, also after a fresh instantiation
         self._instantiate()
@@ -316,13 +316,15 @@ class Fmi2Instance:
             raise SimulationError(f"{self.component.name}: cannot be instantiated{self._said()}") from None
         self._instance.value = self._fmu.component
 
-    def bind(self, bus: np.ndarray, inputs: Sequence[str], first_input: int, outputs: Sequence[str], first_output: int) -> None:
-        self._pushes, into = self._buffers("Set", bus, inputs, first_input)
-        self._pulls, out_of = self._buffers("Get", bus, outputs, first_output)
-        self._bus, self._transfers = bus, (into, out_of)
+    def bind(self, bus: np.ndarray, inputs: Sequence[str], first_input: int, outputs: Sequence[str], first_output: int, exchanged: int) -> None:
+        self._bus = bus
+        self._sends = self._buffers("Set", inputs, first_input)
+        self._fetches = self._buffers("Get", outputs, first_output)
+        self._exchanges = self._buffers("Get", outputs[:exchanged], first_output)
 
-    def _buffers(self, verb: str, bus: np.ndarray, names: Sequence[str], first: int) -> tuple[list[Any], list[Any]]:
-        calls, conversions = [], []
+    def _buffers(self, verb: str, names: Sequence[str], first: int) -> _Calls:
+        calls: list[tuple[Any, tuple[Any, ...]]] = []
+        conversions: list[tuple[np.ndarray, slice]] = []
         connectors = [self.component.connectors[n] for n in names]
         groups: list[tuple[str, list[int]]] = []  # runs of equal type, so that reals stay contiguous on the bus
         for k, c in enumerate(connectors):
@@ -335,11 +337,11 @@ class Fmi2Instance:
             references = (ctypes.c_uint * n)(*(connectors[k].reference for k in members))
             at = first + members[0]
             if kind == "Real":
-                buffer: Any = (ctypes.c_double * n).from_buffer(bus.data, 8 * at)
+                buffer: Any = (ctypes.c_double * n).from_buffer(self._bus.data, 8 * at)
             else:
                 buffer = (ctypes.c_int * n)()
                 conversions.append((np.frombuffer(buffer, np.int32), slice(at, at + n)))
-            calls.append((self._functions[f"{verb}{kind}"], self._instance, references, ctypes.c_size_t(n), buffer))
+            calls.append((self._functions[f"{verb}{kind}"], (self._instance, references, ctypes.c_size_t(n), buffer)))
         return calls, conversions
 
     def set(self, values: Mapping[str, float]) -> None:
@@ -359,19 +361,27 @@ class Fmi2Instance:
         self._call("initialising", self._fmu.exitInitializationMode)
 
     def push(self) -> None:
-        for buffer, place in self._transfers[0]:
+        calls, conversions = self._sends
+        for buffer, place in conversions:
             buffer[:] = np.rint(self._bus[place])
-        for function, *arguments in self._pushes:
+        for function, arguments in calls:
             status = function(*arguments)
             if status > _WARNING:
                 self._check(status, "setting its inputs")
 
     def pull(self) -> None:
-        for function, *arguments in self._pulls:
+        self._fetch(self._fetches)
+
+    def pull_exchanged(self) -> None:
+        self._fetch(self._exchanges)
+
+    def _fetch(self, prepared: _Calls) -> None:
+        calls, conversions = prepared
+        for function, arguments in calls:
             status = function(*arguments)
             if status > _WARNING:
                 self._check(status, "reading its outputs")
-        for buffer, place in self._transfers[1]:
+        for buffer, place in conversions:
             self._bus[place] = buffer
 
     def step(self, time: float, step: float) -> None:

@@ -147,7 +147,10 @@ def _a(word: str) -> str:
 
 
 class Member:
-    """One instance and its place on the bus: inputs at `inputs`, outputs at `outputs`."""
+    """One instance and its place on the bus: inputs at `inputs`, outputs at `outputs`.
+
+    `late`: fed by a member that steps after it, so its inputs change once more when all have stepped. `echoes`: some outputs follow the inputs
+    at once. `sent`: it has the inputs that stand on the bus."""
 
     def __init__(self, component: Component, instance: Instance, bus: np.ndarray, inputs: slice, outputs: slice) -> None:
         self.name, self.component, self.instance = component.name, component, instance
@@ -156,7 +159,7 @@ class Member:
         self.sources = np.zeros(0, dtype=np.intp)
         self.scaled = False
         self.factor = self.offset = np.zeros(0)
-        self.echoes = False
+        self.echoes = self.late = self.sent = False
 
 
 class Assembly:
@@ -168,9 +171,14 @@ class Assembly:
         self.system = system
         self.names: list[str] = []
         self.units: list[Unit | None] = []
-        connected = {c.name: [n for n in c.inputs if f"{c.name}.{n}" in system.connections] for c in system.components}
-        for component in system.components:
-            for n in [*connected[component.name], *(n for n, c in component.outputs.items() if c.kind != "string")]:
+        needed = set(system.connections.values())
+        lists = []
+        for c in system.components:
+            inputs = [n for n in c.inputs if f"{c.name}.{n}" in system.connections]
+            outputs = sorted((n for n, o in c.outputs.items() if o.kind != "string"), key=lambda n: f"{c.name}.{n}" not in needed)
+            lists.append((c, inputs, outputs, sum(f"{c.name}.{n}" in needed for n in outputs)))
+        for component, inputs, outputs, _ in lists:
+            for n in [*inputs, *outputs]:
                 self.names.append(f"{component.name}.{n}")
                 self.units.append(component.connectors[n].unit)
         self.bus = np.zeros(len(self.names) + 1)  # the last slot stays 0: the source of what is not handed over
@@ -178,16 +186,13 @@ class Assembly:
         self.index = {name: k for k, name in enumerate(self.names)}
         self.members: list[Member] = []
         self._started = False
-        self._states: list[list] = []
         try:
             at = 0
-            for component in system.components:
-                inputs = connected[component.name]
-                outputs = [n for n, c in component.outputs.items() if c.kind != "string"]
+            for component, inputs, outputs, exchanged in lists:
                 first_output = at + len(inputs)
                 member = Member(component, component.open(), self.bus, slice(at, first_output), slice(first_output, first_output + len(outputs)))
                 self.members.append(member)
-                member.instance.bind(self.bus, inputs, at, outputs, first_output)
+                member.instance.bind(self.bus, inputs, at, outputs, first_output, exchanged)
                 at = member.outputs.stop
         except BaseException:
             self.close()
@@ -202,6 +207,7 @@ class Assembly:
             member.sources = np.array(
                 [self.index[s] if on or not n.endswith(HANDED_OVER) else len(self.names) for n, s in zip(names, sources, strict=True)], dtype=np.intp
             )
+            member.late = bool((member.sources[member.sources < len(self.names)] >= member.outputs.stop).any())
             links = [_link(self.system.find(s).unit, self.system.find(n).unit) for n, s in zip(names, sources, strict=True)]
             member.factor, member.offset = np.array([f for f, _ in links]), np.array([b for _, b in links])
             member.scaled = any(link != (1.0, 0.0) for link in links)
@@ -215,7 +221,8 @@ class Assembly:
 
     def transfer(self, member: Member) -> None:
         """Sources to the member's inputs, on the bus only."""
-        np.take(self.bus, member.sources, out=member.given, mode="clip")
+        member.sent = False
+        self.bus.take(member.sources, None, member.given, "clip")
         if member.scaled:
             member.given *= member.factor
             member.given += member.offset
@@ -262,21 +269,29 @@ class Assembly:
 
     def advance(self, member: Member, time: float, step: float) -> None:
         """One member takes its step with the inputs that stand on the bus. Raises SimulationError, also when an output is not finite."""
-        member.instance.push()
-        member.instance.step(time, step)
-        member.instance.pull()
+        instance = member.instance
+        if not member.sent:
+            instance.push()
+        instance.step(time, step)
+        if member.late and member.echoes:
+            instance.pull_exchanged()  # settle() fetches the rest
+        else:
+            instance.pull()
+        member.sent = False
         if not math.isfinite(member.gives @ member.gives):  # the square of a large finite number may overflow: look closer
             for name, value in zip(self.names[member.outputs], member.gives.tolist(), strict=True):
                 if not math.isfinite(value):
                     raise SimulationError(f"{member.name}: {name.partition('.')[2]} = {value:g} at {time + step:.6g} s")
 
     def settle(self) -> None:
-        """After all have stepped: inputs take the new outputs, and outputs that follow an input directly are read again."""
+        """After all have stepped: inputs that are fed by later members take the new outputs, and outputs that follow them are read again."""
         for member in self.members:
-            self.transfer(member)
-            if member.echoes:
+            if member.late:
+                self.transfer(member)
                 member.instance.push()
-                member.instance.pull()
+                member.sent = True
+                if member.echoes:
+                    member.instance.pull()
 
     def close(self) -> None:
         for member in self.members:

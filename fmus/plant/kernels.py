@@ -17,12 +17,13 @@ import numpy as np
 from numba import carray, njit, types
 from numba.extending import intrinsic
 
+from .interface import AXES, IMPEDANCES
+
 NQ, NV, NB, NM, NP = 15, 20, 8, 49, 175
 PELVIS, FEMUR, TIBIA, TALUS, CALCN, PATELLA, TORSO = range(1, 8)
 KNEE, TALOCRURAL, SUBTALAR, LUMBAR = 9, 10, 11, 12
 N_ANKLE = 8
-AXES = ("talocrural", "subtalar", "dorsiflexion", "inversion", "internal_rotation", "rotation_x", "rotation_y", "rotation_z")
-N_AXES = 8
+N_AXES = len(AXES)
 N_KNOTS = 13
 MAX_FACETS = 8192
 BLOCK = 16  # facets that are skipped together while their bounding box is off the platform
@@ -86,8 +87,12 @@ STATE = np.dtype(
     align=True,
 )  # fmt: skip
 
+N_IMPEDANCES = len(IMPEDANCES)
+IMPEDANCE_ROW = np.array([AXES.index(a) for a, _ in IMPEDANCES])
+IMPEDANCE_COLUMN = np.array([AXES.index(b) for _, b in IMPEDANCES])
 N_OUTPUTS = 2 * N_AXES + N_ANKLE + N_AXES + 1 + 2 * N_AXES + 5 + 3
-DONE, NOT_FINITE, STEP_TOO_SMALL = 0, 1, 2
+DONE, NOT_FINITE, STEP_TOO_SMALL, TOO_MANY_STEPS = 0, 1, 2, 3
+MAX_STEPS = 50_000  # of one call; a landing needs about 800
 
 _library = ctypes.CDLL(str(next(Path(mujoco.__file__).parent.glob("libmujoco.so*"), "")))
 
@@ -938,7 +943,8 @@ def refresh(m, s, facets, blocks):
 
 @entry
 def advance(model, state, facets, blocks, end, fixed_step):
-    """Integrates to `end` [s] with the inputs held; `fixed_step` > 0 [s] switches the step control off. Returns DONE, NOT_FINITE or STEP_TOO_SMALL."""
+    """Integrates to `end` [s] with the inputs held; `fixed_step` > 0 [s] switches the step control off. Returns DONE, NOT_FINITE,
+    STEP_TOO_SMALL or TOO_MANY_STEPS."""
     m, s = model[0], state[0]
     if s.valid == 0:
         evaluate(m, s, facets, blocks, 0, s.q, s.u, s.a, s.l)
@@ -948,7 +954,11 @@ def advance(model, state, facets, blocks, end, fixed_step):
         s.held_velocity[k] = s.velocity[k]
     refresh(m, s, facets, blocks)
     limit = 1e-12 * max(1.0, abs(end))
+    tried = 0
     while end - s.time > limit:
+        tried += 1
+        if tried > MAX_STEPS:
+            return TOO_MANY_STEPS
         left = end - s.time
         size = fixed_step if fixed_step > 0.0 else s.h
         n = math.ceil(left / size - 1e-9)
@@ -1083,6 +1093,51 @@ def initialise(model, state, facets, blocks, touching, as_published):
     return depth
 
 
+@kernel
+def accept(s, inputs):
+    """The FMU's inputs in the order of interface.py: excitations, torques, stiffnesses, dampings."""
+    n = 0
+    for k in range(N_ANKLE):
+        s.excitation[k] = inputs[k]
+    n += N_ANKLE
+    braced = s.internal_brace_scale != 0.0
+    for k in range(N_AXES):
+        s.torque[k] = inputs[n + k]
+        braced |= inputs[n + k] != 0.0
+    n += N_AXES
+    yielding = False
+    for k in range(N_IMPEDANCES):
+        i, j = IMPEDANCE_ROW[k], IMPEDANCE_COLUMN[k]
+        s.stiffness[i, j], s.damping[i, j] = inputs[n + k], inputs[n + N_IMPEDANCES + k]
+        yielding |= inputs[n + k] != 0.0 or inputs[n + N_IMPEDANCES + k] != 0.0
+    s.yielding = yielding
+    s.braced = braced or yielding
+
+
+@kernel
+def brace_moments(s, out):
+    for k in range(N_AXES):
+        e = s.axis[k]
+        out[k] = -(s.brace[0] * e[0] + s.brace[1] * e[1] + s.brace[2] * e[2])
+
+
+@entry
+def respond(model, state, inputs, moments):
+    """New inputs at the present state: the only outputs that follow them at once are the moments of the brace (n_axes,)."""
+    s = state[0]
+    accept(s, inputs)
+    for k in range(N_AXES):
+        s.held_angle[k] = s.angle[k]
+        s.held_velocity[k] = s.velocity[k]
+    brace(model[0], s, 0)
+    brace_moments(s, moments)
+
+
+@entry
+def take(state, inputs):
+    accept(state[0], inputs)
+
+
 @entry
 def observe(model, state, facets, blocks, out):
     """Writes the outputs of interface.py, in their order, for the present state and inputs."""
@@ -1119,7 +1174,7 @@ def observe(model, state, facets, blocks, out):
     for k in range(N_AXES):
         e = s.axis[k]
         out[n + k] = -(s.anatomy[0] * e[0] + s.anatomy[1] * e[1] + s.anatomy[2] * e[2])
-        out[n + N_AXES + k] = -(s.brace[0] * e[0] + s.brace[1] * e[1] + s.brace[2] * e[2])
+    brace_moments(s, out[n + N_AXES :])
     n += 2 * N_AXES
     total = 0.0
     for c in range(3):

@@ -180,8 +180,7 @@ class Plant:
         s["q"], s["u"], s["a"] = q, u, 0.05
         ankle = landing.initial_ankle_activation or s["excitation"]
         s["a"][self.ankle_muscles] = np.clip(ankle, kernels.MIN_ACTIVATION, 1.0)
-        self.internal_brace = landing.internal_brace_angle_scale != 0.0
-        s["braced"], s["yielding"] = self.internal_brace, 0
+        s["braced"], s["yielding"] = landing.internal_brace_angle_scale != 0.0, 0
         s["torque"] = s["stiffness"] = s["damping"] = s["held_angle"] = s["held_velocity"] = 0.0
         self.penetration = kernels.initialise(
             self._model,
@@ -196,9 +195,21 @@ class Plant:
         """Integrates to time `to` [s] with inputs held. `fixed_step` [s] > 0 switches the step control off (for convergence studies)."""
         status = kernels.advance(self._model, self._state, self._facets, self._blocks, to, fixed_step)
         if status != kernels.DONE:
-            reason = "the state is no longer finite" if status == kernels.NOT_FINITE else "the step fell below 1e-11 s"
+            reason = {
+                kernels.NOT_FINITE: "the state is no longer finite",
+                kernels.STEP_TOO_SMALL: "the step fell below 1e-11 s",
+                kernels.TOO_MANY_STEPS: f"{kernels.MAX_STEPS} steps were not enough; the parameters make the model too stiff",
+            }[status]
             raise SimulationError(f"plant: the integration stopped at {self.state['time']:.6f} s: {reason}")
 
     def observe(self) -> np.ndarray:
         kernels.observe(self._model, self._state, self._facets, self._blocks, self.outputs)
         return self.outputs
+
+    def take(self, inputs: np.ndarray) -> None:
+        """All inputs of interface.py, in their order."""
+        kernels.take(self._state, inputs)
+
+    def respond(self, inputs: np.ndarray, moments: np.ndarray) -> None:
+        """New inputs at the present state, and the outputs that follow them at once: the moments of the brace (n_axes,)."""
+        kernels.respond(self._model, self._state, inputs, moments)

@@ -13,6 +13,7 @@ class GaussSeidel:
 
     def step(self, assembly: Assembly, time: float, step: float) -> None:
         for member in assembly.members:
-            assembly.transfer(member)
+            if not member.sent:
+                assembly.transfer(member)
             assembly.advance(member, time, step)
         assembly.settle()

@@ -32,7 +32,7 @@ class Bench:
         inputs, outputs = list(chosen.inputs), list(chosen.outputs)
         self.bus = np.zeros(len(inputs) + len(outputs))
         self.at = {n: k for k, n in enumerate([*inputs, *outputs])}
-        self.instance.bind(self.bus, inputs, 0, outputs, len(inputs))
+        self.instance.bind(self.bus, inputs, 0, outputs, len(inputs), len(outputs))
         self.start(**parameters)
 
     def start(self, **parameters: float) -> None:
@@ -203,7 +203,16 @@ def test_a_hundred_instances_live_and_die() -> None:
 
 
 def test_python_fmus_with_the_same_module_names_do_not_mix(tmp_path: Path) -> None:
-    law = 'def refresh(self):\n    self["subtalar_torque"] = {} * self["subtalar_angle"]\n\ndef initialise(self):\n    self.refresh()\n\ndef step(self, time, step):\n    self.refresh()'
+    law = """
+        def refresh(self):
+            self["subtalar_torque"] = {} * self["subtalar_angle"]
+
+        def initialise(self):
+            self.refresh()
+
+        def step(self, time, step):
+            self.refresh()
+    """
     fmus = [make_fmu(tmp_path / str(k), "spring", brace_variables(), law.format(k)) for k in (-1.0, -2.0)]
     benches = [Bench(Component.read("brace", fmu)) for fmu in fmus]
     for bench in benches:
