@@ -119,8 +119,9 @@ def build_fmu(folder: Path, target: Path, support: Path | None = None) -> str:
     sources = {
         "_fmi.py": support.read_bytes(),
         "__init__.py": b"",
-        **{f"{name}/{path}": data for path, data in _tree(folder, SKIPPED).items()},
+        **{f"{name}/{path}": data for path, data in _tree(folder, SKIPPED).items() if not path.endswith(".md")},
     }
+    documents = {path.name: path.read_bytes() for path in sorted(folder.glob("*.md"))}
     package = f"{name}_{_digest(sources)[:12]}"
     locate = LOCATE_CACHED.format(package=package) if getattr(interface, "COMPILED", False) else ""
     stub = f"{package}_slave"
@@ -129,6 +130,7 @@ def build_fmu(folder: Path, target: Path, support: Path | None = None) -> str:
         "resources/slavemodule.txt": stub.encode(),
         f"resources/{stub}.py": STUB.format(locate=locate, package=package, name=name).encode(),
         **{f"resources/{path}": data for path, data in _tree(folder / "resources", {"__pycache__"}).items()},
+        **{f"documentation/{path}": data for path, data in documents.items()},
         **_binaries(name),
     }
     description = model_description(name, interface.DESCRIPTION, interface.variables(), getattr(interface, "FIXED_STEP", None))
