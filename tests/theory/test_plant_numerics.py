@@ -1,0 +1,82 @@
+"""The plant's integrator: its order, its error over the whole domain of the inputs, energy in free flight."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fmus.plant.plant import Landing
+from tests.direct import COLUMN, plant
+
+DOMAIN = {
+    "talocrural_angle_at_contact": (math.radians(-49), math.radians(-19)),
+    "subtalar_angle_at_contact": (math.radians(-15), math.radians(15)),
+    "drop_height": (0.1, 0.45),
+    "contact_dissipation": (2.0, 8.0),
+    "contact_modulus": (35e6, 65e6),
+    "platform_incline": (0.0, math.radians(30)),
+}
+
+
+def inputs(count: int) -> list[Landing]:
+    """16 corners (a half fraction of the first five, both ends of the incline), then seeded uniform points."""
+    low, high = np.array(list(DOMAIN.values())).T
+    corners = []
+    for signs in itertools.product((0, 1), repeat=4):
+        fifth = sum(signs) % 2
+        corners.append([*signs, fifth, (signs[0] + signs[1]) % 2])
+    unit = np.vstack([np.array(corners, dtype=float), np.random.default_rng(20211208).random((count - 16, 6))])
+    pose = itertools.cycle((Landing.PUBLISHED, Landing.TOUCHING))
+    return [Landing(**dict(zip(DOMAIN, (low + (high - low) * u).tolist(), strict=True)), initial_pose=p) for u, p in zip(unit, pose, strict=False)]
+
+
+def peak(landing: Landing) -> float:
+    """Peak subtalar angle [deg] at communication points 0.5 ms apart."""
+    p = plant()
+    p.state["excitation"] = 0.0
+    p.start(landing)
+    best = -math.inf
+    for k in range(301):
+        best = max(best, p.observe()[COLUMN["subtalar_angle"]])
+        if k < 300:
+            p.advance((k + 1) * 5e-4)
+    return math.degrees(best)
+
+
+def worst(count: int) -> float:
+    cases = inputs(count)
+    default = Landing().tolerance
+    return max(abs(peak(case) - peak(replace(case, tolerance=default / 100))) for case in cases)
+
+
+def test_peaks_against_a_hundredfold_tighter_tolerance() -> None:
+    """0.1° over 24 inputs, 16 of them corners (300 in the long run)."""
+    assert worst(24) <= 0.1
+
+
+@pytest.mark.long
+def test_peaks_against_a_hundredfold_tighter_tolerance_300() -> None:
+    assert worst(300) <= 0.1
+
+
+def test_order_two() -> None:
+    """Fixed steps on the smooth part of a landing: halving the step divides the error by about four."""
+    p = plant()
+    landing = Landing(initial_pose=Landing.TOUCHING, tolerance=1e-7)
+
+    def state(h: float) -> np.ndarray:
+        p.state["excitation"] = 0.0
+        p.start(landing)
+        p.advance(0.060)  # past the impacts, by tight tolerance
+        p.advance(0.070, fixed_step=h)
+        return np.r_[p.state["q"], 0.01 * p.state["u"]].copy()
+
+    exact = state(1e-6)
+    steps = 1e-4 * 0.5 ** np.arange(4)
+    errors = [np.linalg.norm(state(h) - exact) for h in steps]
+    slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
+    assert 1.8 < slope < 2.3, (slope, errors)

@@ -1,0 +1,95 @@
+"""Scenario files: schema and parser agree, bases, overrides, replaced devices."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import tomllib
+from pathlib import Path
+
+import jsonschema
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from sprain_cosim.coupling import SCHEMES
+from sprain_cosim.errors import SprainError
+from sprain_cosim.scenario import PACKAGE, folder, load_scenario, shipped
+
+SCHEMA = json.loads((PACKAGE / "scenario.schema.json").read_text())
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_shipped_scenarios_fit_the_schema(name: str) -> None:
+    jsonschema.validate(tomllib.loads((folder() / f"{name}.toml").read_text()), SCHEMA)
+    assert load_scenario(name).system().check() == []
+
+
+def test_the_schema_knows_the_schemes() -> None:
+    assert SCHEMA["properties"]["master"]["properties"]["scheme"]["enum"] == sorted(SCHEMES)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "titel = 'x'",
+        "base = 'incline30'\n[components.b]\nfile = 'x'",
+        "base = 'incline30'\n[master]\nstop = 0.15",
+        "base = 'incline30'\n[parameters]\nplant.drop_height = '1 m'",
+        "base = 'incline30'\n[connections]\n'a.b' = 3",
+    ],
+)
+def test_what_the_schema_refuses_the_parser_refuses(text: str, tmp_path: Path) -> None:
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(tomllib.loads(text), SCHEMA)
+    (tmp_path / "x.toml").write_text(text)
+    with pytest.raises(SprainError):
+        load_scenario(tmp_path / "x.toml")
+
+
+def test_a_base_is_merged_key_by_key() -> None:
+    scenario = load_scenario("incline30_mixed")
+    assert list(scenario.fmus) == ["plant", "controller", "brace"]
+    assert scenario.parameters["plant.drop_height"] == "0.30 m"
+    assert scenario.parameters["brace.angle_scale"] == 1.5
+    assert scenario.master.communication_step == pytest.approx(5e-4)
+
+
+def test_override_leaves_the_original_alone() -> None:
+    scenario = load_scenario("incline30")
+    changed = scenario.override("plant.drop_height", "35 cm")
+    assert scenario.parameters["plant.drop_height"] == "0.30 m"
+    assert changed.system().parameters["plant.drop_height"] == pytest.approx(0.35)
+    assert changed.initial_pose() == "touching"
+    assert changed.override("plant.initial_pose", "published").initial_pose() == "published"
+
+
+def test_replacing_a_device_makes_its_connections_anew(tmp_path: Path) -> None:
+    (tmp_path / "x.toml").write_text("base = 'incline30_brace'")
+    text = "base = 'incline30'\n[components.brace]\nfmu = 'brace_bushing'\n[connections]\n'brace.rotation_x_angle' = 'plant.rotation_y_angle'"
+    (tmp_path / "y.toml").write_text(text)
+    scenario = load_scenario(tmp_path / "y.toml")
+    assert scenario.system().connections["brace.rotation_x_angle"] == "plant.rotation_y_angle"
+    replaced = scenario.replace_fmu("brace", "brace_bushing")
+    assert replaced.system().connections["brace.rotation_x_angle"] == "plant.rotation_x_angle"
+    with pytest.raises(SprainError, match="one level"):
+        load_scenario(tmp_path / "x.toml")
+
+
+VALUES = st.recursive(st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=12), lambda inner: st.lists(inner, max_size=3), max_leaves=4)
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(key=st.sampled_from(["title", "base", "master", "components", "parameters", "connections", "x"]), name=st.text(max_size=12), value=VALUES)
+def test_no_file_breaks_the_parser(key: str, name: str, value: object, tmp_path: Path) -> None:
+    def toml(v: object) -> str:
+        if isinstance(v, bool):
+            return str(v).lower()
+        if isinstance(v, list):
+            return "[" + ", ".join(toml(x) for x in v) + "]"
+        return json.dumps(v) if isinstance(v, (str, int, float)) else '""'
+
+    for text in (f"{key} = {toml(value)}", f"base = 'incline30'\n[{key}]\n{json.dumps(name)} = {toml(value)}"):
+        (tmp_path / "x.toml").write_bytes(text.encode("utf-8", "surrogatepass"))
+        with contextlib.suppress(SprainError):
+            load_scenario(tmp_path / "x.toml").system()
