@@ -125,16 +125,18 @@ class Component:
 class Instance(Protocol):
     """A running component. Order of the calls: bind - set - start - (push, pull)* - finish_start - (push, step, pull)* - reset or close.
 
-    `bind` lays `inputs` and `outputs` on the bus, the first `exchanged` outputs being those that others need. `push` sends the inputs from the
-    bus, `pull` fetches all outputs onto it, `pull_exchanged` only those. After a SimulationError only `close` may be called."""
+    `bind` lays `inputs` and `outputs` on the bus, the last `echoing` outputs being those that follow inputs directly. `push` sends the inputs
+    from the bus, `pull` fetches all outputs onto it, `pull_states` and `pull_echoes` fetch those before and those after that
+    boundary. After a SimulationError only `close` may be called."""
 
-    def bind(self, bus: np.ndarray, inputs: Sequence[str], first_input: int, outputs: Sequence[str], first_output: int, exchanged: int) -> None: ...
+    def bind(self, bus: np.ndarray, inputs: Sequence[str], first_input: int, outputs: Sequence[str], first_output: int, echoing: int) -> None: ...
     def set(self, values: Mapping[str, float]) -> None: ...
     def start(self, time: float, stop: float) -> None: ...
     def finish_start(self) -> None: ...
     def push(self) -> None: ...
     def pull(self) -> None: ...
-    def pull_exchanged(self) -> None: ...
+    def pull_states(self) -> None: ...
+    def pull_echoes(self) -> None: ...
     def step(self, time: float, step: float) -> None: ...
     def save(self) -> Any: ...
     def restore(self, state: Any) -> None: ...
@@ -316,11 +318,13 @@ class Fmi2Instance:
             raise SimulationError(f"{self.component.name}: cannot be instantiated{self._said()}") from None
         self._instance.value = self._fmu.component
 
-    def bind(self, bus: np.ndarray, inputs: Sequence[str], first_input: int, outputs: Sequence[str], first_output: int, exchanged: int) -> None:
+    def bind(self, bus: np.ndarray, inputs: Sequence[str], first_input: int, outputs: Sequence[str], first_output: int, echoing: int) -> None:
         self._bus = bus
         self._sends = self._buffers("Set", inputs, first_input)
         self._fetches = self._buffers("Get", outputs, first_output)
-        self._exchanges = self._buffers("Get", outputs[:exchanged], first_output)
+        boundary = len(outputs) - echoing
+        self._states = self._buffers("Get", outputs[:boundary], first_output)
+        self._echoes = self._buffers("Get", outputs[boundary:], first_output + boundary)
 
     def _buffers(self, verb: str, names: Sequence[str], first: int) -> _Calls:
         calls: list[tuple[Any, tuple[Any, ...]]] = []
@@ -372,8 +376,11 @@ class Fmi2Instance:
     def pull(self) -> None:
         self._fetch(self._fetches)
 
-    def pull_exchanged(self) -> None:
-        self._fetch(self._exchanges)
+    def pull_states(self) -> None:
+        self._fetch(self._states)
+
+    def pull_echoes(self) -> None:
+        self._fetch(self._echoes)
 
     def _fetch(self, prepared: _Calls) -> None:
         calls, conversions = prepared

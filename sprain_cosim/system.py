@@ -171,12 +171,12 @@ class Assembly:
         self.system = system
         self.names: list[str] = []
         self.units: list[Unit | None] = []
-        needed = set(system.connections.values())
         lists = []
         for c in system.components:
             inputs = [n for n in c.inputs if f"{c.name}.{n}" in system.connections]
-            outputs = sorted((n for n, o in c.outputs.items() if o.kind != "string"), key=lambda n: f"{c.name}.{n}" not in needed)
-            lists.append((c, inputs, outputs, sum(f"{c.name}.{n}" in needed for n in outputs)))
+            echo = {n: o.depends_on is None or not set(inputs).isdisjoint(o.depends_on) for n, o in c.outputs.items() if o.kind != "string"}
+            outputs = sorted(echo, key=echo.__getitem__)
+            lists.append((c, inputs, outputs, sum(echo.values()) if inputs else 0))
         for component, inputs, outputs, _ in lists:
             for n in [*inputs, *outputs]:
                 self.names.append(f"{component.name}.{n}")
@@ -188,11 +188,12 @@ class Assembly:
         self._started = False
         try:
             at = 0
-            for component, inputs, outputs, exchanged in lists:
+            for component, inputs, outputs, echoing in lists:
                 first_output = at + len(inputs)
                 member = Member(component, component.open(), self.bus, slice(at, first_output), slice(first_output, first_output + len(outputs)))
                 self.members.append(member)
-                member.instance.bind(self.bus, inputs, at, outputs, first_output, exchanged)
+                member.instance.bind(self.bus, inputs, at, outputs, first_output, echoing)
+                member.echoes = echoing > 0
                 at = member.outputs.stop
         except BaseException:
             self.close()
@@ -211,8 +212,6 @@ class Assembly:
             links = [_link(self.system.find(s).unit, self.system.find(n).unit) for n, s in zip(names, sources, strict=True)]
             member.factor, member.offset = np.array([f for f, _ in links]), np.array([b for _, b in links])
             member.scaled = any(link != (1.0, 0.0) for link in links)
-            fed = {n.partition(".")[2] for n, s in zip(names, sources, strict=True) if on or not n.endswith(HANDED_OVER)}
-            member.echoes = any(c.depends_on is None or fed.intersection(c.depends_on) for c in member.component.outputs.values()) and bool(fed)
 
     @property
     def handed_over(self) -> list[str]:
@@ -274,7 +273,7 @@ class Assembly:
             instance.push()
         instance.step(time, step)
         if member.late and member.echoes:
-            instance.pull_exchanged()  # settle() fetches the rest
+            instance.pull_states()  # settle() fetches the rest
         else:
             instance.pull()
         member.sent = False
@@ -291,7 +290,7 @@ class Assembly:
                 member.instance.push()
                 member.sent = True
                 if member.echoes:
-                    member.instance.pull()
+                    member.instance.pull_echoes()
 
     def close(self) -> None:
         for member in self.members:

@@ -57,7 +57,7 @@ class FakeInstance:
         self.component, self.parameters = component, {}
         self.reset()
 
-    def bind(self, bus: np.ndarray, inputs: Sequence[str], first_input: int, outputs: Sequence[str], first_output: int, exchanged: int) -> None:
+    def bind(self, bus: np.ndarray, inputs: Sequence[str], first_input: int, outputs: Sequence[str], first_output: int, echoing: int) -> None:
         self.bus, self.names = bus, list(inputs)
         self.place, self.out = slice(first_input, first_input + len(inputs)), slice(first_output, first_output + len(outputs))
         self.inputs = dict.fromkeys(self.component.inputs, 0.0)
@@ -81,7 +81,7 @@ class FakeInstance:
     def pull(self) -> None:
         self.bus[self.out] = self.component.output(self.state, self.inputs)
 
-    pull_exchanged = pull
+    pull_states = pull_echoes = pull
 
     def step(self, time: float, step: float) -> None:
         self.note(f"step {time!r}")

@@ -24,17 +24,18 @@ class Slave(Fmi2Slave):
         self._outputs = slice(self.index["rotation_x_torque"], self.index["stored_energy"] + 1)
 
     def initialise(self) -> None:
+        self._scales = self["angle_scale"], self["torque_scale"]
         self.refresh()
 
     def step(self, time: float, step: float) -> None:
         self.refresh()
 
     def refresh(self) -> None:
-        f, s = self["angle_scale"], self["torque_scale"]
+        f, s = self._scales
         torques, stiffnesses, energy = [], [], 0.0
         for t, (a, b, c) in zip(self.values[self._angles].tolist(), POLYNOMIALS, strict=True):
             x = f * t
             torques.append(-s * x * (a + x * (b + x * c)))
             stiffnesses.append(s * f * (a + x * (2 * b + x * 3 * c)))
-            energy += s / f * x * x * (a / 2 + x * (b / 3 + x * c / 4)) if f else 0.0
-        self.values[self._outputs] = [*torques, *stiffnesses, energy]
+            energy += s * t * x * (a / 2 + x * (b / 3 + x * c / 4))
+        self.values[self._outputs] = torques + stiffnesses + [energy]

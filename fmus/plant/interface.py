@@ -49,7 +49,7 @@ PARAMETERS = (
     ("body_reflex_scale", "1", 1.0, 0.0, 100.0, "scales the reflexes of the other 41 muscles"),
     ("initial_ankle_activation", "1", 0.0, 0.0, 1.0, "of the eight ankle-controlled muscles; 0: the controller's co-activation (floor 0.01)"),
     ("internal_brace_angle_scale", "1", 0.0, 0.0, 100.0, "bushing brace inside the plant, for tests of the coupling; 0: none"),
-    ("tolerance", "1", 0.002, 1e-9, 1.0, "of the integrator's step control"),
+    ("tolerance", "1", 0.0025, 1e-9, 1.0, "of the integrator's step control"),
 )  # fmt: skip
 
 

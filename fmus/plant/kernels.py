@@ -92,6 +92,7 @@ IMPEDANCE_ROW = np.array([AXES.index(a) for a, _ in IMPEDANCES])
 IMPEDANCE_COLUMN = np.array([AXES.index(b) for _, b in IMPEDANCES])
 N_OUTPUTS = 2 * N_AXES + N_ANKLE + N_AXES + 1 + 2 * N_AXES + 5 + 3
 DONE, NOT_FINITE, STEP_TOO_SMALL, TOO_MANY_STEPS = 0, 1, 2, 3
+STRETCH = 0.15  # a step may be this much longer than proposed, rather than two short ones up to the next exchange
 MAX_STEPS = 50_000  # of one call; a landing needs about 800
 
 _library = ctypes.CDLL(str(next(Path(mujoco.__file__).parent.glob("libmujoco.so*"), "")))
@@ -961,7 +962,7 @@ def advance(model, state, facets, blocks, end, fixed_step):
             return TOO_MANY_STEPS
         left = end - s.time
         size = fixed_step if fixed_step > 0.0 else s.h
-        n = math.ceil(left / size - 1e-9)
+        n = math.ceil(left / size - STRETCH)
         h = left / n if n >= 1 else left
         error = step(m, s, facets, blocks, h)
         if fixed_step > 0.0:

@@ -41,7 +41,7 @@ class Landing:
     body_reflex_scale: float = 1.0
     initial_ankle_activation: float = 0.0
     internal_brace_angle_scale: float = 0.0
-    tolerance: float = 0.002
+    tolerance: float = 0.0025
     initial_pose: int = 0
     fibre_start: int = 0
 

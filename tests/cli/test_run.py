@@ -145,7 +145,10 @@ def test_all_problems_of_a_file_at_once(tmp_path: Path) -> None:
 
 
 FAULTS = {
-    "nan": ('def step(self, time, step):\n    self["subtalar_torque"] = float("nan") if time > 0.01 else 0.0', ["brace: subtalar_torque = nan at 0.011"]),
+    "nan": (
+        'def step(self, time, step):\n    self["subtalar_torque"] = float("nan") if time > 0.01 else 0.0',
+        ["brace: subtalar_torque = nan at 0.011"],
+    ),
     "raises": (
         'def step(self, time, step):\n    if time > 0.01:\n        raise RuntimeError("the strap broke")',
         ["brace: reported a fatal error in the step from 0.0105 s", "RuntimeError: the strap broke"],

@@ -32,7 +32,7 @@ class Bench:
         inputs, outputs = list(chosen.inputs), list(chosen.outputs)
         self.bus = np.zeros(len(inputs) + len(outputs))
         self.at = {n: k for k, n in enumerate([*inputs, *outputs])}
-        self.instance.bind(self.bus, inputs, 0, outputs, len(inputs), len(outputs))
+        self.instance.bind(self.bus, inputs, 0, outputs, len(inputs), 0)
         self.start(**parameters)
 
     def start(self, **parameters: float) -> None:
@@ -169,7 +169,11 @@ def test_bushing_brace_torque_stiffness_and_energy() -> None:
 
     def at(angles: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         bench.step(0.0, 1e-3, **{f"rotation_{a}_angle": v for a, v in zip("xyz", angles, strict=True)})
-        return bench["stored_energy"], np.array([bench[f"rotation_{a}_torque"] for a in "xyz"]), np.array([bench[f"rotation_{a}_stiffness"] for a in "xyz"])
+        return (
+            bench["stored_energy"],
+            np.array([bench[f"rotation_{a}_torque"] for a in "xyz"]),
+            np.array([bench[f"rotation_{a}_stiffness"] for a in "xyz"]),
+        )
 
     for angles in rng.uniform(-0.6, 0.6, (20, 3)):
         _, torque, stiffness = at(angles)

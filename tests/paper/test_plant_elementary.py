@@ -21,7 +21,14 @@ from tests.reference import foot_surface, needs_reference, read
 pytestmark = needs_reference
 BODIES = ("pelvis", "femur_r", "tibia_r", "talus_r", "calcn_r", "patella_r", "torso")
 POSE_B = dict(
-    hip_flexion_r=50, knee_angle_r=-70, ankle_angle_r=-25, subtalar_angle_r=20, lumbar_extension=-15, lumbar_bending=5, pelvis_list=7, pelvis_rotation=-4
+    hip_flexion_r=50,
+    knee_angle_r=-70,
+    ankle_angle_r=-25,
+    subtalar_angle_r=20,
+    lumbar_extension=-15,
+    lumbar_bending=5,
+    pelvis_list=7,
+    pelvis_rotation=-4,
 )
 
 
@@ -430,7 +437,10 @@ def test_energy_of_a_flight_without_forces() -> None:
     """Kinetic plus potential energy keeps to 1e-5 of the kinetic energy."""
     _, table, p = fly("a_flight_no_forces")
     names = p.skeleton.coordinates
-    ends = [(p.state["q"].copy(), p.state["u"].copy()), (table[[f"{n}_rad_or_m" for n in names]].iloc[0], table[[f"{n}_speed" for n in names]].iloc[0])]
+    ends = [
+        (p.state["q"].copy(), p.state["u"].copy()),
+        (table[[f"{n}_rad_or_m" for n in names]].iloc[0], table[[f"{n}_speed" for n in names]].iloc[0]),
+    ]
     energies = []
     for q, u in ends:
         p.state["q"], p.state["u"], p.state["valid"] = q, u, 0

@@ -42,7 +42,7 @@ def simulated(case: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray
         talocrural_angle_at_contact=math.radians(row.talocrural_deg),
         subtalar_angle_at_contact=math.radians(row.subtalar_deg),
         subtalar_velocity_at_contact=math.radians(row.subtalar_u0),
-        ankle_strength_scale=scale(row.strength),
+        ankle_strength_scale=1.0 + row.strength,
         initial_pose=Landing.TOUCHING if case.startswith("nopen") else Landing.PUBLISHED,
         internal_brace_angle_scale=0.0 if math.isnan(row.brace) else scale(row.brace),
         body_reflex_scale=float(row.body_ctrl),

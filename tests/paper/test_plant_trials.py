@@ -29,7 +29,7 @@ def errors(study: int, trials: pd.DataFrame) -> np.ndarray:
             passive_angle_scale=scale(given["ankle_stiffness_scale_fi"]),
             talocrural_angle_at_contact=math.radians(given["talocrural_at_contact_deg"]),
             subtalar_angle_at_contact=math.radians(given["subtalar_at_contact_deg"]),
-            ankle_strength_scale=scale(given["strength_scale_m1i"]),
+            ankle_strength_scale=1.0 + given["strength_scale_m1i"],
             internal_brace_angle_scale=scale(given["brace_scale_bi"]) if "brace_scale_bi" in given else 0.0,
             initial_pose=Landing.PUBLISHED,
             fibre_start=Landing.AS_PUBLISHED,

@@ -10,8 +10,22 @@ import pytest
 
 from sprain_cosim.scenario import load_scenario
 
-PUBLISHED = {"level": 0.8, "incline30": 48.5, "incline30_reflex": 42.1, "incline30_coactivation": 30.4, "incline30_brace": 30.0, "incline30_mixed": 30.8}
-TOUCHING = {"level": 1.1, "incline30": 49.6, "incline30_reflex": 38.6, "incline30_coactivation": 31.6, "incline30_brace": 29.8, "incline30_mixed": 28.3}
+PUBLISHED = {
+    "level": 0.8,
+    "incline30": 48.5,
+    "incline30_reflex": 42.1,
+    "incline30_coactivation": 30.4,
+    "incline30_brace": 30.0,
+    "incline30_mixed": 30.8,
+}
+TOUCHING = {
+    "level": 1.1,
+    "incline30": 49.6,
+    "incline30_reflex": 38.6,
+    "incline30_coactivation": 31.6,
+    "incline30_brace": 29.8,
+    "incline30_mixed": 28.3,
+}
 CASES = [(name, pose, peak) for pose, peaks in (("published", PUBLISHED), ("touching", TOUCHING)) for name, peak in peaks.items()]
 
 # mean and standard deviation of the inputs (Table 1 of the paper; angles in rad)
