@@ -4,7 +4,7 @@ BIN := .venv/bin
 RUN := $(BIN)/sprain-cosim
 OUT ?= out
 
-.PHONY: demo test validate lint build lock clean
+.PHONY: bench demo test validate lint build lock clean
 
 demo: build
 	$(RUN) run incline30 --out $(OUT)/incline30
@@ -18,6 +18,9 @@ test: build lint
 
 validate: build
 	$(BIN)/python -m pytest -m "long or not long"
+
+bench: build
+	$(BIN)/python tools/bench.py
 
 lint: .venv/installed
 	$(BIN)/ruff check .

@@ -45,8 +45,8 @@ class Fmi2Slave:
         self._fixed = {k for k, v in enumerate(self.variables) if v["causality"] == "parameter"}
         self._log: list[Log] = []
         self._running, self._stale = False, True
-        self._got: tuple[list[int], Any] = ([], slice(0, 0))
-        self._put: tuple[list[int], Any] = ([], slice(0, 0))
+        self._known: dict[tuple[int, int], tuple[list[int], Any]] = {}  # selections by length and first reference
+        self._put: list[int] = []
 
     # ---- to override
 
@@ -118,17 +118,15 @@ class Fmi2Slave:
         if self._stale:
             self._guard(self.refresh if self._running else self._initialise)
             self._stale = False
-        if references != self._got[0]:
-            self._got = (list(references), _selection(references))
-        return self.values[self._got[1]].tolist()
+        return self.values[self._selection(references)].tolist()
 
     def set_real(self, references: list[int], values: list[float]) -> None:
-        if references != self._put[0]:
+        if references != self._put:
             if self._running and not self._fixed.isdisjoint(references):
                 name = next(v["name"] for k, v in enumerate(self.variables) if k in self._fixed and k in references)
                 raise FmuError(f"parameter {name} can only be set before initialisation")
-            self._put = (list(references), _selection(references))
-        self.values[self._put[1]] = values
+            self._put = list(references)
+        self.values[self._selection(references)] = values
         self._stale = True
 
     def get_integer(self, references: list[int]) -> list[int]:
@@ -160,6 +158,16 @@ class Fmi2Slave:
 
     # ---- private
 
+    def _selection(self, references: list[int]) -> Any:
+        """A slice where the references are consecutive, else an index array; a master asks for the same ones at every step."""
+        key = (len(references), references[0] if references else 0)
+        known = self._known.get(key)
+        if known is None or known[0] != references:
+            first = key[1]
+            consecutive = references == list(range(first, first + key[0]))
+            known = self._known[key] = (list(references), slice(first, first + key[0]) if consecutive else np.array(references, dtype=int))
+        return known[1]
+
     def _initialise(self) -> None:
         for k in self._fixed:
             variable, value = self.variables[k], self.values[k]
@@ -175,11 +183,3 @@ class Fmi2Slave:
             call()
         except Exception:
             raise FmuError(traceback.format_exc()) from None
-
-
-def _selection(references: list[int]) -> Any:
-    """A slice where the references are consecutive, else an index array."""
-    first = references[0] if references else 0
-    if references == list(range(first, first + len(references))):
-        return slice(first, first + len(references))
-    return np.array(references)

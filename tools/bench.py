@@ -1,0 +1,200 @@
+"""Speed, side by side in one run. Run: make bench, or python tools/bench.py [--repeat N].
+
+Prints the time of one landing driven directly, through the FMI slaves in one process, and co-simulated; the parts of each; and how the cost grows
+with tolerance, communication step and number of facets. Best of N repetitions on one core."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+from fmus.brace_bushing.slave import Slave as Brace
+from fmus.plant import kernels
+from fmus.plant.plant import Landing, Plant, sole
+from fmus.plant.slave import Slave
+from fmus.reflex_controller.slave import Slave as Controller
+from sprain_cosim.scenario import load_scenario
+
+STOP, STEP = 0.150, 5e-4
+OPENSIM = 6.3  # s per landing, median, OpenSim 4.6 on the same class of machine
+
+
+def best(run: Callable[[], object], repeat: int) -> float:
+    """Shortest wall time [s]."""
+    times = []
+    for _ in range(repeat):
+        start = time.perf_counter()
+        run()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def direct(plant: Plant, landing: Landing, step: float = STOP) -> None:
+    plant.state["excitation"] = 0.0
+    plant.start(landing)
+    for k in range(round(STOP / step)):
+        plant.advance((k + 1) * step)
+        plant.observe()
+
+
+class InProcess:
+    """The three slaves of incline30_brace, wired by array copies: what co-simulation costs without FMI."""
+
+    def __init__(self) -> None:
+        self.plant, self.brace, self.controller = Slave(), Brace(), Controller()
+        p, b, c = self.plant.index, self.brace.index, self.controller.index
+        self.angles = [p[f"rotation_{x}_angle"] for x in "xyz"], slice(b["rotation_x_angle"], b["rotation_z_angle"] + 1)
+        self.torques = [p[f"brace_rotation_{x}_{kind}"] for kind in ("torque", "stiffness") for x in "xyz"]
+        self.gives = slice(b["rotation_x_torque"], b["rotation_z_stiffness"] + 1)
+        muscles = [n.removesuffix("_excitation") for n in c if n.endswith("_excitation")]
+        self.stretch = [p[f"{m}_stretch_velocity"] for m in muscles], [c[f"{m}_stretch_velocity"] for m in muscles]
+        self.excitations = [c[f"{m}_excitation"] for m in muscles], [p[f"{m}_excitation"] for m in muscles]
+
+    def exchange(self) -> None:
+        p, b, c = self.plant.values, self.brace.values, self.controller.values
+        p[self.torques] = b[self.gives]
+        p[self.excitations[1]] = c[self.excitations[0]]
+        self.plant.refresh()
+
+    def run(self) -> None:
+        p, b, c = self.plant.values, self.brace.values, self.controller.values
+        self.brace["angle_scale"] = 2.4
+        for slave in (self.controller, self.plant, self.brace):
+            slave.exit_initialization_mode()
+        self.exchange()
+        record = np.empty((round(STOP / STEP), len(p)))
+        for k in range(len(record)):
+            self.plant.step(k * STEP, STEP)
+            b[self.angles[1]], c[self.stretch[1]] = p[self.angles[0]], p[self.stretch[0]]
+            self.controller.step(k * STEP, STEP)
+            self.brace.step(k * STEP, STEP)
+            self.exchange()
+            record[k] = p
+
+
+@njit
+def repeat_part(which, n, model, state, facets, blocks):  # type: ignore[no-untyped-def]
+    m, s = model[0], state[0]
+    out = np.empty(kernels.NQ)
+    for _ in range(n):
+        if which == 0:
+            kernels.skeleton(m, s, 0, s.q, s.u)
+        elif which == 1:
+            kernels.paths(m, s, s.mtu[0], s.mtu_rate[0])
+        elif which == 2:
+            kernels.muscles(m, s, 0, s.a, s.l)
+        elif which == 3:
+            kernels.contact(m, s, facets, blocks, 0)
+        elif which == 4:
+            kernels.solve(s, 0, 1e-4, s.force[0], out)
+        else:
+            kernels.evaluate(m, s, facets, blocks, 0, s.q, s.u, s.a, s.l)
+
+
+def parts(repeat: int) -> dict[str, float]:
+    """Microseconds per call of the parts of one evaluation, in the middle of the contact."""
+    plant = Plant()
+    plant.start(Landing())
+    plant.advance(0.06)
+    names = ("skeleton, with MuJoCo", "paths", "muscles", "contact with damping", "factor and solve", "one evaluation")
+    out = {}
+    for which, name in enumerate(names):
+        call = lambda: repeat_part(which, 1000, plant._model, plant._state, plant._facets, plant._blocks)  # noqa: B023, E731
+        call()
+        out[name] = 1e3 * best(call, repeat)
+    return out
+
+
+def traffic(name: str) -> tuple[float, dict[str, float], dict[str, float]]:
+    """Wall time of a run [s], microseconds per communication step spent in each member's calls, wall time [s] by communication step."""
+    spent: dict[str, float] = defaultdict(float)
+    with load_scenario(name).open() as session:
+        plain = best(lambda: session.run().metrics, 15)
+        assert session._assembly is not None
+        for member in session._assembly.members:
+            for call in ("push", "pull", "pull_states", "pull_echoes", "step"):
+                inner = getattr(member.instance, call)
+
+                def timed(*arguments: object, inner: Callable = inner, key: str = f"{member.name} {call.split('_')[0]}") -> None:
+                    start = time.perf_counter()
+                    inner(*arguments)
+                    spent[key] += time.perf_counter() - start
+
+                setattr(member.instance, call, timed)
+        session.run()
+    steps = round(STOP / STEP)
+    by_step = {}
+    for step in ("0.1 ms", "0.25 ms", "0.5 ms", "1 ms", "2 ms"):
+        with load_scenario(name).with_master(communication_step=step).open() as session:
+            by_step[step] = best(session.run, 5)
+    return plain, {key: 1e6 * value / steps for key, value in spent.items()}, by_step
+
+
+def row(label: str, seconds: float, note: str = "") -> None:
+    print(f"{label:46}{1e3 * seconds:9.2f} ms  {note}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeat", type=int, default=15)
+    parser.add_argument("--traffic", metavar="SCENARIO", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.traffic:
+        print(json.dumps(traffic(arguments.traffic)))
+        return
+    repeat = arguments.repeat
+    plant = Plant()
+    direct(plant, Landing())
+    print(f"{date.today()}  {platform.processor() or platform.machine()}, one core, best of {repeat}; 150 ms landing, 30° slope, touching pose\n")
+    alone = best(lambda: direct(plant, Landing()), repeat)
+    row("plant driven directly", alone, f"{OPENSIM / alone:.0f} times faster than OpenSim 4.6 ({OPENSIM} s); {plant.state['evaluations']} evaluations")
+    row("the same, observed every 0.5 ms", best(lambda: direct(plant, Landing(), STEP), repeat))
+    three = InProcess()
+    three.run()
+    together = best(three.run, repeat)
+    row("three slaves in one process, no FMI (brace)", together)
+    for name in ("incline30", "incline30_brace", "incline30_mixed"):
+        # in a process of its own: two copies of the kernels in one process make numba compare their record types at every call
+        child = subprocess.run([sys.executable, __file__, "--traffic", name], capture_output=True, text=True, check=True)
+        seconds, spent, by_step = json.loads(child.stdout)
+        extra = f"FMI and master {1e6 * (seconds - together) / 300:.1f} us per step over the line above" if name == "incline30_brace" else ""
+        row(f"co-simulated, {name}", seconds, f"{OPENSIM / seconds:.0f} times faster than OpenSim 4.6. {extra}")
+        if name == "incline30_brace":
+            brace_traffic, brace_steps = spent, by_step
+    print("\nmicroseconds per communication step, incline30_brace (each call timed, so a little more than in the run above)")
+    for key, value in sorted(brace_traffic.items(), key=lambda item: -item[1]):
+        print(f"  {key:24}{value:8.1f}")
+    print("\nmicroseconds per call, 60 ms after contact")
+    for key, value in parts(repeat).items():
+        print(f"  {key:24}{value:8.2f}")
+    print("\ntolerance      evaluations        ms")
+    for tolerance in (1e-2, 5e-3, 2.5e-3, 1e-3, 1e-4):
+        seconds = best(lambda: direct(plant, Landing(tolerance=tolerance)), 5)  # noqa: B023
+        print(f"{tolerance:9g}{plant.state['evaluations']:17d}{1e3 * seconds:10.2f}")
+    print("\ncommunication step [ms]   co-simulated incline30_brace [ms]")
+    for step, seconds in brace_steps.items():
+        print(f"{step:>14}{1e3 * seconds:22.2f}")
+    print("\nfacets         ms, driven directly")
+    full = sole()
+    for share in (1, 2, 4):
+        thin = full[:, ::share].copy()
+        thin[3] *= full[3].sum() / thin[3].sum()
+        coarse = Plant(thin)
+        print(f"{thin.shape[1]:6d}{1e3 * best(lambda: direct(coarse, Landing()), 5):14.2f}")  # noqa: B023
+
+
+if __name__ == "__main__":
+    main()
