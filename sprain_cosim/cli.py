@@ -27,11 +27,21 @@ def cli() -> None:
 @click.argument("scenario")
 @click.option("--fmu", "fmus", multiple=True, metavar="NAME=FILE", help="Put another FMU in a component's place.")
 @click.option("--set", "settings", multiple=True, metavar="COMPONENT.PARAMETER=VALUE", help='Such as plant.drop_height="0.35 m".')
-@click.option("--scheme", help="Coupling scheme: auto, gauss-seidel.")
+@click.option("--scheme", help="auto, jacobi, gauss-seidel, gauss-seidel-extrapolated, iterative, impedance.")
 @click.option("--step", metavar='"0.5 ms"', help="Communication step.")
+@click.option("--check-coupling", is_flag=True, help="Run again at half the step and report the change of every metric.")
 @OUT
 @JSON
-def run(scenario: str, fmus: tuple[str, ...], settings: tuple[str, ...], scheme: str | None, step: str | None, out: Path | None, as_json: bool) -> None:
+def run(
+    scenario: str,
+    fmus: tuple[str, ...],
+    settings: tuple[str, ...],
+    scheme: str | None,
+    step: str | None,
+    check_coupling: bool,
+    out: Path | None,
+    as_json: bool,
+) -> None:
     """Run one landing: SCENARIO is a file, or the name of one that ships."""
     from . import runfolder
     from .scenario import load_scenario, parse_value
@@ -50,12 +60,16 @@ def run(scenario: str, fmus: tuple[str, ...], settings: tuple[str, ...], scheme:
         runfolder.check(out)
     result = chosen.run()
     summary = runfolder.summary(chosen, result)
+    if check_coupling and result.status == "completed":
+        summary["coupling_check"] = chosen.coupling_check(result)
     if out is not None and result.status == "completed":
         runfolder.write(out, chosen, result, summary)
     if as_json:
         click.echo(json.dumps(summary, allow_nan=False))
     elif result.status == "completed":
         _print_table(chosen.title, summary, result)
+        for key, change in summary.get("coupling_check", {}).items():
+            click.echo(f"{'at half the step:' if key == 'peak_subtalar_angle_deg' else '':18}{key:44}{change:+.4g}")
         if out is not None:
             click.echo(f"\nwritten: {', '.join(str(out / name) for name in runfolder.FILES)}")
     if result.status != "completed":
@@ -71,6 +85,8 @@ def _print_table(title: str, summary: dict[str, Any], result: Any) -> None:
     rows = table(result)
     if rows:
         click.echo(f"{'':32}{'value':>10}  {'unit':7}{'time [ms]':>10}")
+    if result.coupling_error is not None:
+        click.echo(f"{'coupling error':32}{100 * result.coupling_error:10.2f}  {'%':7}{'':10}  of the energy exchanged with the device")
     for label, value, unit, time in rows:
         click.echo(f"{label:32}{value:10.2f}  {unit:7}{1e3 * time:10.1f}")
 

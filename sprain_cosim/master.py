@@ -18,7 +18,7 @@ from time import perf_counter
 
 import numpy as np
 
-from .coupling import scheme
+from .coupling import exchange, residual, scheme
 from .errors import InputError, SimulationError
 from .result import Result
 from .system import Assembly
@@ -57,7 +57,7 @@ class Master:
         began = perf_counter()
         n, h = self.steps, self.communication_step
         record = np.empty((n + 1, len(assembly.names)))
-        step = scheme(self.scheme)
+        step, reason = scheme(self.scheme, assembly.system)
         done, message = 0, ""
         try:
             step.start(assembly)
@@ -78,6 +78,8 @@ class Master:
             status="failed" if message else "completed",
             message=message,
             scheme=step.name,
+            scheme_reason=reason,
+            coupling_error=None if message else residual(step, exchange(assembly, record)),
             parameters=dict(parameters),
             wall=perf_counter() - began,
         )

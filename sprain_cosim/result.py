@@ -20,7 +20,8 @@ class Result:
     """`time` (n,) [s]; `values` (n, m), one column for each of `names` ("component.variable") in `units`; None is an undeclared unit.
 
     `status` is completed or failed; a failed run has the record until it failed and a `message`, but no metrics. `scheme` is the coupling
-    scheme that ran, `coupling_error` its share of the exchanged energy or None, `wall` the wall time [s], `parameters` those that were set."""
+    scheme that ran and `scheme_reason` why, `coupling_error` the residual energy as a share of the exchanged or None,
+    `wall` the wall time [s], `parameters` those that were set."""
 
     time: np.ndarray
     values: np.ndarray
@@ -29,6 +30,7 @@ class Result:
     status: str
     message: str
     scheme: str
+    scheme_reason: str = ""
     parameters: dict[str, float] = field(default_factory=dict)
     coupling_error: float | None = None
     wall: float = 0.0

@@ -28,6 +28,7 @@ def summary(scenario: Scenario, result: Result) -> dict[str, Any]:
         "scenario": scenario.source,
         "title": scenario.title,
         "scheme": result.scheme,
+        "scheme_reason": result.scheme_reason,
         "communication_step_s": scenario.master.communication_step,
         "fmus": {name: path.name for name, path in scenario.fmus.items()},
         "parameters": dict(scenario.parameters),

@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any, Self
 
 from .component import Component
-from .coupling import scheme as check_scheme
-from .errors import EnvironmentProblem, InputError, nearest
+from .coupling import check_scheme
+from .errors import EnvironmentProblem, InputError, SimulationError, nearest
 from .master import Master
 from .result import Result
 from .system import Assembly, System, connect, problems_to_error
@@ -138,6 +138,16 @@ class Scenario:
 
     def open(self) -> Session:
         return Session(self)
+
+    def coupling_check(self, result: Result) -> dict[str, float]:
+        """Change of every metric when the communication step is halved: how far the coupling of `result` is from converged.
+
+        Raises SimulationError when the run at half the step fails."""
+        master = replace(self.master, communication_step=0.5 * self.master.communication_step)
+        finer = replace(self, master=master).run()
+        if finer.status != "completed":
+            raise SimulationError(f"at half the communication step: {finer.message}")
+        return {key: finer.metrics[key] - value for key, value in result.metrics.items()}
 
     def run(self) -> Result:
         """One landing. Raises InputError before it, never during it: a failure is in the result's status and message."""

@@ -8,7 +8,7 @@ not count. Stiffness and damping connections are made as well, but carry values 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -96,6 +96,11 @@ class System:
                 multiples = f"use {1e3 * low * own:g} ms or {1e3 * (low + 1) * own:g} ms"
                 problems.append(f"communication step {1e3 * h:g} ms: {component.name} takes only whole multiples of its own {1e3 * own:g} ms; {multiples}")
         return problems
+
+    @property
+    def handed_over(self) -> list[str]:
+        """Targets of the stiffness and damping connections."""
+        return [target for target in self.connections if target.endswith(HANDED_OVER)]
 
     def open(self) -> Assembly:
         return Assembly(self)
@@ -213,10 +218,9 @@ class Assembly:
             member.factor, member.offset = np.array([f for f, _ in links]), np.array([b for _, b in links])
             member.scaled = any(link != (1.0, 0.0) for link in links)
 
-    @property
-    def handed_over(self) -> list[str]:
-        """Targets of the stiffness and damping connections."""
-        return [target for target in self.system.connections if target.endswith(HANDED_OVER)]
+    def slots(self, chosen: Callable[[str], bool]) -> np.ndarray:
+        """Places on the bus of the inputs of late members that `chosen` accepts by name."""
+        return np.array([k for m in self.members if m.late for k in range(m.inputs.start, m.inputs.stop) if chosen(self.names[k])], dtype=np.intp)
 
     def transfer(self, member: Member) -> None:
         """Sources to the member's inputs, on the bus only."""
@@ -266,14 +270,16 @@ class Assembly:
         loop = ", ".join(name for name, moving in zip(self.names, changed, strict=False) if moving)
         raise SimulationError(f"the values at the start do not settle in {MAX_ROUNDS} rounds; they keep changing at {loop}")
 
-    def advance(self, member: Member, time: float, step: float) -> None:
-        """One member takes its step with the inputs that stand on the bus. Raises SimulationError, also when an output is not finite."""
+    def advance(self, member: Member, time: float, step: float, whole: bool = False) -> None:
+        """One member takes its step with the inputs that stand on the bus. Outputs that settle() fetches again are left out unless `whole`.
+
+        Raises SimulationError, also when an output is not finite."""
         instance = member.instance
         if not member.sent:
             instance.push()
         instance.step(time, step)
-        if member.late and member.echoes:
-            instance.pull_states()  # settle() fetches the rest
+        if member.late and member.echoes and not whole:
+            instance.pull_states()
         else:
             instance.pull()
         member.sent = False

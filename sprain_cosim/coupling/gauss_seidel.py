@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from ..system import Assembly
+from .energy import Exchange
 
 
 class GaussSeidel:
     name = "gauss-seidel"
+    lag = 0
 
     def start(self, assembly: Assembly) -> None:
         assembly.hand_over(False)
@@ -17,3 +19,6 @@ class GaussSeidel:
                 assembly.transfer(member)
             assembly.advance(member, time, step)
         assembly.settle()
+
+    def applied(self, exchange: Exchange) -> Exchange.Torques:
+        return exchange.torque[:-1]

@@ -26,7 +26,7 @@ def test_shipped_scenarios_fit_the_schema(name: str) -> None:
 
 
 def test_the_schema_knows_the_schemes() -> None:
-    assert SCHEMA["properties"]["master"]["properties"]["scheme"]["enum"] == sorted(SCHEMES)
+    assert SCHEMA["properties"]["master"]["properties"]["scheme"]["enum"] == ["auto", *SCHEMES]
 
 
 @pytest.mark.parametrize(

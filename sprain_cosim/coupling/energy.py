@@ -1,0 +1,86 @@
+"""How large the coupling error of a run is: the residual of the energy that a device and the plant exchange.
+
+Over a communication step the plant moves by d(angle) under the torque that the scheme applied, while the device, at the ends of the step, gave other
+torques. The residual is (mean torque applied - mean torque of the device) d(angle); its sum of magnitudes over the run, as a share of the sum of the
+magnitudes exchanged, is the run's coupling error: 0 where the applied torque was the device's all along. After the residual energy of
+S. Sadjina, L. T. Kyllingstad, S. Skjong, E. Pedersen, Energy conservation and power bonds in co-simulations, Eng. Comput. 33 (2017) 607-620.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..system import Assembly
+
+TORQUE = "_torque"
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """What passed between devices and plant at the n communication points: `torque`, `angle`, `velocity` (n, axes) in SI, `stiffness` and
+    `damping` (n, axes, axes) as handed over (zeros otherwise)."""
+
+    Torques = NDArray[np.float64]
+
+    torque: NDArray[np.float64]
+    angle: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    stiffness: NDArray[np.float64]
+    damping: NDArray[np.float64]
+
+
+class Applies(Protocol):
+    """`lag`: how many steps a device's recorded torque is behind the angle recorded with it."""
+
+    lag: int
+
+    def applied(self, exchange: Exchange) -> Exchange.Torques:
+        """Mean torque (n - 1, axes) that the scheme let the plant apply over each step."""
+        ...
+
+
+def exchange(assembly: Assembly, values: NDArray[np.float64]) -> Exchange | None:
+    """From a record (n, slots) of the assembly's bus; None without a device that gives a torque about an axis of the plant."""
+    system = assembly.system
+
+    def column(name: str) -> NDArray[np.float64]:
+        unit = assembly.units[assembly.index[name]]
+        raw = values[:, assembly.index[name]]
+        return raw if unit is None else unit.factor * raw + unit.offset
+
+    axes = []
+    for target in system.connections:
+        stem = target.removeprefix("plant.brace_").removesuffix(TORQUE)
+        if target == f"plant.brace_{stem}{TORQUE}" and f"plant.{stem}_angle" in assembly.index and f"plant.{stem}_velocity" in assembly.index:
+            axes.append(stem)
+    if not axes:
+        return None
+    n, d = len(values), len(axes)
+    matrices = {kind: np.zeros((n, d, d)) for kind in ("stiffness", "damping")}
+    for kind, matrix in matrices.items():
+        for i, a in enumerate(axes):
+            for j, b in enumerate(axes):
+                name = f"plant.brace_{a}_{kind}" if a == b else f"plant.brace_{a}_{b}_{kind}"
+                if name in system.connections:
+                    matrix[:, i, j] = column(name)
+    torque, angle, velocity = (
+        np.stack([column(name.format(a)) for a in axes], axis=1) for name in ("plant.brace_{}_torque", "plant.{}_angle", "plant.{}_velocity")
+    )
+    return Exchange(torque, angle, velocity, matrices["stiffness"], matrices["damping"])
+
+
+def residual(scheme: Applies, passed: Exchange | None) -> float | None:
+    """The coupling error, a share of the energy exchanged; None where nothing was."""
+    if passed is None or len(passed.torque) < 2:
+        return None
+    moved = np.diff(passed.angle, axis=0)
+    device = np.vstack([passed.torque[scheme.lag :], np.repeat(passed.torque[-1:], scheme.lag, axis=0)])
+    given = 0.5 * (device[1:] + device[:-1])
+    exchanged = float(np.abs(given * moved).sum())
+    if exchanged == 0.0:
+        return None
+    return float(np.abs(((scheme.applied(passed) - given) * moved).sum(axis=1)).sum()) / exchanged

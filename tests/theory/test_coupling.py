@@ -1,0 +1,166 @@
+"""Coupling schemes on a split oscillator: a foot (inertia I, plant) and a spring-damper (device), against closed forms."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from sprain_cosim.component import Capabilities
+from sprain_cosim.coupling import SCHEMES
+from sprain_cosim.errors import InputError
+from sprain_cosim.master import Master
+from sprain_cosim.result import Result
+from sprain_cosim.scenario import load_scenario
+from sprain_cosim.system import System, connect
+from tests.fake import FakeComponent, connector
+
+INERTIA, START = 0.005, np.array([0.1, 0.0])
+
+
+def foot(damping: float) -> FakeComponent:
+    """I dw/dt = torque - K (angle - angle at the exchange) - C (w - w at the exchange) - damping w, solved exactly over every step."""
+
+    def law(state, inputs, time, step):
+        k, c = inputs["brace_subtalar_stiffness"], inputs["brace_subtalar_damping"]
+        force = inputs["brace_subtalar_torque"] + k * state[0] + c * state[1]
+        matrix = np.array([[0, 1, 0], [-k / INERTIA, -(c + damping) / INERTIA, force / INERTIA], [0, 0, 0]])
+        return (expm(step * matrix) @ np.array([*state, 1.0]))[:2]
+
+    names = {"subtalar_angle": ("output", "rad"), "subtalar_velocity": ("output", "rad/s")}
+    names |= {f"brace_subtalar_{kind}": ("input", u) for kind, u in (("torque", "N.m"), ("stiffness", "N.m/rad"), ("damping", "N.m.s/rad"))}
+    connectors = {n: connector(n, causality, u, depends_on=() if causality == "output" else None) for n, (causality, u) in names.items()}
+    return FakeComponent("plant", connectors, law=law, output=lambda state, inputs: state, initial=START)
+
+
+def device(stiffness: float, damping: float, cubic: float = 0.0, **more) -> FakeComponent:
+    def output(state, inputs):
+        t, w = inputs["subtalar_angle"], inputs["subtalar_velocity"]
+        return [-stiffness * t - cubic * t**3 - damping * w, stiffness + 3 * cubic * t * t, damping]
+
+    names = {"subtalar_angle": ("input", "rad"), "subtalar_velocity": ("input", "rad/s"), "subtalar_torque": ("output", "N.m")}
+    names |= {"subtalar_stiffness": ("output", "N.m/rad"), "subtalar_damping": ("output", "N.m.s/rad")}
+    return FakeComponent("brace", {n: connector(n, c, u) for n, (c, u) in names.items()}, output=output, **more)
+
+
+def run(scheme: str, step: float, brace: FakeComponent, damping: float, stop: float = 0.1) -> Result:
+    parts = (foot(damping), brace)
+    system = System(parts, connect(parts, {})[0])
+    assert system.check() == []
+    result = Master(communication_step=step, stop=stop, scheme=scheme).run(system.open(), {})
+    assert result.status == "completed", result.message
+    return result
+
+
+def exact(times: np.ndarray, stiffness: float, damping: float) -> np.ndarray:
+    matrix = np.array([[0, 1], [-stiffness / INERTIA, -damping / INERTIA]])
+    return np.array([(expm(t * matrix) @ START)[0] for t in times])
+
+
+def slope(scheme: str, steps: np.ndarray) -> float:
+    """Order of convergence of the angle's RMS error."""
+    errors = []
+    for h in steps:
+        result = run(scheme, h, device(100.0, 0.1), 0.2)
+        errors.append(np.sqrt(np.mean((result["plant.subtalar_angle"] - exact(result.time, 100.0, 0.3)) ** 2)))
+    return float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
+
+
+@pytest.mark.parametrize(("scheme", "order"), [("jacobi", 1), ("gauss-seidel", 1), ("gauss-seidel-extrapolated", 2), ("iterative", 2)])
+def test_order_on_a_linear_oscillator(scheme: str, order: int) -> None:
+    steps = 2e-4 * 0.5 ** np.arange(4)
+    assert slope(scheme, steps) == pytest.approx(order, abs=0.15)
+
+
+def test_impedance_is_exact_for_a_linear_device() -> None:
+    for stiffness, damping in ((100.0, 0.1), (2000.0, 0.5), (50.0, 20.0)):
+        result = run("impedance", 1e-3, device(stiffness, damping), 0.2)
+        assert result["plant.subtalar_angle"] == pytest.approx(exact(result.time, stiffness, damping + 0.2), abs=1e-12)
+        assert result.coupling_error == pytest.approx(0.0, abs=1e-10)
+
+
+def test_impedance_is_of_second_order_for_a_cubic_device() -> None:
+    k, c, cubic, d = 50.0, 0.1, 2e4, 0.2
+    steps, errors = 4e-4 * 0.5 ** np.arange(4), []
+    for h in steps:
+        result = run("impedance", h, device(k, c, cubic), d)
+        truth = solve_ivp(
+            lambda t, y: [y[1], (-k * y[0] - cubic * y[0] ** 3 - (c + d) * y[1]) / INERTIA], (0, 0.1), START, t_eval=result.time, rtol=1e-11, atol=1e-13
+        )
+        errors.append(np.sqrt(np.mean((result["plant.subtalar_angle"] - truth.y[0]) ** 2)))
+    assert np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(2.0, abs=0.15)
+
+
+@pytest.mark.parametrize(("scheme", "share"), [("gauss-seidel", 0.5), ("jacobi", 1.5)])
+def test_a_held_torque_is_negative_damping(scheme: str, share: float) -> None:
+    """Without damping the amplitude grows at the rate of a damping of -k h/2 (Gauss-Seidel) or -3 k h/2 (Jacobi), to first order in h."""
+    k, h = 100.0, 2e-5
+    result = run(scheme, h, device(k, 0.0), 0.0, stop=0.2)
+    angle, velocity = result["plant.subtalar_angle"], result["plant.subtalar_velocity"]
+    energy = 0.5 * INERTIA * velocity**2 + 0.5 * k * angle**2
+    rate = math.log(energy[-1] / energy[0]) / (result.time[-1] * 2)
+    assert rate == pytest.approx(share * k * h / (2 * INERTIA), rel=0.03)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_the_coupling_error_falls_with_the_step(scheme: str) -> None:
+    cubic = device(50.0, 0.05, 2e4)
+    coarse, fine = (run(scheme, h, cubic, 0.2).coupling_error for h in (4e-4, 1e-4))
+    if scheme == "iterative":  # what the plant felt is the mean of the device's torques: the residual is that of the iteration
+        assert coarse < 1e-4
+        assert fine < 1e-4
+    else:
+        order = 1 if scheme in ("jacobi", "gauss-seidel") else 2
+        assert math.log(coarse / fine) / math.log(4) == pytest.approx(order, abs=0.25)
+
+
+def test_the_coupling_error_ranks_the_schemes_as_their_true_errors_do() -> None:
+    stiff = device(300.0, 0.2)
+    stated, true = {}, {}
+    for scheme in ("jacobi", "gauss-seidel", "gauss-seidel-extrapolated", "impedance"):
+        result = run(scheme, 5e-4, stiff, 0.4)
+        stated[scheme] = result.coupling_error
+        true[scheme] = np.abs(result["plant.subtalar_angle"] - exact(result.time, 300.0, 0.6)).max()
+    assert sorted(stated, key=stated.__getitem__) == sorted(true, key=true.__getitem__)
+
+
+def test_iteration_needs_saved_states() -> None:
+    unable = device(100.0, 0.1, capabilities=Capabilities("2.0", state=False))
+    with pytest.raises(InputError, match=r"iterative: brace cannot save and restore its state; use auto"):
+        run("iterative", 1e-3, unable, 0.2)
+
+
+def test_an_iteration_that_does_not_settle_is_an_error() -> None:
+    """A device whose torque jumps with the sign of the angle has no answer at the jump."""
+    jumping = device(0.0, 0.0)
+    jumping = FakeComponent("brace", jumping.connectors, output=lambda s, i: [-500.0 if i["subtalar_angle"] > 0.07 else 500.0, 0.0, 0.0])
+    parts = (foot(0.0), jumping)
+    result = Master(communication_step=1e-3, stop=0.1, scheme="iterative").run(System(parts, connect(parts, {})[0]).open(), {})
+    assert result.status == "failed"
+    assert "plant.brace_subtalar_torque did not settle in 50 iterations" in result.message
+
+
+MONOLITHIC = [("incline30_brace", 2.4), ("incline30_brace", 4.0), ("incline30_mixed", 1.5)]
+
+
+@pytest.mark.parametrize(("name", "scale"), MONOLITHIC)
+def test_default_settings_against_the_brace_inside_the_plant(name: str, scale: float) -> None:
+    """Peak subtalar angle within 0.05°, the brace's peak moment within 1 %."""
+    coupled = load_scenario(name).override("brace.angle_scale", scale)
+    inside = coupled.override("brace.torque_scale", 0.0).override("plant.internal_brace_angle_scale", scale)
+    a, b = coupled.run(), inside.run()
+    assert (a.status, b.status, a.scheme) == ("completed", "completed", "impedance")
+    assert a.metrics["peak_subtalar_angle_deg"] == pytest.approx(b.metrics["peak_subtalar_angle_deg"], abs=0.05)
+    assert a["plant.brace_subtalar_moment"].max() == pytest.approx(b["plant.brace_subtalar_moment"].max(), rel=0.01)
+    assert a.coupling_error < 0.01
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_every_scheme_runs_the_real_plant(scheme: str) -> None:
+    result = load_scenario("incline30_brace").with_master(scheme, "0.25 ms").run()
+    assert result.status == "completed"
+    assert result.metrics["peak_subtalar_angle_deg"] == pytest.approx(29.84, abs=0.15)
+    assert result.scheme == scheme
