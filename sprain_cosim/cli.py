@@ -59,6 +59,8 @@ def run(
     if out is not None:
         runfolder.check(out)
     result = chosen.run()
+    if result.warning:
+        click.echo(f"warning: {result.warning}", err=True)
     summary = runfolder.summary(chosen, result)
     if check_coupling and result.status == "completed":
         summary["coupling_check"] = chosen.coupling_check(result)
@@ -85,10 +87,10 @@ def _print_table(title: str, summary: dict[str, Any], result: Any) -> None:
     rows = table(result)
     if rows:
         click.echo(f"{'':32}{'value':>10}  {'unit':7}{'time [ms]':>10}")
-    if result.coupling_error is not None:
-        click.echo(f"{'coupling error':32}{100 * result.coupling_error:10.2f}  {'%':7}{'':10}  of the energy exchanged with the device")
     for label, value, unit, time in rows:
         click.echo(f"{label:32}{value:10.2f}  {unit:7}{1e3 * time:10.1f}")
+    if result.coupling_error is not None:
+        click.echo(f"{'coupling error':32}{100 * result.coupling_error:10.2f}  % of the energy exchanged")
 
 
 @cli.command()

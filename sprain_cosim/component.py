@@ -294,7 +294,6 @@ class Fmi2Instance:
         folder = archive.unpack(archive.read(component.fmu))
         self._label = f"{component.name}_{next(_counter)}"
         self.messages = _messages[self._label] = deque(maxlen=MAX_MESSAGES)
-        self._time = 0.0
         try:
             self._fmu = FMU2Slave(guid=component.guid, modelIdentifier=component.identifier, unzipDirectory=str(folder), instanceName=self._label)
         except Exception as problem:
@@ -357,7 +356,6 @@ class Fmi2Instance:
             self._check(status, f"setting {name} = {value:g}")
 
     def start(self, time: float, stop: float) -> None:
-        self._time = time
         self._call("setting up", self._fmu.setupExperiment, startTime=time, stopTime=stop)
         self._call("entering initialisation", self._fmu.enterInitializationMode)
 
@@ -392,10 +390,13 @@ class Fmi2Instance:
             self._bus[place] = buffer
 
     def step(self, time: float, step: float) -> None:
-        status = self._functions["DoStep"](self._instance, ctypes.c_double(time), ctypes.c_double(step), 1)
-        if status > _WARNING:
-            self._time = time
-            self._check(status, f"in the step from {time:.6g} s to {time + step:.6g} s")
+        own = self.component.capabilities.fixed_step
+        count = 1 if own is None else max(1, round(step / own))
+        size = step / count
+        for k in range(count):
+            status = self._functions["DoStep"](self._instance, ctypes.c_double(time + k * size), ctypes.c_double(size), 1)
+            if status > _WARNING:
+                self._check(status, f"in the step from {time + k * size:.6g} s to {time + (k + 1) * size:.6g} s")
 
     def save(self) -> Any:
         return self._call("saving its state", self._fmu.getFMUstate)

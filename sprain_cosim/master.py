@@ -5,8 +5,9 @@
         the scheme takes every component from t to t + communication_step
         record k + 1
 
-Failure policy: an FMI error or a value that is not finite ends the run with status `failed` and a message that names component, call or
-variable, and time; what was recorded until then stays in the result. A short record is never `completed`.
+Failure policy: a scheme that would be unstable with this device is refused before the first step (InputError). An FMI error or a value that
+is not finite ends the run with status `failed` and a message that names component, call or variable, and time; what was recorded until then
+stays in the result. A short record is never `completed`.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from time import perf_counter
 
 import numpy as np
 
-from .coupling import exchange, residual, scheme
+from .coupling import exchange, residual, scheme, verdict
 from .errors import InputError, SimulationError
 from .result import Result
 from .system import Assembly
@@ -26,12 +27,13 @@ from .system import Assembly
 
 @dataclass(frozen=True)
 class Master:
-    """Times in s."""
+    """Times in s. `guard`: refuse a run whose coupling would be unstable, before it starts."""
 
     communication_step: float = 5e-4
     stop: float = 0.150
     start: float = 0.0
     scheme: str = "auto"
+    guard: bool = True
 
     @property
     def steps(self) -> int:
@@ -58,10 +60,15 @@ class Master:
         n, h = self.steps, self.communication_step
         record = np.empty((n + 1, len(assembly.names)))
         step, reason = scheme(self.scheme, assembly.system)
-        done, message = 0, ""
+        done, message, warning = 0, "", ""
         try:
             step.start(assembly)
             assembly.start(parameters, self.start, self.stop)
+            if self.guard:
+                level, said = verdict(step.name, assembly, h, n)
+                if level == "refusal":
+                    raise InputError(said)
+                warning = said
             record[0] = assembly.record
             done = 1
             for k in range(n):
@@ -79,6 +86,7 @@ class Master:
             message=message,
             scheme=step.name,
             scheme_reason=reason,
+            warning=warning,
             coupling_error=None if message else residual(step, exchange(assembly, record)),
             parameters=dict(parameters),
             wall=perf_counter() - began,

@@ -21,7 +21,7 @@ class Result:
 
     `status` is completed or failed; a failed run has the record until it failed and a `message`, but no metrics. `scheme` is the coupling
     scheme that ran and `scheme_reason` why, `coupling_error` the residual energy as a share of the exchanged or None,
-    `wall` the wall time [s], `parameters` those that were set."""
+    `warning` what the stability guard has to say, `wall` the wall time [s], `parameters` those that were set."""
 
     time: np.ndarray
     values: np.ndarray
@@ -31,6 +31,7 @@ class Result:
     message: str
     scheme: str
     scheme_reason: str = ""
+    warning: str = ""
     parameters: dict[str, float] = field(default_factory=dict)
     coupling_error: float | None = None
     wall: float = 0.0

@@ -29,6 +29,7 @@ def summary(scenario: Scenario, result: Result) -> dict[str, Any]:
         "title": scenario.title,
         "scheme": result.scheme,
         "scheme_reason": result.scheme_reason,
+        "warning": result.warning,
         "communication_step_s": scenario.master.communication_step,
         "fmus": {name: path.name for name, path in scenario.fmus.items()},
         "parameters": dict(scenario.parameters),

@@ -222,6 +222,12 @@ class Assembly:
         """Places on the bus of the inputs of late members that `chosen` accepts by name."""
         return np.array([k for m in self.members if m.late for k in range(m.inputs.start, m.inputs.stop) if chosen(self.names[k])], dtype=np.intp)
 
+    def si(self, name: str) -> float:
+        """The present value of a slot in SI."""
+        at = self.index[name]
+        unit = self.units[at]
+        return float(self.bus[at]) if unit is None else unit.to_base(float(self.bus[at]))
+
     def transfer(self, member: Member) -> None:
         """Sources to the member's inputs, on the bus only."""
         member.sent = False

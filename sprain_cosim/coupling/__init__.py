@@ -9,11 +9,12 @@ from ..system import Assembly, System
 from .energy import Exchange, exchange, residual
 from .extrapolated import Extrapolated
 from .gauss_seidel import GaussSeidel
+from .guard import verdict
 from .impedance import Impedance
 from .iterative import Iterative
 from .jacobi import Jacobi
 
-__all__ = ["SCHEMES", "Scheme", "check_scheme", "exchange", "residual", "scheme"]
+__all__ = ["SCHEMES", "Scheme", "check_scheme", "exchange", "residual", "scheme", "verdict"]
 
 
 class Scheme(Protocol):

@@ -16,7 +16,7 @@ from sprain_cosim.master import Master
 from sprain_cosim.result import Result
 from sprain_cosim.scenario import load_scenario
 from sprain_cosim.system import System, connect
-from tests.fake import FakeComponent, connector
+from tests.fake import FakeComponent, connector, make_fmu
 
 INERTIA, START = 0.005, np.array([0.1, 0.0])
 
@@ -164,3 +164,95 @@ def test_every_scheme_runs_the_real_plant(scheme: str) -> None:
     assert result.status == "completed"
     assert result.metrics["peak_subtalar_angle_deg"] == pytest.approx(29.84, abs=0.15)
     assert result.scheme == scheme
+
+
+def light_foot(damping: float = 0.0) -> FakeComponent:
+    """The foot, which also tells its inertia."""
+    plain = foot(damping)
+    connectors = {**plain.connectors, "subtalar_effective_inertia": connector("subtalar_effective_inertia", "output", "kg.m2", depends_on=())}
+    return FakeComponent("plant", connectors, law=plain.law, output=lambda state, inputs: [*state, INERTIA], initial=np.array([0.1, 1.0]))
+
+
+def silent(brace: FakeComponent) -> FakeComponent:
+    """The same device without its declared stiffness and damping."""
+    kept = {n: c for n, c in brace.connectors.items() if not n.endswith(("_stiffness", "_damping"))}
+    return FakeComponent("brace", kept, output=lambda state, inputs: brace.output(state, inputs)[:1])
+
+
+def guarded(scheme: str, step: float, brace: FakeComponent, guard: bool = True) -> Result:
+    parts = (light_foot(), brace)
+    return Master(communication_step=step, stop=0.15, scheme=scheme, guard=guard).run(System(parts, connect(parts, {})[0]).open(), {})
+
+
+@pytest.mark.parametrize(
+    ("scheme", "stiffness", "damping"),
+    [("gauss-seidel", 2000.0, 0.0), ("jacobi", 700.0, 0.0), ("gauss-seidel", 0.0, 25.0), ("gauss-seidel-extrapolated", 0.0, 12.0), ("jacobi", 0.0, 12.0)],
+)
+@pytest.mark.parametrize("declared", [True, False])
+def test_every_refusal_is_right(scheme: str, stiffness: float, damping: float, declared: bool) -> None:
+    """Refused with the step that would do; run unguarded, it fails; at the step named, it does not."""
+    brace = device(stiffness, damping) if declared else silent(device(stiffness, damping))
+    with pytest.raises(InputError, match=r"may grow .* use --scheme impedance or iterative, or --step '[\d.e-]+ ms'") as refusal:
+        guarded(scheme, 5e-4, brace)
+    wild = guarded(scheme, 5e-4, brace, guard=False)
+    assert wild.status == "failed" or np.abs(wild["plant.subtalar_angle"]).max() > 20 * START[0]
+    step = float(str(refusal.value).split("--step '")[1].split(" ms")[0]) * 1e-3
+    calm = guarded(scheme, step, brace)
+    assert calm.status == "completed"
+    assert np.abs(calm["plant.subtalar_angle"]).max() <= 10 * START[0]
+
+
+def test_a_warning_is_not_a_refusal_and_a_soft_device_passes() -> None:
+    assert "may grow" in guarded("gauss-seidel", 5e-4, device(800.0, 0.0)).warning
+    assert guarded("gauss-seidel", 5e-4, device(50.0, 0.05)).warning == ""
+    for scheme in ("impedance", "iterative"):
+        assert guarded(scheme, 5e-4, device(2000.0, 0.0)).warning == ""
+
+
+LINEAR = """
+    def initialise(self):
+        self.refresh()
+
+    def refresh(self):
+        self["subtalar_torque"] = -self["k"] * self["subtalar_angle"] - self["c"] * self["subtalar_velocity"]
+        self["subtalar_stiffness"], self["subtalar_damping"] = self["k"], self["c"]
+
+    def step(self, time, step):
+        self.refresh()
+"""
+VARIABLES = """[
+    dict(name="k", causality="parameter", variability="fixed", unit="N.m/rad", start=0.0, description="stiffness"),
+    dict(name="c", causality="parameter", variability="fixed", unit="N.m.s/rad", start=0.0, description="damping"),
+    dict(name="subtalar_angle", causality="input", variability="continuous", unit="rad", start=0.0, description="angle"),
+    dict(name="subtalar_velocity", causality="input", variability="continuous", unit="rad/s", start=0.0, description="velocity"),
+    dict(name="subtalar_torque", causality="output", variability="continuous", unit="N.m", description="torque"),
+    dict(name="subtalar_stiffness", causality="output", variability="continuous", unit="N.m/rad", description="stiffness"),
+    dict(name="subtalar_damping", causality="output", variability="continuous", unit="N.m.s/rad", description="damping"),
+]"""
+
+
+@pytest.mark.parametrize(("stiffness", "damping"), [(2000.0, 0.0), (0.0, 20.0)])
+def test_stiff_linear_braces_on_the_real_plant(stiffness: float, damping: float, tmp_path) -> None:
+    """2000 N.m/rad and 20 N.m.s/rad run stably by default, and half the step changes the peak by less than 0.05°."""
+    fmu = make_fmu(tmp_path, "linear", VARIABLES, LINEAR)
+    scenario = load_scenario("incline30").replace_fmu("brace", fmu).override("brace.k", f"{stiffness} N.m/rad").override("brace.c", f"{damping} N.m.s/rad")
+    result = scenario.run()
+    assert result.status == "completed"
+    assert result.scheme == "impedance"
+    assert result.metrics["peak_subtalar_angle_deg"] < 25.0
+    assert abs(scenario.coupling_check(result)["peak_subtalar_angle_deg"]) < 0.05
+
+
+def test_a_device_with_a_smaller_step_of_its_own(tmp_path) -> None:
+    """0.1 ms under a 0.5 ms master: five steps of its own in each, at the right times."""
+    counting = """
+        count = 0
+
+        def step(self, time, step):
+            self.count += 1
+            assert abs(step - 1e-4) < 1e-12 and abs(time - (self.count - 1) * 1e-4) < 1e-9
+            self["subtalar_torque"] = 0.0
+    """
+    fmu = make_fmu(tmp_path, "quick", VARIABLES, counting, "FIXED_STEP = 0.0001")
+    result = load_scenario("incline30").replace_fmu("brace", fmu).with_master(stop="10 ms").run()
+    assert result.status == "completed", result.message
