@@ -124,7 +124,7 @@ def verdict(scheme: str, assembly: Assembly, step: float, steps: int) -> tuple[s
         return "stable", ""
     worst = int(np.argmax(np.diag(device.stiffness) / device.inertia))
     cure = largest_step(scheme, device, step, step * steps)
-    k, c = device.stiffness[worst, worst], device.damping[worst, worst]
+    k, c = device.stiffness[worst, worst], device.damping[worst, worst] + 0.0
     size = f"stiffness {k:.4g} N.m/rad, damping {c:.3g} N.m.s/rad, inertia {device.inertia[worst]:.3g} kg.m2"
     grows = f"{factor:.0f}-fold" if factor < 1e6 else "without bound"
     text = f"an oscillation about {device.axes[worst]} may grow {grows} over the run under {scheme} at {1e3 * step:g} ms ({size}); use --scheme impedance"

@@ -1,0 +1,63 @@
+"""Draws docs/figures/coupling.png: error against communication step for every scheme. Run: python tools/coupling_figure.py"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+from sprain_cosim.coupling import SCHEMES
+from sprain_cosim.errors import InputError
+from sprain_cosim.plots import FAINT, INK
+from sprain_cosim.scenario import Scenario, load_scenario
+
+STEPS = (2.0, 1.0, 0.5, 0.25, 0.125)  # ms
+SCALES = (2.4, 4.0)
+COLORS = dict(zip(SCHEMES, ("#5c677d", "#c1292e", "#e09f3e", "#1b6ca8", "#2a9d8f"), strict=True))
+TARGET = Path(__file__).parent.parent / "docs" / "figures" / "coupling.png"
+
+
+def braced(scale: float) -> Scenario:
+    return load_scenario("incline30_brace").override("brace.angle_scale", scale).override("plant.tolerance", 1e-5)
+
+
+def main() -> None:
+    figure = Figure(figsize=(9.6, 4.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(1, 2, sharey=True)
+    for axis, scale in zip(axes, SCALES, strict=True):
+        inside = braced(scale).override("brace.torque_scale", 0.0).override("plant.internal_brace_angle_scale", scale)
+        truth = inside.with_master(communication_step="0.125 ms").run()
+        for name, color in COLORS.items():
+            found = []
+            for step in STEPS:
+                try:
+                    result = braced(scale).with_master(name, f"{step} ms").run()
+                except InputError as refusal:
+                    print(f"{100 * scale:4.0f} %  {name:26}{step:6g} ms   refused: {str(refusal).split(';')[0]}")
+                    found.append((np.nan, np.nan))
+                    continue
+                every = round(step / 0.125)
+                difference = result["plant.subtalar_angle"] - truth["plant.subtalar_angle"][::every]
+                found.append((np.degrees(np.sqrt(np.mean(difference**2))), result.coupling_error))
+                print(f"{100 * scale:4.0f} %  {name:26}{step:6g} ms   RMS {found[-1][0]:.5f} deg   stated {100 * (result.coupling_error or 0):.3f} %")
+            axis.loglog(STEPS, [f[0] for f in found], "o-", color=color, markersize=4, linewidth=1.6, label=name)
+        axis.axvline(0.5, color=FAINT, linewidth=0.8)
+        axis.set_title(f"{100 * scale:.0f} % brace", loc="left", fontsize=10, color=INK)
+        axis.set_xticks(STEPS, [f"{s:g}" for s in STEPS])
+        axis.minorticks_off()
+        axis.set_xlabel("communication step [ms] (default 0.5)", fontsize=9, color=INK)
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.grid(color=FAINT, alpha=0.25)
+    axes[0].set_ylabel("RMS error of the subtalar angle [deg]", fontsize=9, color=INK)
+    axes[1].legend(frameon=False, fontsize=8, loc="lower right", labelcolor="linecolor")
+    figure.savefig(TARGET, dpi=130, metadata={"Software": None})
+
+
+if __name__ == "__main__":
+    main()
