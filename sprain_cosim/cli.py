@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import click
 
 from . import __version__
-from .errors import InputError, SprainError
+from .errors import InputError, SimulationError, SprainError
 
 OUT = click.option("--out", type=click.Path(path_type=Path), help="Folder for signals, summary and figure.")
 JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
@@ -75,8 +76,7 @@ def run(
         if out is not None:
             click.echo(f"\nwritten: {', '.join(str(out / name) for name in runfolder.FILES)}")
     if result.status != "completed":
-        click.echo(f"error: {result.message}", err=True)
-        raise SystemExit(3)
+        raise SimulationError(result.message)
 
 
 def _print_table(title: str, summary: dict[str, Any], result: Any) -> None:
@@ -150,16 +150,39 @@ def _pair(text: str, option: str, form: str) -> tuple[str, str]:
     return name.strip(), value.strip()
 
 
+class Interrupted(BaseException):
+    """A signal that asks to stop. Not a KeyboardInterrupt, which click reports in its own way."""
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Runs the command line; errors become one line on stderr and the exit code of interface and README."""
+    received: list[int] = []
+
+    def stop(number: int, _: Any) -> None:
+        received.append(number)
+        if hasattr(signal, "setitimer"):  # once more in a while, should native code swallow the exception
+            signal.setitimer(signal.ITIMER_REAL, 0.2)
+        raise Interrupted
+
+    for name in ("SIGINT", "SIGTERM", "SIGALRM"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), stop)
+    code = _run(arguments, received)
+    if received and hasattr(signal, "setitimer"):
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+    sys.exit(128 + received[0] if received else code)
+
+
+def _run(arguments: list[str] | None, received: list[int]) -> int:
+    """The exit code. A signal that arrives while a Python FMU runs in this interpreter comes back as an FMI error, hence `received`."""
     try:
         code = cli.main(arguments, prog_name="sprain-cosim", standalone_mode=False) or 0
     except click.ClickException as problem:
         where = problem.ctx.command_path if isinstance(problem, click.UsageError) and problem.ctx else "sprain-cosim"
         code = _say(f"{_one_line(problem.format_message())} (see `{where} --help`)", 2)
     except SprainError as problem:
-        code = _say(_one_line(str(problem)), problem.exit_code)
-    except (click.Abort, KeyboardInterrupt):
+        code = _say("interrupted" if received else _one_line(str(problem)), problem.exit_code)
+    except (click.Abort, Interrupted):
         code = _say("interrupted", 130)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -172,7 +195,7 @@ def main(arguments: list[str] | None = None) -> None:
         if os.environ.get("SPRAIN_COSIM_DEBUG"):
             raise
         code = _say(f"internal: {type(problem).__name__}: {_one_line(str(problem))}; please report it (SPRAIN_COSIM_DEBUG=1 shows where)", 4)
-    sys.exit(code)
+    return code
 
 
 def _say(message: str, code: int) -> int:
