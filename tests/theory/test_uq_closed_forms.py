@@ -1,0 +1,114 @@
+"""Mean value, AMV, AMV+, HMV, FORM, sensitivities and percentile intervals on problems with closed forms."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from sprain_cosim.uq import LogNormal, Normal
+from sprain_cosim.uq.distributions import JointDistribution
+from sprain_cosim.uq.reliability import amv, amv_plus, form, hmv, mean_value
+from sprain_cosim.uq.sampling import monte_carlo, sobol
+from sprain_cosim.uq.sensitivity import pearson, sensitivity_factors, sobol_indices
+from sprain_cosim.uq.statistics import order_statistic_ranks
+
+A = np.array([3, -2, 1, 4, -1, 2, -3, 1, 2, -1], dtype=float)
+TEN = [Normal(float(i), 0.1 * i) for i in range(1, 11)]
+SPREAD = A * 0.1 * np.arange(1, 11)
+MEAN, SD = float(A @ np.arange(1, 11)), float(np.linalg.norm(SPREAD))
+LEVELS = (0.05, 0.5, 0.95)
+
+
+def linear(x: np.ndarray) -> np.ndarray:
+    return x @ A
+
+
+@pytest.mark.parametrize("method", [mean_value, amv, amv_plus, hmv])
+def test_a_linear_function_of_normals_is_exact(method) -> None:
+    result = method(linear, TEN)
+    for p in LEVELS:
+        assert result.value[p] == pytest.approx(MEAN + SD * stats.norm.ppf(p), rel=1e-6)
+    assert np.asarray(result.importance[0.95]) == pytest.approx(SPREAD / SD, abs=1e-6)
+    assert result.status == "ok"
+
+
+def test_form_of_a_linear_limit_state() -> None:
+    """P(sum a x <= z): beta is the distance of z in standard deviations."""
+    threshold = MEAN - 2.5 * SD
+    result = form(linear, TEN, threshold)
+    assert result.beta == pytest.approx(2.5, abs=1e-6)
+    assert result.probability == pytest.approx(stats.norm.cdf(-2.5), rel=1e-5)
+
+
+def product(x: np.ndarray) -> np.ndarray:
+    return x[:, 0] ** 2 * x[:, 1] / x[:, 2]
+
+
+def test_a_product_of_lognormals_is_linear_in_standard_space() -> None:
+    """u-space AMV, AMV+ and FORM are exact for x1² x2 / x3; the lognormal's mean and SD are those of the variable."""
+    marginals = [LogNormal(10.0, 1.0), LogNormal(5.0, 1.0), LogNormal(2.0, 0.5)]
+    zeta2 = [math.log1p((sd / m) ** 2) for m, sd in ((10, 1), (5, 1), (2, 0.5))]
+    location = [math.log(m) - z / 2 for m, z in zip((10, 5, 2), zeta2, strict=True)]
+    mu = 2 * location[0] + location[1] - location[2]
+    sigma = math.sqrt(4 * zeta2[0] + zeta2[1] + zeta2[2])
+    plus = amv_plus(product, marginals)
+    for p in LEVELS:
+        assert plus.value[p] == pytest.approx(math.exp(mu + sigma * stats.norm.ppf(p)), rel=1e-5)
+    result = form(product, marginals, math.exp(mu - 1.7 * sigma))
+    assert result.beta == pytest.approx(1.7, abs=1e-5)
+
+
+def test_amv_corrects_the_mean_value_of_a_square() -> None:
+    """z = x², x ~ N(3, 0.5): AMV gives (3 + 0.5 beta)², mean value 9 + 3 beta."""
+    square = [Normal(3.0, 0.5)]
+    for p in LEVELS:
+        beta = stats.norm.ppf(p)
+        assert mean_value(lambda x: x[:, 0] ** 2, square, step=1e-4, difference="central").value[p] == pytest.approx(9 + 3 * beta, abs=1e-6)
+        assert amv(lambda x: x[:, 0] ** 2, square, step=1e-4).value[p] == pytest.approx((3 + 0.5 * beta) ** 2, abs=1e-6)
+
+
+def test_a_function_that_is_not_monotonic_is_rejected() -> None:
+    result = amv(lambda x: (x[:, 0] - 0.01) ** 2, [Normal(0.0, 1.0)])
+    assert result.status == "rejected"
+    assert result.reasons
+
+
+def test_sensitivity_factors_of_a_linear_function() -> None:
+    """d(mean z)/d(mean i) = a_i, d(sd z)/d(sd i) = a_i² s_i / sd, normalised by s_i/sd; within four standard errors."""
+    joint = JointDistribution(TEN)
+    x = monte_carlo(joint, 20_000, seed=4)
+    factors = sensitivity_factors(x, linear(x), TEN)
+    share = SPREAD / SD
+    for found, expected in ((factors.dmean_dmean, share), (factors.dsd_dsd, share**2), (factors.dmean_dsd, 0 * share), (factors.dsd_dmean, 0 * share)):
+        assert np.abs(found - expected).max() < 0.05
+    assert np.asarray(pearson(x, linear(x)).value) == pytest.approx(share, abs=0.03)
+
+
+def test_sobol_indices_of_ishigami() -> None:
+    """First-order 0.3139, 0.4424, 0 and total 0.5576, 0.4424, 0.2437 for a = 7, b = 0.1."""
+    from sprain_cosim.uq import Uniform
+
+    def ishigami(x: np.ndarray) -> np.ndarray:
+        return np.sin(x[:, 0]) + 7 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0])
+
+    result = sobol_indices(ishigami, [Uniform(-math.pi, math.pi)] * 3, 4096, seed=3)
+    assert np.asarray(result.first) == pytest.approx([0.3139, 0.4424, 0.0], abs=0.02)
+    assert np.asarray(result.total) == pytest.approx([0.5576, 0.4424, 0.2437], abs=0.02)
+
+
+def test_enlarging_a_sample_keeps_its_rows_and_columns() -> None:
+    joint = JointDistribution(TEN)
+    assert (monte_carlo(joint, 1024, seed=7)[:128] == monte_carlo(joint, 128, seed=7)).all()
+    other = JointDistribution([Normal(1.0, 9.0), *TEN[1:]])
+    assert (monte_carlo(joint, 64, seed=7)[:, 1:] == monte_carlo(other, 64, seed=7)[:, 1:]).all()
+    assert sobol(joint, 1024, seed=7).shape == (1024, 10)
+
+
+@pytest.mark.parametrize(("n", "p"), [(1000, 0.05), (1000, 0.5), (1000, 0.95), (200, 0.9)])
+def test_order_statistic_intervals_cover(n: int, p: float) -> None:
+    """The binomial probability between the two ranks (counted from 1) is at least 95 %."""
+    low, high = order_statistic_ranks(n, p)
+    assert stats.binom.cdf(high - 1, n, p) - stats.binom.cdf(low - 1, n, p) >= 0.95
