@@ -172,4 +172,7 @@ def quantity(value: float | str, wanted: Unit | None, what: str) -> float:
 
 
 def _example(wanted: Unit | None, number: float = 1.0) -> str:
-    return f'"{number:g} {wanted.name}"' if wanted is not None and not wanted.dimensionless else f"{number:g}"
+    """People write angles in degrees."""
+    if wanted is None or wanted.dimensionless:
+        return f"{number:g}"
+    return f'"{number:g} {wanted.name.replace("rad", "deg") if wanted.name in ("rad", "rad/s") else wanted.name}"'

@@ -70,6 +70,11 @@ def test_quantity_says_what_is_wrong(value: object, words: str) -> None:
     assert str(problem.value).startswith("plant.drop_height")
 
 
+def test_the_example_for_an_angle_is_in_degrees() -> None:
+    with pytest.raises(InputError, match='needs a unit, for example "30 deg"'):
+        quantity(30.0, unit("rad"), "plant.platform_incline")
+
+
 @given(st.floats(-1e6, 1e6), st.sampled_from(sorted(SYMBOLS)))
 def test_there_and_back(value: float, symbol: str) -> None:
     u = unit(symbol)
