@@ -15,6 +15,8 @@ __version__ = "0.1.0"
 _HOME = {
     "load_scenario": "scenario",
     "Scenario": "scenario",
+    "load_study": "uq.study",
+    "Study": "uq.study",
     "System": "system",
     "Component": "component",
     "Master": "master",
@@ -37,6 +39,8 @@ if TYPE_CHECKING:
     from .scenario import Scenario as Scenario
     from .scenario import load_scenario as load_scenario
     from .system import System as System
+    from .uq.study import Study as Study
+    from .uq.study import load_study as load_study
 
 
 def __getattr__(name: str) -> Any:

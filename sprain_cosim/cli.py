@@ -94,6 +94,73 @@ def _print_table(title: str, summary: dict[str, Any], result: Any) -> None:
 
 
 @cli.command()
+@click.argument("study")
+@click.option("--method", help="monte-carlo, lhs, sobol, grid, table, mean-value, amv, amv+, hmv, form.")
+@click.option("--trials", type=click.IntRange(1), help="Number of trials.")
+@click.option("--seed", type=click.IntRange(0), help="Seed of the sample.")
+@click.option("--inputs", type=click.Path(path_type=Path), metavar="TABLE.csv", help="Run these rows: header component.parameter [unit].")
+@click.option("--fmu", "fmus", multiple=True, metavar="NAME=FILE", help="Put another FMU in a component's place.")
+@click.option("--set", "settings", multiple=True, metavar="COMPONENT.PARAMETER=VALUE", help="Fix a parameter.")
+@click.option("--workers", type=click.IntRange(1), help="Worker processes (default: one per core).")
+@click.option("--resume", is_flag=True, help="Continue what --out holds.")
+@click.option("--max-failed", default="1%", show_default=True, help="Share of failed trials that is accepted.")
+@click.option("--progress", type=click.Choice(["auto", "plain", "json", "none"]), default="auto", show_default=True)
+@click.option("--out", type=click.Path(path_type=Path), help="Folder of the study (default: runs/STUDY).")
+@JSON
+def study(
+    study: str,
+    method: str | None,
+    trials: int | None,
+    seed: int | None,
+    inputs: Path | None,
+    fmus: tuple[str, ...],
+    settings: tuple[str, ...],
+    workers: int | None,
+    resume: bool,
+    max_failed: str,
+    progress: str,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Run many landings: STUDY is a file, or the name of one that ships."""
+    from .scenario import parse_value
+    from .units import quantity
+    from .uq.progress import reporter
+    from .uq.study import load_study
+    from .uq.summary import text
+
+    chosen = load_study(study)
+    for pair in fmus:
+        name, file = _pair(pair, "--fmu", "NAME=FILE")
+        chosen = chosen.replace_fmu(name, file)
+    for pair in settings:
+        name, value = _pair(pair, "--set", "COMPONENT.PARAMETER=VALUE")
+        chosen = chosen.override(name, parse_value(value))
+    if inputs is not None:
+        if method not in (None, "table") or trials is not None:
+            raise InputError("--inputs: its rows are the trials; leave --method and --trials out")
+        chosen = chosen.with_inputs(inputs)
+    for warning in chosen.warnings:
+        click.echo(f"warning: {warning}", err=True)
+    share = quantity(max_failed.replace("%", " %"), None, "--max-failed")
+    folder = out or Path("runs") / Path(study).stem
+    try:
+        done = chosen.run(
+            method=method, trials=trials, seed=seed, workers=workers, resume=resume, max_failed=share, out=folder, progress=reporter(progress)
+        )
+    except (Interrupted, SimulationError):
+        click.echo(f"continue with: sprain-cosim {' '.join(_without_resume(sys.argv[1:]))} --resume", err=True)
+        raise
+    click.echo(json.dumps(done.summary, allow_nan=False) if as_json else f"{text(done.study, done.summary)}\n\nwritten: {folder}")
+
+
+def _without_resume(arguments: list[str]) -> list[str]:
+    import shlex
+
+    return [shlex.quote(a) for a in arguments if a != "--resume"]
+
+
+@cli.command()
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="Where figures/ goes (default: the first folder).")
 def plot(folders: tuple[Path, ...], out: Path | None) -> None:

@@ -46,6 +46,8 @@ def metrics(run: Signals) -> dict[str, float]:
         if axis == "subtalar":
             out["time_of_peak_subtalar_s"] = float(run.time[k])
         out[f"peak_{label[axis]}_velocity_deg_s"] = degrees * float(run[f"plant.{axis}_velocity"].max())
+    if "plant.inversion_angle" in run.index:
+        out["peak_inversion_from_neutral_deg"] = degrees * float(run["plant.inversion_angle"].max())
     for who in ("anatomy", "brace") if braced else ("anatomy",):
         for axis, k in peak.items():
             out[f"{who}_{label[axis]}_moment_Nm"] = float(run[f"plant.{who}_{axis}_moment"][k])
@@ -78,6 +80,8 @@ def table(run: Signals) -> list[tuple[str, float, str, float]]:
     ):
         rows.append((label, values[key], unit_of(key), float(run.time[np.argmax(run[signal])])))
     at = values["time_of_peak_subtalar_s"]
+    if "plant.inversion_angle" in run.index:
+        out["peak_inversion_from_neutral_deg"] = degrees * float(run["plant.inversion_angle"].max())
     for who in ("anatomy", "brace"):
         key = f"{who}_subtalar_moment_Nm"
         if key in values:

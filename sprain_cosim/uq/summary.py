@@ -147,3 +147,69 @@ def _finite(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_finite(v) for v in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def text(study: Study, summary: Mapping[str, Any]) -> str:
+    """The tables that `study` prints: percentiles, correlations, moments of every metric, beside the published figures where there are any."""
+    lines = [
+        f"{summary['title']}  ·  {summary['method']}, pose {summary['initial_pose']}, "
+        f"{summary['n_completed']} of {summary['n_requested']} trials completed, {summary['wall_s']:.1f} s wall time"
+    ]
+    lines += [f"failed: {count} {status}" for status, count in summary["failures"].items()]
+    if "amv" in summary:
+        lines += _search_lines(study, summary["amv"])
+    elif "form" in summary:
+        f = summary["form"]
+        lines += ["", f"P({study.responses[0]} > {f['threshold']:g}) = {f['probability']:.4g}   beta {f['beta']:.3f}   {f['status']}", *f["reasons"]]
+    published = study.published
+    for name in study.responses if summary["responses"] else ():
+        r = summary["responses"][name]
+        lines += ["", f"{name:34}{'here':>10}{'95 % interval':>20}{'published':>12}"]
+        first = published if name == "peak_subtalar_angle_deg" else {}
+        for label, value, low, high in _statistics(r):
+            lines.append(f"  {label:32}{value:10.2f}{_interval(low, high):>20}{_number(first.get(f'{label} [deg]')):>12}")
+        table = {k: v for k, v in summary["sensitivity"].get(name, {}).items() if not k.startswith("_")}
+        if table:
+            lines += ["", f"{'Pearson r':34}{'here':>10}{'95 % interval':>20}{'published':>12}{'dsd/dmean':>12}{'dsd/dsd':>9}{'± SE':>7}"]
+        for key, s in table.items():
+            shown = published.get("pearson", {}).get(key) if first else None
+            p = s["pearson"]
+            lines.append(
+                f"  {key:32}{p['value']:10.2f}{_interval(p['low'], p['high']):>20}{_number(shown):>12}"
+                f"{s['dsd_dmean']:12.2f}{s['dsd_dsd']:9.2f}{s['standard_error']['dsd_dsd']:7.2f}"
+            )
+    if summary["responses"]:
+        lines += ["", f"{'metric (mean ± SD)':48}{'here':>20}{'published':>16}"]
+        for key, r in summary["responses"].items():
+            pair = published.get("metrics", {}).get(key)
+            lines.append(f"  {key:46}{r['mean']:11.1f} ± {r['sd']:<6.1f}{f'{pair[0]:g} ± {pair[1]:g}' if pair else '':>16}")
+    for key, q in summary["questions"].items():
+        lines.append(f"P({key} {q['event']}) = {q['probability']:.3f}  ({q['ci_low']:.3f} ... {q['ci_high']:.3f})")
+    if published:
+        lines += ["", f"published: {published['source']}"]
+    return "\n".join(lines)
+
+
+def _statistics(r: Mapping[str, Any]) -> list[tuple[str, float, float | None, float | None]]:
+    mean, sd = r.get("mean_ci", (None, None)), r.get("sd_ci", (None, None))
+    rows = [("mean", r["mean"], *mean), ("sd", r["sd"], *sd)]
+    return rows + [(f"{p} %", e["value"], e["ci_low"], e["ci_high"]) for p, e in r["percentiles"].items()]
+
+
+def _search_lines(study: Study, found: Mapping[str, Any]) -> list[str]:
+    lines = ["", f"{found['response']:34}{'here':>10}{'published':>12}"]
+    for level, entry in found["levels"].items():
+        lines.append(f"  {level + ' %':32}{entry['value']:10.2f}{_number(study.published.get(f'{level} % [deg]')):>12}")
+    lines += ["", f"{'importance':34}{'linear':>10}" + "".join(f"{level + ' %':>10}" for level in found["levels"])]
+    for name, value in found["linear_importance"].items():
+        lines.append(f"  {name:32}{value:10.2f}" + "".join(f"{e['importance'][name]:10.2f}" for e in found["levels"].values()))
+    lines += ["", f"evaluations: {found['evaluations_requested']} requested, {found['evaluations_executed']} executed; gate: {found['status']}"]
+    return lines + [f"  {reason}" for reason in found["reasons"]]
+
+
+def _interval(low: float | None, high: float | None) -> str:
+    return "" if low is None or high is None else f"{low:.2f} ... {high:.2f}"
+
+
+def _number(value: Any) -> str:
+    return "" if value is None else f"{value:g}"
