@@ -145,9 +145,7 @@ def study(
     share = quantity(max_failed.replace("%", " %"), None, "--max-failed")
     folder = out or Path("runs") / Path(study).stem
     try:
-        done = chosen.run(
-            method=method, trials=trials, seed=seed, workers=workers, resume=resume, max_failed=share, out=folder, progress=reporter(progress)
-        )
+        done = chosen.run(method=method, trials=trials, seed=seed, workers=workers, resume=resume, max_failed=share, out=folder, progress=reporter(progress))
     except (Interrupted, SimulationError):
         click.echo(f"continue with: sprain-cosim {' '.join(_without_resume(sys.argv[1:]))} --resume", err=True)
         raise

@@ -104,7 +104,9 @@ class Worker:
             child.grown = reply["memory"] - child.memory if child.memory else 0
             if child.trials == 10 or not child.memory:
                 child.memory = reply["memory"]
-            outcome = Outcome(reply["status"], reply["message"], reply["metrics"], reply["wall"], attempt, "" if reply["status"] == "completed" else child.log())
+            outcome = Outcome(
+                reply["status"], reply["message"], reply["metrics"], reply["wall"], attempt, "" if reply["status"] == "completed" else child.log()
+            )
             if outcome.status == "completed":
                 self._last = (values, outcome.metrics)
             return outcome

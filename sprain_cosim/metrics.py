@@ -80,8 +80,6 @@ def table(run: Signals) -> list[tuple[str, float, str, float]]:
     ):
         rows.append((label, values[key], unit_of(key), float(run.time[np.argmax(run[signal])])))
     at = values["time_of_peak_subtalar_s"]
-    if "plant.inversion_angle" in run.index:
-        out["peak_inversion_from_neutral_deg"] = degrees * float(run["plant.inversion_angle"].max())
     for who in ("anatomy", "brace"):
         key = f"{who}_subtalar_moment_Nm"
         if key in values:

@@ -219,15 +219,16 @@ def _search(study: Study, pool: _Pool) -> Any:
                 raise InputError("the ledger holds other points than this search asks for; name a new folder with --out")
         return np.array([_response(row.outcome, response, row.trial) for row in rows])
 
-    marginals, shared = tuple(study.marginals.values()), {"correlation": study.correlation}
+    marginals, correlation = tuple(study.marginals.values()), study.correlation
     if study.method == "form":
         assert study.threshold is not None
-        limit = study.threshold
-        return reliability.form(lambda x: -function(x), marginals, -limit, **shared)  # the event is exceedance
-    methods = {"mean-value": reliability.mean_value, "amv": reliability.amv, "amv+": reliability.amv_plus, "hmv": reliability.hmv}
-    return methods[study.method](
-        function, marginals, levels=study.levels, space=study.space, step=study.step, difference=study.difference, **shared
-    )  # type: ignore[operator]
+        return reliability.form(lambda x: -function(x), marginals, -study.threshold, correlation=correlation)  # the event is exceedance
+    if study.method == "mean-value":
+        return reliability.mean_value(function, marginals, levels=study.levels, step=study.step, difference=study.difference, correlation=correlation)
+    method = {"amv": reliability.amv, "amv+": reliability.amv_plus, "hmv": reliability.hmv}[study.method]
+    return method(
+        function, marginals, levels=study.levels, space=study.space, step=study.step, difference=study.difference, correlation=correlation
+    )  # fmt: skip
 
 
 def _response(outcome: Outcome, name: str, trial: int) -> float:

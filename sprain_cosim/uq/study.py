@@ -33,6 +33,7 @@ from . import sampling
 from .distributions import Array, Fixed, JointDistribution, LogNormal, Marginal, Normal, Truncated, Uniform
 
 if TYPE_CHECKING:
+    from .reliability import Difference, Space
     from .runner import Campaign
 
 SAMPLED = ("monte-carlo", "lhs", "sobol", "grid", "table")
@@ -63,9 +64,9 @@ class Study:
     levels: tuple[float, ...] = (0.05, 0.5, 0.95)
     threshold: float | None = None
     replicates: int = 8
-    space: str = "x"
+    space: Space = "x"
     step: float = 0.1
-    difference: str = "forward"
+    difference: Difference = "forward"
     table: Array | None = None
     numbers: tuple[int, ...] = ()
     published: Mapping[str, Any] = field(default_factory=dict)
@@ -300,13 +301,16 @@ def load_study(name: str | Path) -> Study:
             problems.append(f"parameters.{problem}")
     system = scenario.system()
     marginals, grid, units = dict[str, Marginal](), dict[str, tuple[float, ...]](), dict[str, str]()
-    for table, read in (("marginals", _marginal), ("grid", _levels)):
+    for table in ("marginals", "grid"):
         for key, spec in content.get(table, {}).items():
             what = f"{table}.{key}"
             try:
                 connector = _parameter(system, key)
                 units[key] = _unit_name(connector.unit)
-                (marginals if table == "marginals" else grid)[key] = read(spec, connector, what)
+                if table == "marginals":
+                    marginals[key] = _marginal(spec, connector, what)
+                else:
+                    grid[key] = _levels(spec, connector, what)
             except InputError as problem:
                 problems.append(str(problem) if what in str(problem) else f"{what}: {problem}")
             except ValueError as problem:

@@ -48,7 +48,7 @@ def summarise(study: Study, trials: pd.DataFrame, found: Any) -> dict[str, Any]:
     if found is not None:
         summary["form" if isinstance(found, reliability.FormResult) else "amv"] = _search(study, found)
         return summary
-    metrics = [c for c in trials.columns[3 + len(study.names) :]]
+    metrics = list(trials.columns[3 + len(study.names) :])
     for name in study.responses:
         if len(done) and name not in metrics:
             raise InputError(f"response {name!r}: no such metric{nearest(name, metrics)}")
@@ -75,7 +75,7 @@ def _response(y: np.ndarray, failed: int, intervals: bool) -> dict[str, Any]:
         out |= {"mean_ci": [mean.low, mean.high], "sd_ci": [sd.low, sd.high]}
     for p in PERCENTILES:
         e = statistics.percentile(y, p / 100)
-        entry = {"value": e.value, "ci_low": e.low if intervals else None, "ci_high": e.high if intervals else None}
+        entry: dict[str, Any] = {"value": e.value, "ci_low": e.low if intervals else None, "ci_high": e.high if intervals else None}
         if failed:
             entry["with_failures"] = list(statistics.percentile_bounds(y, failed, p / 100))
         out["percentiles"][str(p)] = entry
@@ -131,8 +131,7 @@ def _search(study: Study, found: Any) -> dict[str, Any]:
     return shared | {
         "response": study.responses[0],
         "levels": {
-            f"{100 * p:g}": {"value": v, "importance": named(found.importance[p]), "design_point": named(found.design_point[p])}
-            for p, v in found.value.items()
+            f"{100 * p:g}": {"value": v, "importance": named(found.importance[p]), "design_point": named(found.design_point[p])} for p, v in found.value.items()
         },
         "linear_importance": named(found.linear_importance),
         "mean": found.mean,
