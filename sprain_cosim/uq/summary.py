@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 PERCENTILES = (5, 50, 95)
+FEWEST = 4  # completed trials for moments
 LEAST = 20  # completed trials for sensitivities
 # Injury thresholds: inversion of cadaver ankles at failure, and the anatomy's inversion moment there; see docs and the sources they cite.
 QUESTIONS = {
@@ -55,7 +56,7 @@ def summarise(study: Study, trials: pd.DataFrame, found: Any) -> dict[str, Any]:
     random = study.method == "monte-carlo"
     for name in metrics:
         y = done[name].to_numpy(float)
-        if len(y) >= 2:
+        if len(y) >= FEWEST:
             summary["responses"][name] = _response(y, failed, random or study.method == "table")
     if random and len(done) >= LEAST:
         x = done[study.headings].to_numpy(float)

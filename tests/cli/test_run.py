@@ -227,3 +227,38 @@ def test_help_does_not_load_the_heavy_libraries() -> None:
     """
     outcome = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
     assert outcome.stdout.strip().endswith("[]")
+
+
+def test_study_prints_its_table_and_resumes(tmp_path: Path) -> None:
+    out = tmp_path / "s"
+    outcome = call("study", "study6", "--trials", "24", "--workers", "2", "--out", str(out), "--progress", "none")
+    assert outcome.returncode == 0, outcome.stderr
+    assert outcome.stderr == ""
+    assert "24 of 24 trials completed" in outcome.stdout
+    assert "29.35" in outcome.stdout, "the published mean stands beside ours"
+    before = (out / "trials.csv").read_bytes()
+    again = call("study", "study6", "--trials", "24", "--workers", "1", "--out", str(out), "--resume", "--json", "--progress", "json")
+    assert again.returncode == 0, again.stderr
+    assert json.loads(again.stdout)["n_completed"] == 24
+    assert json.loads(again.stderr.splitlines()[-1])["finished"] == 24
+    assert (out / "trials.csv").read_bytes() == before
+    refused(call("study", "study6", "--trials", "24", "--out", str(out)), 2, "--resume")
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ('scenario = "incline31"', ["incline31", "incline30"]),
+        ('scenario = "incline30"\n[marginals]\n"plant.drop_hight" = { fixed = "0.3 m" }', ["drop_height"]),
+        ('scenario = "incline30"\n[marginals]\n"plant.drop_height" = { normal = { mean = 0.3, sd = 0.05 } }', ["needs a unit"]),
+        ('scenario = "incline30"\n[marginals]\n"plant.drop_height" = { normal = { mean = "0.1 m", sd = "0.1 m" } }', ["% of the trials", "lognormal"]),
+        ('scenario = "incline30"\n[marginals]\n"plant.subtalar_angle_at_contact" = { normal = { mean = "0 rad", sd = "5 rad" } }', ["% of the trials"]),
+        ('scenario = "incline30"\n[marginals]\n"plant.drop_height" = { lognormal = { mean = "0 m", sd = "0 m" } }', ["fixed"]),
+        ('scenario = "incline30"\n[study]\nmethod = "monte-carl"', ["monte-carlo"]),
+        ('scenario = "incline30"\n[marginal]\n', ["marginals"]),
+    ],
+)
+def test_study_file_that_cannot_be_used(tmp_path: Path, content: str, words: list[str]) -> None:
+    (tmp_path / "mine.toml").write_text(content)
+    refused(call("study", "mine.toml", "--trials", "4", cwd=tmp_path), 2, *words)
+    assert not (tmp_path / "runs").exists()

@@ -43,13 +43,14 @@ def test_peaks_and_moments_at_the_axis_own_peak() -> None:
     assert values["brace_jcs_inversion_moment_Nm"] == pytest.approx(200 * 0.08 + 3)
     assert values["peak_vertical_grf_N"] == 9000.0
     assert values["peak_vertical_grf_after_impact_N"] == 2000.0
-    assert len(values) == 23
+    assert values["peak_inversion_from_neutral_deg"] == pytest.approx(math.degrees(0.4), rel=1e-12)
+    assert len(values) == 24
 
 
 def test_without_a_brace_its_keys_are_absent() -> None:
     values = metrics(Run(braced=False))
     assert not [key for key in values if key.startswith("brace_")]
-    assert len(values) == 18
+    assert len(values) == 19
 
 
 def test_every_metric_carries_its_unit() -> None:

@@ -1,0 +1,128 @@
+"""Studies end to end: the same table whatever the workers, resumed or not; a folder in use; too many failures."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sprain_cosim as sc
+from sprain_cosim.errors import InputError, SimulationError
+from sprain_cosim.isolation import Limits
+from sprain_cosim.uq.ledger import Ledger
+
+TRIALS = 24
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("studies") / "whole"
+    sc.load_study("study6").run(trials=TRIALS, workers=1, out=out)
+    return out
+
+
+def test_two_workers_give_the_same_table(whole: Path, tmp_path: Path) -> None:
+    campaign = sc.load_study("study6").run(trials=TRIALS, workers=2, out=tmp_path / "two")
+    assert (tmp_path / "two" / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
+    assert campaign.summary["n_completed"] == TRIALS
+
+
+def test_rows_are_the_landings_they_name(whole: Path) -> None:
+    campaign = sc.load_study("study6").run(trials=TRIALS, workers=1, out=whole, resume=True)
+    row = campaign.trials.iloc[7]
+    scenario = campaign.study.scenario
+    for name, heading in zip(campaign.study.names, campaign.study.headings, strict=True):
+        unit = heading.partition("[")[2].rstrip("]")
+        scenario = scenario.override(name, f"{float(row[heading])!r} {unit}" if unit else float(row[heading]))
+    assert scenario.run().metrics["peak_subtalar_angle_deg"] == row["peak_subtalar_angle_deg"]
+
+
+def test_enlarging_keeps_rows_and_runs_only_new_ones(whole: Path, tmp_path: Path) -> None:
+    out = tmp_path / "grown"
+    sc.load_study("study6").run(trials=6, workers=1, out=out)
+    before = (out / "timing.csv").read_text().splitlines()
+    sc.load_study("study6").run(trials=TRIALS, workers=2, out=out, resume=True)
+    assert (out / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
+    assert (out / "timing.csv").read_text().splitlines()[: len(before)] == before
+
+
+def test_given_inputs_repeat_the_study(whole: Path, tmp_path: Path) -> None:
+    table = tmp_path / "inputs.csv"
+    import pandas as pd
+
+    trials = pd.read_csv(whole / "trials.csv")
+    study = sc.load_study("study6")
+    trials[["trial", *study.headings]].iloc[[3, 11]].to_csv(table, index=False)
+    campaign = study.with_inputs(table).run(workers=1)
+    assert campaign.trials["trial"].tolist() == [3, 11]
+    assert np.array_equal(campaign.trials["peak_subtalar_angle_deg"], trials["peak_subtalar_angle_deg"].iloc[[3, 11]])
+
+
+def test_another_study_in_the_folder_is_refused(whole: Path) -> None:
+    with pytest.raises(InputError, match="seed differ"):
+        sc.load_study("study6").run(trials=TRIALS, seed=1, out=whole, resume=True)
+    with pytest.raises(InputError, match="--resume"):
+        sc.load_study("study6").run(trials=TRIALS, out=whole)
+
+
+def test_a_folder_in_use_names_its_holder(tmp_path: Path) -> None:
+    study = sc.load_study("study6")
+    with Ledger(tmp_path / "s", study.digest, study.identity), pytest.raises(InputError, match=f"in use by process {os.getpid()}"):
+        Ledger(tmp_path / "s", study.digest, study.identity)
+    Ledger(tmp_path / "s", study.digest, study.identity).close()
+
+
+def test_killed_driver_loses_nothing_that_was_committed(whole: Path, tmp_path: Path) -> None:
+    out = tmp_path / "killed"
+    code = (
+        "import os, signal, sys, sprain_cosim as sc\n"
+        "def progress(finished, total, failed, seconds):\n"
+        "    if finished > 4: os.kill(os.getpid(), signal.SIGKILL)\n"
+        f"sc.load_study('study6').run(trials={TRIALS}, workers=1, out=sys.argv[1], progress=progress)\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", code, str(out)], capture_output=True, check=False)
+    assert ended.returncode == -signal.SIGKILL
+    study = sc.load_study("study6")
+    with Ledger(out, study.digest, study.identity) as ledger:
+        kept = {row.trial: row.outcome.wall for row in ledger.rows()}
+    assert 4 < len(kept) < TRIALS
+    campaign = study.run(trials=TRIALS, workers=2, out=out, resume=True)
+    assert (out / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
+    assert {t: campaign.timing["wall_s"][t] for t in kept} == kept, "kept trials are not run again"
+
+
+def test_amv_resumes_from_its_ledger(tmp_path: Path) -> None:
+    first = sc.load_study("amv6").run(workers=2, out=tmp_path / "amv")
+    walls = first.timing["wall_s"].tolist()
+    again = sc.load_study("amv6").run(workers=1, out=tmp_path / "amv", resume=True)
+    assert again.timing["wall_s"].tolist() == walls
+    assert again.summary["amv"]["levels"] == first.summary["amv"]["levels"]
+    assert again.summary["amv"]["evaluations_requested"] == 14
+
+
+def test_too_many_failures_stop_the_study(tmp_path: Path) -> None:
+    with pytest.raises(SimulationError, match="2 of 2 trials failed, more than --max-failed .* trial 1 timeout"):
+        sc.load_study("study2").run(trials=50, workers=1, out=tmp_path / "bad", limits=Limits(trial=1e-4))
+
+
+def test_failed_trials_are_rows_and_bound_the_percentiles(tmp_path: Path) -> None:
+    """Trials that ran out of time stay in the table; with none completed no moment is made up."""
+    campaign = sc.load_study("study2").run(trials=2, workers=1, out=tmp_path / "bad", limits=Limits(trial=1e-4), max_failed=1.0)
+    assert campaign.trials["status"].tolist() == ["timeout", "timeout"]
+    assert campaign.summary["n_failed"] == 2
+    assert campaign.summary["failures"] == {"timeout": 2}
+    assert campaign.summary["responses"] == {}
+
+
+def test_summary_is_json_and_says_what_happened(whole: Path) -> None:
+    summary = json.loads((whole / "summary.json").read_text())
+    assert summary["n_requested"] == summary["n_completed"] == TRIALS
+    assert summary["n_failed"] == 0
+    level = summary["responses"]["peak_subtalar_angle_deg"]["percentiles"]["50"]
+    assert level["ci_low"] < level["value"] < level["ci_high"]
