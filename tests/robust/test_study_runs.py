@@ -107,7 +107,7 @@ def test_amv_resumes_from_its_ledger(tmp_path: Path) -> None:
 
 
 def test_too_many_failures_stop_the_study(tmp_path: Path) -> None:
-    with pytest.raises(SimulationError, match="2 of 2 trials failed, more than --max-failed .* trial 1 timeout"):
+    with pytest.raises(SimulationError, match=r"2 of 2 trials failed, more than --max-failed .* trial 1 timeout"):
         sc.load_study("study2").run(trials=50, workers=1, out=tmp_path / "bad", limits=Limits(trial=1e-4))
 
 
