@@ -12,8 +12,8 @@ import fmpy
 SOURCES = Path(__file__).parent / "sources"
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 FAULTS = (
-    "none segfault abort exit hang_step error fatal discard nan positive_infinity negative_infinity huge flood leak change_folder change_locale fork "
-    "hang_start hang_reset"
+    "none segfault abort exit hang_step error fatal discard nan positive_infinity negative_infinity huge flood leak "
+    "change_folder change_locale fork hang_start hang_reset"
 ).split()
 SUBTALAR = """
     <ScalarVariable name="subtalar_angle" valueReference="0" causality="input" variability="continuous"><Real unit="rad" start="0"/></ScalarVariable>
