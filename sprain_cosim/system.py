@@ -63,8 +63,9 @@ class System:
                 problems.append(f"{place}: {target} is {_a(into.causality)}; only an input can be fed")
             if out_of.causality != "output":
                 problems.append(f"{place}: {source} is {_a(out_of.causality)}; only an output can feed an input")
-            if "string" in (into.kind, out_of.kind):
-                problems.append(f"{place}: text cannot be connected")
+            for end in (into, out_of):
+                if not end.scalar_number:
+                    problems.append(f"{place}: {end.name} is of type {end.kind}; only scalar numbers can be connected")
             if into.unit and out_of.unit and not into.unit.same_dimension(out_of.unit):
                 ends = [f"{end} in {c.unit.name} ({c.unit.dimension()})" for end, c in ((target, into), (source, out_of)) if c.unit]
                 problems.append(f"{place}: the units do not match: {', '.join(ends)}")
@@ -179,7 +180,7 @@ class Assembly:
         lists = []
         for c in system.components:
             inputs = [n for n in c.inputs if f"{c.name}.{n}" in system.connections]
-            echo = {n: o.depends_on is None or not set(inputs).isdisjoint(o.depends_on) for n, o in c.outputs.items() if o.kind != "string"}
+            echo = {n: o.depends_on is None or not set(inputs).isdisjoint(o.depends_on) for n, o in c.outputs.items() if o.scalar_number}
             outputs = sorted(echo, key=echo.__getitem__)
             lists.append((c, inputs, outputs, sum(echo.values()) if inputs else 0))
         for component, inputs, outputs, _ in lists:

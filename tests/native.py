@@ -11,10 +11,27 @@ import fmpy
 
 SOURCES = Path(__file__).parent / "sources"
 HEADERS = Path(fmpy.__file__).parent / "c-code"
-FAULTS = (
-    "none segfault abort exit hang_step error fatal discard nan positive_infinity negative_infinity huge flood leak "
-    "change_folder change_locale fork hang_start hang_reset"
-).split()
+FAULTS = [
+    "none",
+    "segfault",
+    "abort",
+    "exit",
+    "hang_step",
+    "error",
+    "fatal",
+    "discard",
+    "nan",
+    "positive_infinity",
+    "negative_infinity",
+    "huge",
+    "flood",
+    "leak",
+    "change_folder",
+    "change_locale",
+    "fork",
+    "hang_start",
+    "hang_reset",
+]
 SUBTALAR = """
     <ScalarVariable name="subtalar_angle" valueReference="0" causality="input" variability="continuous"><Real unit="rad" start="0"/></ScalarVariable>
     <ScalarVariable name="subtalar_torque" valueReference="1" causality="output" variability="continuous"><Real unit="N.m"/></ScalarVariable>

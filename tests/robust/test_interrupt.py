@@ -18,14 +18,15 @@ def test_interrupt(wait: str, tmp_path: Path) -> None:
     """Interrupted while the FMUs are loaded, and in the middle of 150 000 steps: the child says itself when it is there."""
     code = f"""if True:
         import sys
-        from sprain_cosim import cli, component, system
+        from sprain_cosim import cli, system
+        from sprain_cosim.component import common
         def tell(function):
             def told(*arguments, **keywords):
                 print("here", flush=True)
                 return function(*arguments, **keywords)
             return told
         if {wait!r} == "Loading":
-            component.Fmi2Instance._instantiate = tell(component.Fmi2Instance._instantiate)
+            common.FmiInstance._instantiate = tell(common.FmiInstance._instantiate)
         else:
             system.Assembly.start = tell(system.Assembly.start)
         cli.main(["run", "incline30", "--step", "0.001 ms", "--out", {str(tmp_path / "out")!r}])

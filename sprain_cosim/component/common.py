@@ -1,0 +1,218 @@
+"""What the versions of FMI share: values between bus and library, statuses and messages, the FMU's own step, a fresh start.
+
+fmpy loads the library; the calls of the time loop go to it with buffers made once, because fmpy's own wrappers cost more per step than the
+FMU. Double-precision variables live on the bus itself, others in a buffer of their type.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from .. import archive
+from ..errors import EnvironmentProblem, SimulationError
+from . import Component, first_line
+
+WARNING = 1
+STATUS = {2: "discarded the call", 3: "reported an error", 4: "reported a fatal error"}
+MAX_MESSAGES = 100
+
+Calls = tuple[list[tuple[Any, tuple[Any, ...]]], list[tuple[np.ndarray, slice]]]  # library calls, and values that are not doubles
+_counter = itertools.count(1)
+
+
+class FmiInstance:
+    """Implements component.Instance but for what depends on the version: `types`, `load`, `create`, `free`, `enter`, `leave`, `do_step` and,
+    where the FMU can, `save`, `restore`, `release` and `recycle`."""
+
+    types: ClassVar[Mapping[str, tuple[str, Any]]] = {}
+    """{type in the description: (its name in function names, C type)}"""
+
+    def __init__(self, component: Component) -> None:
+        self.component = component
+        self.label = f"{component.name}_{next(_counter)}"
+        self.messages: deque[str] = deque(maxlen=MAX_MESSAGES)
+        folder = archive.unpack(archive.read(component.fmu))
+        try:
+            self.fmu = self.load(guid=component.guid, modelIdentifier=component.identifier, unzipDirectory=str(folder), instanceName=self.label)
+        except Exception as problem:
+            raise EnvironmentProblem(f"{component.fmu}: its library cannot be loaded: {first_line(problem)}") from None
+        self.broken = False
+        self.readable = True
+        self.instance = ctypes.c_void_p()  # one object for all prepared calls, also after a fresh instantiation
+        self._instantiate()
+
+    # ---- by version
+
+    def load(self, **arguments: str) -> Any:
+        raise NotImplementedError
+
+    def create(self) -> None:
+        """Instantiates; sets `self.fmu.component`."""
+        raise NotImplementedError
+
+    def free(self) -> None:
+        raise NotImplementedError
+
+    def enter(self, time: float, stop: float) -> None:
+        """Initialisation mode."""
+        raise NotImplementedError
+
+    def leave(self) -> None:
+        raise NotImplementedError
+
+    def do_step(self, time: float, step: float) -> int:
+        """One call; returns the FMI status."""
+        raise NotImplementedError
+
+    def recycle(self) -> None:
+        """The FMU's own reset."""
+        self.fmu.reset()
+
+    def function(self, name: str) -> Any:
+        """The library's function such as GetReal."""
+        raise NotImplementedError
+
+    def arguments(self, references: Any, n: int, buffer: Any) -> tuple[Any, ...]:
+        return self.instance, references, ctypes.c_size_t(n), buffer
+
+    # ---- component.Instance
+
+    def bind(self, bus: np.ndarray, inputs: Sequence[str], first_input: int, outputs: Sequence[str], first_output: int, echoing: int) -> None:
+        self._bus = bus
+        self.given = bus[first_input : first_input + len(inputs)]
+        self._sends = self._calls("Set", inputs, first_input)
+        self._fetches = self._calls("Get", outputs, first_output)
+        boundary = len(outputs) - echoing
+        self._states = self._calls("Get", outputs[:boundary], first_output)
+        self._echoes = self._calls("Get", outputs[boundary:], first_output + boundary)
+
+    def _calls(self, verb: str, names: Sequence[str], first: int) -> Calls:
+        calls: list[tuple[Any, tuple[Any, ...]]] = []
+        conversions: list[tuple[np.ndarray, slice]] = []
+        connectors = [self.component.connectors[n] for n in names]
+        for (function, ctype), run in itertools.groupby(range(len(names)), lambda k: self.types[connectors[k].fmi_type]):
+            members = list(run)
+            n, at = len(members), first + members[0]
+            references = (ctypes.c_uint * n)(*(connectors[k].reference for k in members))
+            if ctype is ctypes.c_double:
+                buffer: Any = (ctypes.c_double * n).from_buffer(self._bus.data, 8 * at)
+            else:
+                buffer = (ctype * n)()
+                conversions.append((np.frombuffer(buffer, np.dtype(ctype) if ctype is not ctypes.c_char else np.int8), slice(at, at + n)))
+            calls.append((self.function(f"{verb}{function}"), self.arguments(references, n, buffer)))
+        return calls, conversions
+
+    def set(self, values: Mapping[str, float]) -> None:
+        for name, value in values.items():
+            connector = self.component.connectors[name]
+            function, ctype = self.types[connector.fmi_type]
+            number: Any = value if connector.kind == "real" else int(value)
+            buffer = (ctype * 1)(bytes([number]) if ctype is ctypes.c_char else number)
+            status = self.function(f"Set{function}")(*self.arguments((ctypes.c_uint * 1)(connector.reference), 1, buffer))
+            self.check(status, f"setting {name} = {value:g}")
+
+    def start(self, time: float, stop: float) -> None:
+        self.call("entering initialisation", self.enter, time, stop)
+
+    def finish_start(self) -> None:
+        self.call("initialising", self.leave)
+
+    def push(self) -> None:
+        calls, conversions = self._sends
+        for buffer, place in conversions:
+            buffer[:] = self._bus[place] if buffer.dtype.kind == "f" else np.rint(self._bus[place])
+        for function, arguments in calls:
+            status = function(*arguments)
+            if status > WARNING:
+                self.check(status, "setting its inputs")
+
+    def pull(self) -> None:
+        self._fetch(self._fetches)
+
+    def pull_states(self) -> None:
+        self._fetch(self._states)
+
+    def pull_echoes(self) -> None:
+        self._fetch(self._echoes)
+
+    def _fetch(self, prepared: Calls) -> None:
+        if not self.readable:
+            return
+        calls, conversions = prepared
+        for function, arguments in calls:
+            status = function(*arguments)
+            if status > WARNING:
+                self.check(status, "reading its outputs")
+        for buffer, place in conversions:
+            self._bus[place] = buffer
+
+    def step(self, time: float, step: float) -> None:
+        own = self.component.capabilities.fixed_step
+        count = 1 if own is None else max(1, round(step / own))
+        size = step / count
+        for k in range(count):
+            status = self.do_step(time + k * size, size)
+            if status > WARNING:
+                self.check(status, f"in the step from {time + k * size:.6g} s to {time + (k + 1) * size:.6g} s")
+
+    def save(self) -> Any:
+        raise SimulationError(f"{self.component.name}: FMI {self.component.capabilities.fmi_version} cannot save a state")
+
+    def restore(self, state: Any) -> None:
+        raise NotImplementedError
+
+    def release(self, state: Any) -> None:
+        raise NotImplementedError
+
+    def reset(self) -> None:
+        """Back to the state after instantiation: by the FMU's own reset where that is known to work, else by a fresh instance."""
+        self.messages.clear()
+        if self.component.capabilities.reusable:
+            self.call("resetting", self.recycle)
+        else:
+            self.free()
+            self._instantiate()
+
+    def close(self) -> None:
+        """Frees the instance; the library stays loaded, since not every library survives being loaded twice."""
+        if not self.broken and self.fmu.component is not None:
+            self.free()
+            self.fmu.component = None
+        self.broken = True
+
+    # ---- shared
+
+    def _instantiate(self) -> None:
+        try:
+            self.create()
+        except Exception:
+            self.broken = True
+            raise SimulationError(f"{self.component.name}: cannot be instantiated{self.said()}") from None
+        self.instance.value = getattr(self.fmu.component, "value", self.fmu.component)
+
+    def call(self, doing: str, function: Any, *arguments: Any) -> Any:
+        try:
+            return function(*arguments)
+        except SimulationError:
+            raise
+        except Exception as problem:
+            self.check(getattr(problem, "status", 3), doing)
+
+    def check(self, status: int, doing: str) -> None:
+        if status > WARNING:
+            self.broken = status >= 4
+            raise SimulationError(f"{self.component.name}: {STATUS.get(status, f'gave status {status}')} {doing}{self.said()}")
+
+    def said(self) -> str:
+        """The last line of the last message: for a Python FMU the exception itself."""
+        lines = [line.strip() for line in (self.messages[-1] if self.messages else "").splitlines() if line.strip()]
+        return f": {lines[-1]}" if lines else ""
+
+    def log(self, message: bytes | str | None) -> None:
+        self.messages.append(message.decode("utf-8", "replace") if isinstance(message, bytes) else message or "")
