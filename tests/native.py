@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import platform
 import subprocess
 import zipfile
@@ -61,4 +62,94 @@ def compile_fmu(target: Path, source: str = "faulty", variables: str = SUBTALAR,
     with zipfile.ZipFile(target, "w") as archive:
         archive.writestr("modelDescription.xml", description)
         archive.write(library, f"binaries/{folder}/{source}.so")
+    return target
+
+
+UNITS = {  # factor to base units and their exponents, as attributes of BaseUnit
+    "rad": (1.0, 'rad="1"'),
+    "deg": (math.pi / 180, 'rad="1"'),
+    "N.m": (1.0, 'kg="1" m="2" s="-2"'),
+    "N.mm": (1e-3, 'kg="1" m="2" s="-2"'),
+    "lbf.in": (0.45359237 * 9.80665 * 0.0254, 'kg="1" m="2" s="-2"'),
+    "N.m/rad": (1.0, 'kg="1" m="2" s="-2" rad="-1"'),
+    "1/s": (1.0, 's="-1"'),
+    "s": (1.0, 's="1"'),
+}
+
+
+def device(
+    target: Path,
+    fmi: int = 2,
+    model_exchange: bool = False,
+    sign: float = 1.0,
+    angle: str = "rad",
+    torque: str = "N.m",
+    names: tuple[str, str] = ("subtalar_angle", "subtalar_torque"),
+    declared: bool = True,
+    extra: dict[str, str] | None = None,
+) -> Path:
+    """tests/sources/device.c as an FMU of the version and kind; `sign` -1 pushes instead of resisting; `declared` False leaves the units out."""
+    library = target.with_suffix(".so")
+    macros = [f"-DFMI={fmi}", f"-DSIGN={sign}", f"-DANGLE_UNIT={UNITS[angle][0]!r}", f"-DTORQUE_UNIT={UNITS[torque][0]!r}"]
+    subprocess.run(
+        ["gcc", "-shared", "-fPIC", "-O1", "-w", *macros, f"-I{HEADERS}", "-o", library, SOURCES / "device.c", SOURCES / "stubs.c", "-lm"], check=True
+    )
+    variables = [  # name, reference, causality, variability, unit, start
+        (names[0], 0, "input", "continuous", angle, "0"),
+        (names[1], 1, "output", "continuous", torque, None),
+        ("stiffness", 2, "parameter", "fixed", "N.m/rad", "20"),
+        ("z", 3, "local", "continuous", "rad", "0" if fmi != 2 else None),
+        ("der(z)", 4, "local", "continuous", "1/s", None),
+        *([("time", 5, "independent", "continuous", "s", None)] if fmi == 3 else []),
+    ]
+    used = sorted({v[4] for v in variables})
+
+    def unit(name: str) -> str:
+        return f' unit="{name}"' if declared else ""
+
+    tag = "ModelExchange" if model_exchange else "CoSimulation"
+    states = ' canGetAndSetFMUState="true"' if fmi == 3 else ' canGetAndSetFMUstate="true"'
+    handles = "" if model_exchange else ' canHandleVariableCommunicationStepSize="true"'
+    if fmi == 1:
+        units = "".join(f'<BaseUnit unit="{u}"/>' for u in used)
+        listed = "".join(
+            f'<ScalarVariable name="{n}" valueReference="{r}" causality="{c if c in ("input", "output") else "internal"}"'
+            f' variability="{"parameter" if c == "parameter" else "continuous"}"><Real{unit(u)}{f" start=#{s}#".replace("#", chr(34)) if s else ""}/></ScalarVariable>'
+            for n, r, c, _, u, s in variables
+        )
+        body = f"""<fmiModelDescription fmiVersion="1.0" modelName="device" modelIdentifier="device" guid="{{device}}" numberOfContinuousStates="1"
+            numberOfEventIndicators="1"><UnitDefinitions>{units}</UnitDefinitions><ModelVariables>{listed}</ModelVariables>
+            <Implementation><CoSimulation_StandAlone><Capabilities canHandleVariableCommunicationStepSize="true"/></CoSimulation_StandAlone></Implementation>
+            </fmiModelDescription>"""
+    else:
+        units = "".join(f'<Unit name="{u}"><BaseUnit {UNITS[u][1]} factor="{UNITS[u][0]!r}"/></Unit>' for u in used)
+        listed = ""
+        for n, r, c, v, u, s in variables:
+            start = f' start="{s}"' if s else ""
+            derivative = f' derivative="{4 if fmi == 2 else 3}"' if n == "der(z)" else ""
+            initial = ' initial="exact"' if n == "z" and s else ""
+            common = f'name="{n}" valueReference="{r}" causality="{c}" variability="{v}"{initial}'
+            listed += (
+                f"<ScalarVariable {common}><Real{unit(u)}{start}{derivative}/></ScalarVariable>"
+                if fmi == 2
+                else f"<Float64 {common}{unit(u)}{start}{derivative}/>"
+            )
+        if fmi == 2:
+            structure = (
+                '<Outputs><Unknown index="2"/></Outputs><Derivatives><Unknown index="5"/></Derivatives>'
+                '<InitialUnknowns><Unknown index="2"/><Unknown index="4"/><Unknown index="5"/></InitialUnknowns>'
+            )
+        else:
+            structure = '<Output valueReference="1"/><ContinuousStateDerivative valueReference="4"/><InitialUnknown valueReference="1"/>'
+            structure += '<InitialUnknown valueReference="4"/><EventIndicator valueReference="3"/>'
+        identity = 'guid="{device}" numberOfEventIndicators="1"' if fmi == 2 else 'instantiationToken="{device}"'
+        body = f"""<fmiModelDescription fmiVersion="{fmi}.0" modelName="device" {identity}>
+            <{tag} modelIdentifier="device"{handles}{states}/><UnitDefinitions>{units}</UnitDefinitions><ModelVariables>{listed}</ModelVariables>
+            <ModelStructure>{structure}</ModelStructure></fmiModelDescription>"""
+    machine = {"aarch64": "aarch64-linux"}.get(platform.machine(), "linux64") if fmi < 3 else f"{platform.machine()}-linux"
+    with zipfile.ZipFile(target, "w") as archive:
+        archive.writestr("modelDescription.xml", '<?xml version="1.0" encoding="UTF-8"?>\n' + body)
+        archive.write(library, f"binaries/{machine}/device.so")
+        for name, text in (extra or {}).items():
+            archive.writestr(name, text)
     return target

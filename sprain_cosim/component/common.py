@@ -49,7 +49,7 @@ class FmiInstance:
 
     # ---- by version
 
-    def load(self, **arguments: str) -> Any:
+    def load(self, **arguments: Any) -> Any:
         raise NotImplementedError
 
     def create(self) -> None:
@@ -105,7 +105,10 @@ class FmiInstance:
             else:
                 buffer = (ctype * n)()
                 conversions.append((np.frombuffer(buffer, np.dtype(ctype) if ctype is not ctypes.c_char else np.int8), slice(at, at + n)))
-            calls.append((self.function(f"{verb}{function}"), self.arguments(references, n, buffer)))
+            try:
+                calls.append((self.function(f"{verb}{function}"), self.arguments(references, n, buffer)))
+            except AttributeError as problem:
+                raise EnvironmentProblem(f"{self.component.fmu}: {problem}; build its library with all functions of FMI") from None
         return calls, conversions
 
     def set(self, values: Mapping[str, float]) -> None:

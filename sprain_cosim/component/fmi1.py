@@ -16,7 +16,7 @@ class Fmi1CoSimulation(FmiInstance):
         "Boolean": ("Boolean", ctypes.c_char),
     }
 
-    def load(self, **arguments: str) -> Any:
+    def load(self, **arguments: Any) -> Any:
         from fmpy import calloc, fmi1, free
         from fmpy.fmi1 import FMU1Slave
 
@@ -54,4 +54,4 @@ class Fmi1CoSimulation(FmiInstance):
         self._step = self.function("DoStep")
 
     def do_step(self, time: float, step: float) -> int:
-        return self._step(self.instance, ctypes.c_double(time), ctypes.c_double(step), ctypes.c_char(1))
+        return self._step(self.instance, ctypes.c_double(time), ctypes.c_double(step), ctypes.c_char(b"\x01"))

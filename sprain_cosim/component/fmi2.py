@@ -74,7 +74,7 @@ class Fmi2Instance(FmiInstance):
 
 
 class Fmi2CoSimulation(Fmi2Instance):
-    def load(self, **arguments: str) -> Any:
+    def load(self, **arguments: Any) -> Any:
         from fmpy.fmi2 import FMU2Slave
 
         fmu = FMU2Slave(**arguments)

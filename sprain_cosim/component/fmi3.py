@@ -54,7 +54,7 @@ class Fmi3Instance(FmiInstance):
 
 
 class Fmi3CoSimulation(Fmi3Instance):
-    def load(self, **arguments: str) -> Any:
+    def load(self, **arguments: Any) -> Any:
         from fmpy.fmi3 import FMU3Slave
 
         fmu = FMU3Slave(**arguments)

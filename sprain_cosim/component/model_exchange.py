@@ -174,7 +174,7 @@ class _Integrated(FmiInstance):
 
 
 class Fmi2ModelExchange(_Integrated, Fmi2Instance):
-    def load(self, **arguments: str) -> Any:
+    def load(self, **arguments: Any) -> Any:
         from fmpy.fmi2 import FMU2Model
 
         return FMU2Model(**arguments)
@@ -190,7 +190,7 @@ class Fmi2ModelExchange(_Integrated, Fmi2Instance):
 
 
 class Fmi3ModelExchange(_Integrated, Fmi3Instance):
-    def load(self, **arguments: str) -> Any:
+    def load(self, **arguments: Any) -> Any:
         from fmpy.fmi3 import FMU3Model
 
         return FMU3Model(**arguments)

@@ -1,0 +1,134 @@
+/* A brace (profile subtalar) for FMI 1, 2 or 3 (macro FMI), co-simulation and, for 2 and 3, model exchange: torque = SIGN * (-k x (1 + 4 x^2)
+   - 5 (x - z)) / TORQUE_UNIT, dz/dt = (x - z) / 10 ms, x = ANGLE_UNIT * angle; it counts the times x passes 0.2 rad upward (an event). */
+#include <math.h>
+#include <stdint.h>
+#include <stdbool.h>
+#include <stdlib.h>
+#include <string.h>
+
+#ifndef SIGN
+#define SIGN 1.0
+#endif
+#ifndef ANGLE_UNIT
+#define ANGLE_UNIT 1.0
+#endif
+#ifndef TORQUE_UNIT
+#define TORQUE_UNIT 1.0
+#endif
+
+enum { ANGLE, TORQUE, STIFFNESS, STATE, RATE, TIME, VARIABLES };
+typedef struct { double value[VARIABLES]; } Device;
+static const double TAU = 0.01;
+
+static void fresh(Device* d) { memset(d, 0, sizeof *d); d->value[STIFFNESS] = 20.0; }
+static void evaluate(Device* d) {
+    double x = ANGLE_UNIT * d->value[ANGLE];
+    d->value[TORQUE] = SIGN * (-d->value[STIFFNESS] * x * (1 + 4 * x * x) - 5.0 * (x - d->value[STATE])) / TORQUE_UNIT;
+    d->value[RATE] = (x - d->value[STATE]) / TAU;
+}
+static void advance(Device* d, double h) {
+    double x = ANGLE_UNIT * d->value[ANGLE];
+    d->value[STATE] = x + (d->value[STATE] - x) * exp(-h / TAU);
+    evaluate(d);
+}
+static void* make(void) { Device* d = malloc(sizeof *d); fresh(d); evaluate(d); return d; }
+static void get(Device* d, const unsigned vr[], size_t n, double v[]) { for (size_t i = 0; i < n; i++) v[i] = d->value[vr[i]]; }
+static void set(Device* d, const unsigned vr[], size_t n, const double v[]) {
+    for (size_t i = 0; i < n; i++) d->value[vr[i]] = v[i];
+    evaluate(d);
+}
+
+#if FMI == 1
+#define F(name) device_fmi##name
+const char* F(GetTypesPlatform)(void) { return "standard32"; }
+const char* F(GetVersion)(void) { return "1.0"; }
+typedef struct { void* logger; void* allocate; void* free; void* finished; } Callbacks;
+void* F(InstantiateSlave)(const char* a, const char* b, const char* c, const char* d, double t, char v, char i, Callbacks f, char l) { return make(); }
+void F(FreeSlaveInstance)(void* c) { free(c); }
+int F(SetDebugLogging)(void* c, char on) { return 0; }
+int F(InitializeSlave)(void* c, double start, char defined, double stop) { evaluate(c); return 0; }
+int F(TerminateSlave)(void* c) { return 0; }
+int F(ResetSlave)(void* c) { fresh(c); evaluate(c); return 0; }
+int F(DoStep)(void* c, double t, double h, char again) { advance(c, h); return 0; }
+int F(CancelStep)(void* c) { return 3; }
+int F(GetReal)(void* c, const unsigned vr[], size_t n, double v[]) { get(c, vr, n, v); return 0; }
+int F(SetReal)(void* c, const unsigned vr[], size_t n, const double v[]) { set(c, vr, n, v); return 0; }
+#define NONE(name, type) int F(name)(void* c, const unsigned vr[], size_t n, type v) { return n ? 3 : 0; }
+NONE(GetInteger, int*) NONE(GetBoolean, char*) NONE(GetString, const char**)
+NONE(SetInteger, const int*) NONE(SetBoolean, const char*) NONE(SetString, const char* const*)
+#define STATUS(name, type) int F(name)(void* c, int kind, type v) { return 3; }
+STATUS(GetStatus, int*) STATUS(GetRealStatus, double*) STATUS(GetIntegerStatus, int*) STATUS(GetBooleanStatus, char*) STATUS(GetStringStatus, const char**)
+int F(SetRealInputDerivatives)(void* c, const unsigned vr[], size_t n, const int o[], const double v[]) { return 3; }
+int F(GetRealOutputDerivatives)(void* c, const unsigned vr[], size_t n, const int o[], double v[]) { return 3; }
+#endif
+
+#if FMI == 2
+#include "fmi2Functions.h"
+const char* fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
+const char* fmi2GetVersion(void) { return fmi2Version; }
+fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String s[]) { return fmi2OK; }
+fmi2Component fmi2Instantiate(fmi2String n, fmi2Type t, fmi2String g, fmi2String r, const fmi2CallbackFunctions* f, fmi2Boolean v, fmi2Boolean l) { return make(); }
+void fmi2FreeInstance(fmi2Component c) { free(c); }
+fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean t, fmi2Real tol, fmi2Real start, fmi2Boolean s, fmi2Real stop) { return fmi2OK; }
+fmi2Status fmi2EnterInitializationMode(fmi2Component c) { return fmi2OK; }
+fmi2Status fmi2ExitInitializationMode(fmi2Component c) { evaluate(c); return fmi2OK; }
+fmi2Status fmi2Terminate(fmi2Component c) { return fmi2OK; }
+fmi2Status fmi2Reset(fmi2Component c) { fresh(c); evaluate(c); return fmi2OK; }
+fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real v[]) { get(c, vr, n, v); return fmi2OK; }
+fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real v[]) { set(c, vr, n, v); return fmi2OK; }
+#define NONE(name, type) fmi2Status name(fmi2Component c, const fmi2ValueReference vr[], size_t n, type v[]) { return n ? fmi2Error : fmi2OK; }
+NONE(fmi2GetInteger, fmi2Integer) NONE(fmi2GetBoolean, fmi2Boolean) NONE(fmi2GetString, fmi2String)
+NONE(fmi2SetInteger, const fmi2Integer) NONE(fmi2SetBoolean, const fmi2Boolean) NONE(fmi2SetString, const fmi2String)
+fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate* s) { if (!*s) *s = malloc(sizeof(Device)); memcpy(*s, c, sizeof(Device)); return fmi2OK; }
+fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate s) { memcpy(c, s, sizeof(Device)); return fmi2OK; }
+fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate* s) { free(*s); *s = NULL; return fmi2OK; }
+fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolean n) { advance(c, h); return fmi2OK; }
+fmi2Status fmi2CancelStep(fmi2Component c) { return fmi2Error; }
+fmi2Status fmi2EnterEventMode(fmi2Component c) { return fmi2OK; }
+fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo* e) { memset(e, 0, sizeof *e); return fmi2OK; }
+fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) { return fmi2OK; }
+fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean p, fmi2Boolean* e, fmi2Boolean* t) { *e = *t = 0; return fmi2OK; }
+fmi2Status fmi2SetTime(fmi2Component c, fmi2Real t) { ((Device*)c)->value[TIME] = t; return fmi2OK; }
+fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t n) { ((Device*)c)->value[STATE] = x[0]; evaluate(c); return fmi2OK; }
+fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real x[], size_t n) { x[0] = ((Device*)c)->value[RATE]; return fmi2OK; }
+fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real z[], size_t n) { z[0] = ((Device*)c)->value[STATE] - 0.2; return fmi2OK; }
+fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t n) { x[0] = ((Device*)c)->value[STATE]; return fmi2OK; }
+fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real x[], size_t n) { x[0] = 1.0; return fmi2OK; }
+#endif
+
+#if FMI == 3
+#include "fmi3Functions.h"
+const char* fmi3GetVersion(void) { return "3.0"; }
+fmi3Status fmi3SetDebugLogging(fmi3Instance c, fmi3Boolean on, size_t n, const fmi3String s[]) { return fmi3OK; }
+fmi3Instance fmi3InstantiateCoSimulation(fmi3String n, fmi3String t, fmi3String r, fmi3Boolean v, fmi3Boolean l, fmi3Boolean e, fmi3Boolean er,
+    const fmi3ValueReference q[], size_t nq, fmi3InstanceEnvironment env, fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback u) { return make(); }
+fmi3Instance fmi3InstantiateModelExchange(fmi3String n, fmi3String t, fmi3String r, fmi3Boolean v, fmi3Boolean l, fmi3InstanceEnvironment env,
+    fmi3LogMessageCallback log) { return make(); }
+void fmi3FreeInstance(fmi3Instance c) { free(c); }
+fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean d, fmi3Float64 tol, fmi3Float64 s, fmi3Boolean sd, fmi3Float64 e) { return fmi3OK; }
+fmi3Status fmi3ExitInitializationMode(fmi3Instance c) { evaluate(c); return fmi3OK; }
+fmi3Status fmi3EnterEventMode(fmi3Instance c) { return fmi3OK; }
+fmi3Status fmi3Terminate(fmi3Instance c) { return fmi3OK; }
+fmi3Status fmi3Reset(fmi3Instance c) { fresh(c); evaluate(c); return fmi3OK; }
+fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Float64 v[], size_t m) { get(c, vr, n, v); return fmi3OK; }
+fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3Float64 v[], size_t m) { set(c, vr, n, v); return fmi3OK; }
+fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState* s) { if (!*s) *s = malloc(sizeof(Device)); memcpy(*s, c, sizeof(Device)); return fmi3OK; }
+fmi3Status fmi3SetFMUState(fmi3Instance c, fmi3FMUState s) { memcpy(c, s, sizeof(Device)); return fmi3OK; }
+fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState* s) { free(*s); *s = NULL; return fmi3OK; }
+fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 h, fmi3Boolean n, fmi3Boolean* ev, fmi3Boolean* te, fmi3Boolean* er, fmi3Float64* l) {
+    *ev = *te = *er = false; *l = t + h; advance(c, h); return fmi3OK;
+}
+fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean* a, fmi3Boolean* b, fmi3Boolean* d, fmi3Boolean* e, fmi3Boolean* f, fmi3Float64* t) {
+    *a = *b = *d = *e = *f = false; return fmi3OK;
+}
+fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance c) { return fmi3OK; }
+fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean p, fmi3Boolean* e, fmi3Boolean* t) { *e = *t = false; return fmi3OK; }
+fmi3Status fmi3SetTime(fmi3Instance c, fmi3Float64 t) { ((Device*)c)->value[TIME] = t; return fmi3OK; }
+fmi3Status fmi3SetContinuousStates(fmi3Instance c, const fmi3Float64 x[], size_t n) { ((Device*)c)->value[STATE] = x[0]; evaluate(c); return fmi3OK; }
+fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance c, fmi3Float64 x[], size_t n) { x[0] = ((Device*)c)->value[RATE]; return fmi3OK; }
+fmi3Status fmi3GetEventIndicators(fmi3Instance c, fmi3Float64 z[], size_t n) { z[0] = ((Device*)c)->value[STATE] - 0.2; return fmi3OK; }
+fmi3Status fmi3GetContinuousStates(fmi3Instance c, fmi3Float64 x[], size_t n) { x[0] = ((Device*)c)->value[STATE]; return fmi3OK; }
+fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance c, fmi3Float64 x[], size_t n) { x[0] = 1.0; return fmi3OK; }
+fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance c, size_t* n) { *n = 1; return fmi3OK; }
+fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance c, size_t* n) { *n = 1; return fmi3OK; }
+#endif
