@@ -27,6 +27,7 @@ def cli() -> None:
 @cli.command()
 @click.argument("scenario")
 @click.option("--fmu", "fmus", multiple=True, metavar="NAME=FILE", help="Put another FMU in a component's place.")
+@click.option("--map", "maps", multiple=True, metavar="NAME=FILE", help="Mapping file of the FMU given with --fmu.")
 @click.option("--set", "settings", multiple=True, metavar="COMPONENT.PARAMETER=VALUE", help='Such as plant.drop_height="0.35 m".')
 @click.option("--scheme", help="auto, jacobi, gauss-seidel, gauss-seidel-extrapolated, iterative, impedance.")
 @click.option("--step", metavar='"0.5 ms"', help="Communication step.")
@@ -36,6 +37,7 @@ def cli() -> None:
 def run(
     scenario: str,
     fmus: tuple[str, ...],
+    maps: tuple[str, ...],
     settings: tuple[str, ...],
     scheme: str | None,
     step: str | None,
@@ -48,9 +50,8 @@ def run(
     from .scenario import load_scenario, parse_value
 
     chosen = load_scenario(scenario)
-    for text in fmus:
-        name, file = _pair(text, "--fmu", "NAME=FILE")
-        chosen = chosen.replace_fmu(name, file)
+    for name, file, mapping in _devices(fmus, maps):
+        chosen = chosen.replace_fmu(name, file, mapping)
     for text in settings:
         name, value = _pair(text, "--set", "COMPONENT.PARAMETER=VALUE")
         chosen = chosen.override(name, parse_value(value))
@@ -100,6 +101,7 @@ def _print_table(title: str, summary: dict[str, Any], result: Any) -> None:
 @click.option("--seed", type=click.IntRange(0), help="Seed of the sample.")
 @click.option("--inputs", type=click.Path(path_type=Path), metavar="TABLE.csv", help="Run these rows: header component.parameter [unit].")
 @click.option("--fmu", "fmus", multiple=True, metavar="NAME=FILE", help="Put another FMU in a component's place.")
+@click.option("--map", "maps", multiple=True, metavar="NAME=FILE", help="Mapping file of the FMU given with --fmu.")
 @click.option("--set", "settings", multiple=True, metavar="COMPONENT.PARAMETER=VALUE", help="Fix a parameter.")
 @click.option("--workers", type=click.IntRange(1), help="Worker processes (default: one per core).")
 @click.option("--resume", is_flag=True, help="Continue what --out holds.")
@@ -114,6 +116,7 @@ def study(
     seed: int | None,
     inputs: Path | None,
     fmus: tuple[str, ...],
+    maps: tuple[str, ...],
     settings: tuple[str, ...],
     workers: int | None,
     resume: bool,
@@ -130,9 +133,8 @@ def study(
     from .uq.summary import text
 
     chosen = load_study(study)
-    for pair in fmus:
-        name, file = _pair(pair, "--fmu", "NAME=FILE")
-        chosen = chosen.replace_fmu(name, file)
+    for name, file, mapping in _devices(fmus, maps):
+        chosen = chosen.replace_fmu(name, file, mapping)
     for pair in settings:
         name, value = _pair(pair, "--set", "COMPONENT.PARAMETER=VALUE")
         chosen = chosen.override(name, parse_value(value))
@@ -206,6 +208,20 @@ def doctor(as_json: bool) -> None:
             click.echo(f"{'ok     ' if ok else 'problem'}  {what:18}{detail}")
     if not all(ok for ok, _, _ in found):
         raise SystemExit(4)
+
+
+def _devices(fmus: tuple[str, ...], maps: tuple[str, ...], option: str = "--fmu") -> list[tuple[str, str, str | None]]:
+    """(name, FMU, mapping file or None) of each."""
+    mapped = dict(_pair(text, "--map", "NAME=FILE") for text in maps)
+    devices = [(*_pair(text, option, "NAME=FILE"), None) for text in fmus]
+    names = [name for name, _, _ in devices]
+    for name in mapped:
+        if name not in names:
+            raise InputError(f"--map {name}=...: there is no {option} {name}=... that it could belong to")
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"{option} {name}=...: given twice")
+    return [(name, file, mapped.get(name)) for name, file, _ in devices]
 
 
 def _pair(text: str, option: str, form: str) -> tuple[str, str]:

@@ -3,6 +3,7 @@
 base = "incline30"                    optional, a scenario that has no base itself
 title = "..."
 [components.NAME]  fmu = "..."        a shipped FMU by name, or a path (relative to the file)
+                   map = "..."        optional mapping file (mapping.py)
 [parameters]  "component.parameter" = "0.30 m"    a number only where the parameter has no dimension
 [connections] "input" = "output"      left out, devices connect themselves (system.py)
 [master] communication_step = "0.5 ms", stop = "150 ms", scheme = "auto"
@@ -20,6 +21,7 @@ from typing import Any, Self
 from .component import Component
 from .coupling import check_scheme
 from .errors import EnvironmentProblem, InputError, SimulationError, nearest
+from .mapping import read_component
 from .master import Master
 from .result import Result
 from .system import Assembly, System, connect, problems_to_error
@@ -51,7 +53,8 @@ def shipped_fmus() -> list[str]:
 
 @dataclass(frozen=True)
 class Scenario:
-    """`fmus` {component: FMU file} in stepping order, `parameters` and `connections` as in the file, `source` where it came from."""
+    """`fmus` {component: FMU file} in stepping order, `maps` {component: mapping file}, `parameters` and `connections` as in the file, `source`
+    where it came from."""
 
     title: str
     fmus: Mapping[str, Path]
@@ -60,7 +63,8 @@ class Scenario:
     master: Master
     source: str
     warnings: tuple[str, ...] = ()
-    dropped: tuple[str, ...] = field(default=())
+    dropped: tuple[str, ...] = ()
+    maps: Mapping[str, Path] = field(default_factory=dict)
 
     def override(self, parameter: str, value: Value) -> Self:
         """The same scenario with another value. Raises InputError when it has no such parameter or the value does not fit."""
@@ -72,18 +76,20 @@ class Scenario:
         connector.value(value, parameter)
         return changed
 
-    def replace_fmu(self, name: str, fmu: Path | str) -> Self:
-        """Another device under a component's name, or one more: its connections are made anew from its contract profile; parameters of
-        this scenario that it lacks are dropped, with one warning."""
+    def replace_fmu(self, name: str, fmu: Path | str, mapping: Path | str | None = None) -> Self:
+        """Another device under a component's name, or one more: its connections are made anew from its contract profile, its names taken
+        through the `mapping` file; parameters of this scenario that it lacks are dropped, with one warning."""
         if name not in self.fmus and name not in ROLES:
             raise InputError(f"component {name!r} is not in {self.source}{nearest(name, [*self.fmus, *ROLES])}")
-        path = _fmu_path(str(fmu), Path.cwd(), f"{name} = {fmu}")
-        component = Component.read(name, path)
+        path = fmu_path(str(fmu), Path.cwd(), f"{name} = {fmu}")
+        maps = {k: v for k, v in self.maps.items() if k != name} | ({name: Path(mapping)} if mapping is not None else {})
+        component = read_component(name, path, maps.get(name))
         lost = tuple(k for k in self.parameters if k.startswith(f"{name}.") and k.partition(".")[2] not in component.parameters)
         warning = (f"{name}: {path.name} has no {', '.join(k.partition('.')[2] for k in lost)}; the scenario's value is dropped",) if lost else ()
         return replace(
             self,
             fmus={**self.fmus, name: path},
+            maps=maps,
             parameters={k: v for k, v in self.parameters.items() if k not in lost},
             connections={t: s for t, s in self.connections.items() if name not in (t.partition(".")[0], s.partition(".")[0])},
             warnings=self.warnings + warning,
@@ -128,7 +134,7 @@ class Scenario:
         components, unreadable = list[Component](), list[str]()
         for name, path in self.fmus.items():
             try:
-                components.append(Component.read(name, path))
+                components.append(read_component(name, path, self.maps.get(name)))
             except InputError as problem:
                 unreadable.append(f"components.{name}: {problem}")
         problems_to_error(self.source, unreadable)
@@ -204,6 +210,7 @@ def load_scenario(name: str | Path) -> Scenario:
     return Scenario(
         title=content.get("title", path.stem),
         fmus={name: spec["fmu"] for name, spec in content["components"].items()},
+        maps={name: spec["map"] for name, spec in content["components"].items() if "map" in spec},
         parameters=content.get("parameters", {}),
         connections=content.get("connections", {}),
         master=Master(**content.get("master", {})),
@@ -245,7 +252,9 @@ def _read(path: Path) -> dict[str, Any]:
         if not isinstance(spec, dict) or not isinstance(spec.get("fmu"), str):
             problems.append(f'components.{name}: needs fmu = "a shipped FMU or a path"')
             continue
-        problems += [f"components.{name}: unknown key {key!r}{nearest(key, ['fmu'])}" for key in spec if key != "fmu"]
+        if not isinstance(spec.get("map", ""), str):
+            problems.append(f"components.{name}.map: must be the path of a mapping file")
+        problems += [f"components.{name}: unknown key {key!r}{nearest(key, ['fmu', 'map'])}" for key in spec if key not in ("fmu", "map")]
     for key, value in content.get("parameters", {}).items():
         if isinstance(value, dict):
             problems.append(f'parameters.{key}: quote names with a dot: "{key}.{next(iter(value), "parameter")}" = ...')
@@ -281,7 +290,11 @@ def _text(content: Mapping[str, Any], key: str, path: Path) -> str:
 def _resolve(content: dict[str, Any], path: Path) -> dict[str, Any]:
     """FMU names to files; paths are relative to the scenario's file."""
     components = {
-        name: {**spec, "fmu": _fmu_path(spec["fmu"], path.parent, f"{path}: components.{name}.fmu = {spec['fmu']!r}")}
+        name: {
+            **spec,
+            "fmu": fmu_path(spec["fmu"], path.parent, f"{path}: components.{name}.fmu = {spec['fmu']!r}"),
+            **({"map": path.parent / spec["map"]} if "map" in spec else {}),
+        }
         for name, spec in content.get("components", {}).items()
     }
     return {**content, "components": components}
@@ -294,7 +307,7 @@ def _merge(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
     return merged
 
 
-def _fmu_path(name: str, beside: Path, what: str) -> Path:
+def fmu_path(name: str, beside: Path, what: str) -> Path:
     if "/" not in name and "\\" not in name and not name.endswith(".fmu"):
         built = PACKAGE / "_fmus" / f"{name}.fmu"
         if built.is_file():

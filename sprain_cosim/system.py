@@ -14,14 +14,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .component import Component, Connector, Instance
+from .contract import PROFILES, plain
 from .errors import InputError, SimulationError, nearest
 from .units import Unit
 
-PROFILES = {
-    "anatomic": ("talocrural", "subtalar"),
-    "jcs": ("dorsiflexion", "inversion", "internal_rotation"),
-    "bushing": ("rotation_x", "rotation_y", "rotation_z"),
-}
 HANDED_OVER = ("_stiffness", "_damping")
 MAX_ROUNDS = 50
 
@@ -113,24 +109,24 @@ def connect(components: Sequence[Component], explicit: Mapping[str, str]) -> tup
     plant = next((c for c in components if c.name == "plant"), None)
     if plant is None:
         return connections, problems
-    outputs = {_plain(n): n for n in plant.outputs}
-    inputs = {_plain(n): n for n in plant.inputs}
+    outputs = {plain(n): n for n in plant.outputs}
+    inputs = {plain(n): n for n in plant.inputs}
     for device in components:
         if device is plant:
             continue
         feeds = {}
         for name in device.outputs:
-            target = inputs.get(_plain(name)) or inputs.get("brace" + _plain(name))
+            target = inputs.get(plain(name)) or inputs.get("brace" + plain(name))
             if target:
                 feeds[name] = target
         own = {source for source in explicit.values() if source.startswith(f"{device.name}.")}
-        torques = {_plain(n).removesuffix("torque") for n in feeds if f"{device.name}.{n}" not in own and _plain(n).endswith("torque")}
-        spanned = [p for p, axes in PROFILES.items() if torques & {_plain(a) for a in axes}]
+        torques = {plain(n).removesuffix("torque") for n in feeds if f"{device.name}.{n}" not in own and plain(n).endswith("torque")}
+        spanned = [p for p, axes in PROFILES.items() if p != "subtalar" and torques & {plain(a) for a in axes}]
         if len(spanned) > 1:
             problems.append(f"{device.name}: gives torques of several profiles ({', '.join(spanned)}); name the ones to use in [connections]")
             continue
         for name in device.inputs:
-            source = outputs.get(_plain(name))
+            source = outputs.get(plain(name))
             if source:
                 connections.setdefault(f"{device.name}.{name}", f"plant.{source}")
         for name, target in feeds.items():
@@ -142,10 +138,6 @@ def connect(components: Sequence[Component], explicit: Mapping[str, str]) -> tup
                 problems.append(f"{full}: fed by {other} and by {device.name}.{name}; keep one of the two devices")
             connections.setdefault(full, f"{device.name}.{name}")
     return connections, problems
-
-
-def _plain(name: str) -> str:
-    return name.replace("_", "").replace(".", "").lower()
 
 
 def _a(word: str) -> str:

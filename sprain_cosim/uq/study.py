@@ -112,6 +112,7 @@ class Study:
         return {
             "version": __version__,
             "fmus": {name: Component.read(name, path).sha256 for name, path in scenario.fmus.items()},
+            **({"maps": {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in scenario.maps.items()}} if scenario.maps else {}),
             "parameters": dict(scenario.parameters),
             "connections": dict(scenario.connections),
             "master": [scenario.master.communication_step, scenario.master.stop, scenario.master.scheme],
@@ -182,9 +183,9 @@ class Study:
             return replace(self, marginals={**self.marginals, parameter: Fixed(connector.value(value, parameter))})
         return replace(self, scenario=scenario, grid={k: v for k, v in self.grid.items() if k != parameter})
 
-    def replace_fmu(self, name: str, fmu: Path | str) -> Self:
+    def replace_fmu(self, name: str, fmu: Path | str, mapping: Path | str | None = None) -> Self:
         """Another device; marginals and grid columns of it that it lacks are dropped with a warning."""
-        scenario = self.scenario.replace_fmu(name, fmu)
+        scenario = self.scenario.replace_fmu(name, fmu, mapping)
         component = Component.read(name, scenario.fmus[name])
         lost = [k for k in (*self.marginals, *self.grid) if k.startswith(f"{name}.") and k.partition(".")[2] not in component.parameters]
         correlation = self.correlation
