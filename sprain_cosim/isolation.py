@@ -23,7 +23,7 @@ import subprocess
 import sys
 import threading
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from time import monotonic, perf_counter
 from typing import IO, Any
@@ -59,7 +59,7 @@ class Outcome:
     log: str = ""
 
 
-class _Gone(Exception):
+class Gone(Exception):
     """The child ended or was killed; says how."""
 
     def __init__(self, status: str, message: str) -> None:
@@ -76,19 +76,19 @@ class Worker:
 
     def __init__(self, scenario: Scenario, names: Sequence[str], limits: Limits | None = None) -> None:
         self.scenario, self.names, self.limits = scenario, tuple(names), limits or Limits()
-        self._child: _Child | None = None
+        self._child: Child | None = None
         self._stopped = False
         self._last: tuple[Sequence[float], Mapping[str, float]] | None = None
 
     def run(self, values: Sequence[float]) -> Outcome:
         """One trial with `values` (d,) of the names. Raises Stopped after `kill`, SimulationError when the system cannot be opened at all or a
         fresh child disagrees with the one it replaces."""
-        first: _Gone | None = None
+        first: Gone | None = None
         for attempt in (1, 2):
             child = self._ready()
             try:
                 reply = child.ask({"values": [float(v) for v in values]}, self.limits.trial)
-            except _Gone as gone:
+            except Gone as gone:
                 log = child.log()
                 self._drop()
                 if self._stopped:
@@ -117,7 +117,7 @@ class Worker:
         self._stopped = True
         self._drop()
 
-    def _ready(self) -> _Child:
+    def _ready(self) -> Child:
         if self._stopped:
             raise Stopped
         child = self._child
@@ -133,11 +133,11 @@ class Worker:
             child = self._child = self._fresh()
         return child
 
-    def _fresh(self) -> _Child:
-        child = _Child(self.limits)
+    def _fresh(self) -> Child:
+        child = Child(self.limits)
         try:
-            reply = child.open(self.scenario, self.names, self.limits.start)
-        except _Gone as gone:
+            reply = child.open((self.scenario, self.names), self.limits.start)
+        except Gone as gone:
             log = child.log()
             child.close()
             if self._stopped:
@@ -163,14 +163,16 @@ class Worker:
         self.kill()
 
 
-class _Child:
-    def __init__(self, limits: Limits) -> None:
+class Child:
+    """The process itself: runs `module` with the ends of its two lines, the limit of memory and our process number as arguments."""
+
+    def __init__(self, limits: Limits, module: str = "sprain_cosim.isolation") -> None:
         self.trials, self.memory, self.grown = 0, 0, 0
         requests, self._to = os.pipe()
         self._from, replies = os.pipe()
         environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONFAULTHANDLER": ""}
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "sprain_cosim.isolation", str(requests), str(replies), str(limits.memory), str(os.getpid())],
+            [sys.executable, "-m", module, str(requests), str(replies), str(limits.memory), str(os.getpid())],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -189,8 +191,9 @@ class _Child:
         self._closing = threading.Lock()
         self._closed = False
 
-    def open(self, scenario: Scenario, names: Sequence[str], limit: float) -> dict[str, Any]:
-        return self._exchange(pickle.dumps((scenario, tuple(names))), limit)
+    def open(self, what: Any, limit: float) -> dict[str, Any]:
+        """The first request; picklable. Raises Gone."""
+        return self._exchange(pickle.dumps(what), limit)
 
     def ask(self, request: dict[str, Any], limit: float) -> dict[str, Any]:
         return self._exchange(json.dumps(request).encode(), limit)
@@ -220,7 +223,7 @@ class _Child:
             _write(self._to, request)
             length = LENGTH.unpack(self._read(LENGTH.size, deadline))[0]
             if length > FRAME_LIMIT:
-                raise _Gone("crashed", "the process wrote into the line to its parent")
+                raise Gone("crashed", "the process wrote into the line to its parent")
             reply = json.loads(self._read(length, deadline))
         except (OSError, ValueError):
             raise self._how() from None
@@ -232,21 +235,21 @@ class _Child:
         while len(data) < count:
             left = deadline - monotonic()
             if left <= 0 or not self._poll.poll(1e3 * left):
-                raise _Gone("timeout", "overran its limit of wall time and was ended")
+                raise Gone("timeout", "overran its limit of wall time and was ended")
             piece = os.read(self._from, count - len(data))
             if not piece:
                 raise self._how()
             data += piece
         return data
 
-    def _how(self) -> _Gone:
+    def _how(self) -> Gone:
         try:
             code = self._process.wait(1.0)
         except subprocess.TimeoutExpired:
-            return _Gone("crashed", "closed the line to its parent")
+            return Gone("crashed", "closed the line to its parent")
         if code < 0:
-            return _Gone("crashed", f"ended by signal {signal.Signals(-code).name}")
-        return _Gone("crashed", f"ended its process with exit code {code}")
+            return Gone("crashed", f"ended by signal {signal.Signals(-code).name}")
+        return Gone("crashed", f"ended its process with exit code {code}")
 
     def _drain(self, stream: IO[bytes]) -> None:
         with stream, contextlib.suppress(OSError, ValueError):
@@ -291,8 +294,11 @@ def _resident() -> int:
         return 0
 
 
-def serve(requests: int, replies: int, memory: int, parent: int) -> None:
-    """The child: opens the scenario it is sent, then answers one request per trial until the line closes."""
+Answer = Callable[[dict[str, Any]], None]
+
+
+def listen(requests: int, replies: int, memory: int, parent: int) -> tuple[Any, Iterator[Any], Answer]:
+    """The child's side: what it was opened with (None if the parent is gone already), its requests, and the way to answer."""
     import resource
 
     _die_with_parent(parent)
@@ -303,10 +309,20 @@ def serve(requests: int, replies: int, memory: int, parent: int) -> None:
     def answer(content: dict[str, Any]) -> None:
         _write(replies, json.dumps(content).encode())
 
+    def asked() -> Iterator[Any]:
+        while (request := _take(requests)) is not None:
+            yield json.loads(request)
+
     first = _take(requests)
+    return (None if first is None else pickle.loads(first)), asked(), answer
+
+
+def serve(*arguments: int) -> None:
+    """The child: opens the scenario it is sent, then answers one request per trial until the line closes."""
+    first, requests, answer = listen(*arguments)
     if first is None:
         return
-    scenario, names = pickle.loads(first)
+    scenario, names = first
     try:
         session = scenario.open()
     except SprainError as problem:
@@ -314,10 +330,10 @@ def serve(requests: int, replies: int, memory: int, parent: int) -> None:
         return
     answer({"memory": _resident()})
     with session:
-        while (request := _take(requests)) is not None:
+        for request in requests:
             began = perf_counter()
             try:
-                result = session.run(dict(zip(names, json.loads(request)["values"], strict=True)))
+                result = session.run(dict(zip(names, request["values"], strict=True)))
                 status, message, metrics = result.status, result.message, result.metrics
             except SprainError as problem:
                 status, message, metrics = "failed", str(problem), {}

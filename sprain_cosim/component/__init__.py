@@ -99,6 +99,7 @@ class Component:
     capabilities: Capabilities
     identifier: str
     guid: str
+    library: str
     warnings: tuple[str, ...] = ()
 
     @classmethod
@@ -126,6 +127,25 @@ class Component:
     def parameters(self) -> dict[str, Connector]:
         """What may be set before a run."""
         return {n: c for n, c in self.connectors.items() if c.causality == "parameter"}
+
+    def missing_functions(self) -> list[str]:
+        """Functions of FMI that the library's file does not name; nothing is loaded."""
+        from fmpy import fmi1, fmi2, fmi3
+
+        kinds: dict[tuple[str, bool], Any] = {
+            ("1.0", False): fmi1.FMU1Slave,
+            ("2.0", False): fmi2.FMU2Slave,
+            ("2.0", True): fmi2.FMU2Model,
+            ("3.0", False): fmi3.FMU3Slave,
+            ("3.0", True): fmi3.FMU3Model,
+        }
+        prefix = f"fmi{self.capabilities.fmi_version[0]}"
+        wanted = [n for n in dir(kinds[self.capabilities.fmi_version, self.capabilities.model_exchange]) if n.startswith(prefix)]
+        if prefix == "fmi1":
+            wanted = [f"{self.identifier}_{n.replace('fmi1', 'fmi')}" for n in wanted]
+        with zipfile.ZipFile(self.fmu) as content:
+            library = content.read(self.library)
+        return [n for n in wanted if n.encode() not in library]
 
     def open(self) -> Instance:
         """Loads the FMU's code and instantiates it. Raises SimulationError or EnvironmentProblem."""
@@ -174,7 +194,7 @@ class Instance(Protocol):
 
 
 @lru_cache(maxsize=64)
-def _describe(sha256: str, description: bytes, names: tuple[str, ...]) -> tuple[Mapping[str, Connector], Capabilities, str, str, tuple[str, ...]]:
+def _describe(sha256: str, description: bytes, names: tuple[str, ...]) -> tuple[Mapping[str, Connector], Capabilities, str, str, str, tuple[str, ...]]:
     import fmpy
     from fmpy.model_description import read_model_description
 
@@ -249,7 +269,7 @@ def _describe(sha256: str, description: bytes, names: tuple[str, ...]) -> tuple[
         md.numberOfContinuousStates,
         md.numberOfEventIndicators,
     )
-    return connectors, capabilities, chosen.modelIdentifier, md.guid, tuple(warnings)
+    return connectors, capabilities, chosen.modelIdentifier, md.guid, binary, tuple(warnings)
 
 
 def _interface(md: Any, version: str) -> Any:
