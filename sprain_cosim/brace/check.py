@@ -1,0 +1,333 @@
+"""Does a device FMU fit the contract? Five stages in order, nothing native loaded before archive and description pass:
+
+1 archive, 2 description (both raise InputError: not a usable FMU) - 3 contract: names, causality, units - 4 dynamics and 5 physics, measured
+by probe.py in a child process under a time limit.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..component import Component, Connector
+from ..contract import AXES, INPUTS, OUTPUTS, POSITIVE, plain, profile
+from ..errors import InputError
+from ..isolation import Child, Gone, Limits
+from ..mapping import carried, load_mapping
+from .probe import STATIC_DEG, own_step
+
+START_LIMIT, PROBE_LIMIT = 60.0, 20.0  # s
+SMALL = 1e-9
+WORDS = {  # of vendors' names, for the proposal of a mapping
+    "subtalar": ("subtalar", "supin", "inv", "ever", "roll"),
+    "talocrural": ("talocrural", "dorsi", "plantar", "flex", "pitch"),
+}
+
+
+@dataclass
+class Report:
+    """`fits`; `problems` that keep it from fitting, `warnings`, `notes` in words; `facts` measured (SI); `proposal` a mapping file to start
+    from, where names do not match; `next_step` what to type."""
+
+    fmu: str
+    interface: str = ""
+    tool: str = ""
+    profile: str | None = None
+    mapping: str = ""
+    problems: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    facts: dict[str, Any] = field(default_factory=dict)
+    proposal: str = ""
+    next_step: str = ""
+
+    @property
+    def fits(self) -> bool:
+        return not self.problems
+
+    @property
+    def verdict(self) -> str:
+        return "does not fit" if self.problems else "fits with warnings" if self.warnings else "fits"
+
+    def as_dict(self) -> dict[str, Any]:
+        names = ("fmu", "interface", "tool", "profile", "mapping", "problems", "warnings", "notes", "facts", "proposal", "next_step")
+        return {"verdict": self.verdict, "fits": self.fits, **{n: getattr(self, n) for n in names}}
+
+    def text(self) -> str:
+        made = f", made by {self.tool}" if self.tool else ""
+        lines = [f"{self.fmu}: {self.verdict}", f"  {self.interface}{made}{f', profile {self.profile}' if self.profile else ''}"]
+        for title, entries in (("problem", self.problems), ("warning", self.warnings), ("note", self.notes)):
+            lines += [f"  {title + ':':9}{entry}" for entry in entries]
+        if self.next_step:
+            lines.append(f"\nnext: {self.next_step}")
+        return "\n".join(lines)
+
+
+def check_brace(fmu: Path | str, mapping: Path | str | None = None) -> Report:
+    """Raises InputError when it is not a usable FMU: archive, description, library, or it cannot be instantiated even once."""
+    component = Component.read("brace", fmu)
+    missing = component.missing_functions()
+    if missing:
+        few = ", ".join(missing[:3]) + (f" and {len(missing) - 3} more" if len(missing) > 3 else "")
+        raise InputError(f"{fmu}: its library lacks the FMI functions {few}; export it with all functions of {component.capabilities.interface}")
+    found = load_mapping(mapping) if mapping is not None else carried(component)
+    report = Report(str(fmu), component.capabilities.interface, component.capabilities.tool)
+    if found is not None:
+        component, report.mapping = found.apply(component), found.source
+    axes = _contract(component, report)
+    if report.fits:
+        _measure(component, axes, found is not None and found.active, report)
+    command = f"sprain-cosim run incline30 --fmu brace={fmu}{f' --map brace={mapping}' if mapping is not None else ''}"
+    if report.fits:
+        report.next_step = command
+    elif report.proposal:
+        report.next_step = f"review the mapping file, then sprain-cosim check {fmu} --map FILE"
+    return report
+
+
+# ---- 3 contract
+
+
+def _contract(component: Component, report: Report) -> tuple[str, ...]:
+    outputs = {plain(n): c for n, c in component.outputs.items()}
+    inputs = {plain(n): c for n, c in component.inputs.items()}
+    axes = tuple(a for a in AXES if plain(f"{a}_torque") in outputs)
+    report.profile = profile(set(axes))
+    if not axes:
+        report.proposal = propose(component)
+        candidates = [n for n, c in component.outputs.items() if _fits(c, "torque")]
+        if not candidates:
+            report.problems.append("no output in N.m, declared or named as a torque: this is no brace in the sense of the contract")
+            report.proposal = ""
+        else:
+            report.problems.append(f"no output is named A_torque for an axis A ({', '.join(AXES)}); candidates: {', '.join(candidates)}")
+        return axes
+    if report.profile is None:
+        report.problems.append(f"torques of several profiles ({', '.join(axes)}); map only those of one")
+    for axis in axes:
+        if plain(f"{axis}_angle") not in inputs:
+            close = ", ".join(difflib.get_close_matches(f"{axis}_angle", component.inputs, 3, 0.4))
+            report.problems.append(f"no input {axis}_angle [rad], which {axis}_torque needs{f'; candidates: {close}' if close else ''}")
+            report.proposal = propose(component)
+    if not any(plain(f"{a}_velocity") in inputs for a in axes):
+        report.notes.append("no velocity inputs: the brace sees how fast the foot moves only by the angle's change")
+    for known, have in ((INPUTS, inputs), (OUTPUTS, outputs)):
+        for name, wanted in known.items():
+            connector = have.get(plain(name))
+            if connector is None:
+                continue
+            if not connector.scalar_number:
+                report.problems.append(f"{connector.name}: is of type {connector.kind}; the contract has scalar reals")
+            elif connector.unit is None:
+                report.warnings.append(f"{connector.name}: no unit declared; {wanted.name} is assumed")
+            elif not connector.unit.same_dimension(wanted):
+                report.problems.append(
+                    f"{connector.name}: unit {connector.unit.name} has the dimension {connector.unit.dimension()}, expected {wanted.dimension()};"
+                    f' declare it right, or write unit = "..." in a mapping file'
+                )
+    extra = [n for n in component.inputs if plain(n) not in {plain(k) for k in INPUTS}]
+    if extra:
+        report.notes.append(f"inputs outside the contract keep their start values: {', '.join(extra[:6])}{' ...' if len(extra) > 6 else ''}")
+    return axes
+
+
+def _fits(connector: Connector, kind: str) -> bool:
+    wanted = (OUTPUTS if kind == "torque" else INPUTS)[f"subtalar_{kind}"]
+    if connector.unit is not None and not connector.unit.dimensionless:
+        return connector.unit.same_dimension(wanted)
+    words = {"torque": ("torque", "moment", "tau", "m_"), "angle": ("angle", "ang", "phi", "theta", "rot"), "velocity": ("vel", "omega", "rate", "speed")}
+    return any(w in connector.name.lower() for w in words[kind])
+
+
+def propose(component: Component) -> str:
+    """A mapping file from names, units and causality; lines to be looked at end in `# review`."""
+    lines: list[str] = ["# Proposed by sprain-cosim check: look at every line, then delete this one."]
+    for section, link, kinds in (("inputs", "to", ("angle", "velocity")), ("outputs", "from", ("torque",))):
+        lines.append(f"[{section}]")
+        taken: set[str] = set()
+        for kind in kinds:
+            for name, connector in component.select(section[:-1]).items():
+                if not connector.scalar_number or not _fits(connector, kind):
+                    continue
+                axis = next((a for a, words in WORDS.items() if any(w in name.lower() for w in words)), None)
+                sure = axis is not None and connector.unit is not None
+                target = f"{axis or 'subtalar'}_{kind}"
+                unit = "" if connector.unit is not None and not connector.unit.dimensionless else ', unit = "N.m"' if kind == "torque" else ', unit = "rad"'
+                unit = unit.replace("rad", "rad/s") if kind == "velocity" else unit
+                line = f'{target} = {{ {link} = "{name}"{unit} }}'
+                lines.append(f"# {line}   # review: a second candidate" if target in taken else line if sure else f"{line}   # review")
+                taken.add(target)
+        if not taken:
+            lines.append("# no candidate found")
+    return "\n".join(lines) + "\n"
+
+
+# ---- 4 dynamics, 5 physics
+
+
+def _measure(component: Component, axes: tuple[str, ...], active: bool, report: Report) -> None:
+    child = Child(Limits(memory=8 << 30), "sprain_cosim.brace.probe")
+    try:
+        try:
+            opened = child.open((component, axes), START_LIMIT)
+        except Gone as gone:
+            raise InputError(f"{component.fmu}: cannot be instantiated: {gone}{_last(child)}") from None
+        if "error" in opened:
+            raise InputError(f"{component.fmu}: cannot be instantiated: {opened['error']}")
+        measured: dict[str, dict[str, Any]] = {}
+        step = own_step(component)
+        probes = ["steps", "start", "repeat", "reset", *(["state"] if component.capabilities.state else []), "finite", "recorded", "static", "moving", "cycle"]
+        for probe in probes:
+            try:
+                measured[probe] = child.ask({"probe": probe, "step": step}, PROBE_LIMIT)
+            except Gone as gone:
+                if probe == "reset":  # the master then takes a fresh instance for every run
+                    report.warnings.append(f"its reset {gone}; every run takes a fresh instance")
+                    child.close()
+                    child = Child(Limits(memory=8 << 30), "sprain_cosim.brace.probe")
+                    child.open((component, axes), START_LIMIT)
+                    continue
+                report.problems.append(f"{DOING[probe]}: the device {gone}{_last(child)}")
+                return
+            if probe == "steps":
+                step = _judge_steps(measured[probe]["taken"], step, report)
+                if not report.fits:
+                    return
+            elif "error" in measured[probe]:
+                if probe == "reset":
+                    report.warnings.append(f"its reset fails ({measured[probe]['error']}); every run takes a fresh instance")
+                    continue
+                report.problems.append(f"{DOING[probe]}: {measured[probe]['error'].removeprefix('brace: ')}")
+                return
+    finally:
+        child.close()
+    _judge_dynamics(measured, report)
+    for k, axis in enumerate(axes):
+        _judge_physics(axis, k, measured, active, report)
+    report.facts["landing"] = {
+        "peak_torque_Nm": dict(zip(axes, measured["recorded"]["peak_torque"], strict=True)),
+        "work_taken_J": measured["recorded"]["work_taken"],
+    }
+
+
+DOING = {
+    "steps": "trying communication steps",
+    "start": "instantiated twice and started",
+    "repeat": "two landings in a row, each with a fresh instance",
+    "reset": "two landings in a row, reset between",
+    "state": "saving and restoring its state in a landing",
+    "finite": "over the physiological range at up to 1000 deg/s",
+    "recorded": "through a recorded landing",
+    "static": "held at angles",
+    "moving": "passed through zero at 200 deg/s",
+    "cycle": "in closed cycles of +-15 deg",
+}
+
+
+def _last(child: Child) -> str:
+    said = child.log().splitlines()
+    return f"; it said: {said[-1].strip()}" if said else ""
+
+
+def _judge_steps(taken: dict[str, float | str], step: float, report: Report) -> float:
+    """The step to go on with: the wanted one, or one that it takes."""
+    good = {float(h): t for h, t in taken.items() if not isinstance(t, str)}
+    report.facts["steps_taken_s"] = sorted(good)
+    if not good:
+        report.problems.append(f"takes no communication step between 0.1 and 5 ms: {next(str(t) for t in taken.values())}")
+        return step
+    refused = [float(h) for h, t in taken.items() if isinstance(t, str)]
+    if refused:
+        report.warnings.append(f"refuses communication steps of {_ms(refused)}; takes {_ms(good)}: give --step in a scenario")
+    values = list(good.values())
+    scale = max(max(abs(v) for v in values), SMALL)
+    spread = (max(values) - min(values)) / scale
+    report.facts["step_sensitivity"] = spread
+    if spread > 1e-3:
+        report.warnings.append(f"its torque depends on the communication step: {100 * spread:.2g} % between {_ms(good)} with the angle held at 10 deg")
+    return step if any(abs(h - step) < 1e-9 for h in good) else min(good, key=lambda h: abs(h - step))
+
+
+def _ms(steps: Any) -> str:
+    return ", ".join(f"{1e3 * h:g}" for h in sorted(steps)) + " ms"
+
+
+def _judge_dynamics(measured: dict[str, dict[str, Any]], report: Report) -> None:
+    if not measured["repeat"]["equal"]:
+        report.problems.append(
+            f"a fresh instance gives other torques than the one before it (by up to {measured['repeat']['difference']:.3g} N.m): runs cannot be repeated"
+        )
+    reset = measured.get("reset", {})
+    report.facts["reset_works"] = bool(reset.get("equal"))
+    if "equal" in reset and not reset["equal"]:
+        report.warnings.append(f"its reset leaves something behind (up to {reset['difference']:.3g} N.m); every run takes a fresh instance")
+    state = measured.get("state")
+    report.facts["state_works"] = bool(state and state["equal"])
+    if state is not None and not state["equal"]:
+        report.problems.append(f"claims to restore its state, but then replays other torques (by up to {state['difference']:.3g} N.m); withdraw the claim")
+
+
+def _judge_physics(axis: str, k: int, measured: dict[str, dict[str, Any]], active: bool, report: Report) -> None:
+    pairs = measured["static"]["torque"][axis]
+    secants = {d: -(plus - minus) / (2 * math.radians(d)) for d, plus, minus in pairs}
+    damping = measured["moving"]["damping"][axis]
+    taken, stored = measured["cycle"]["cycle"][axis]
+    largest = max(abs(s) for s in secants.values())
+    rest = measured["static"]["rest"][k]
+    report.facts[axis] = {
+        "torque_at_rest_Nm": rest,
+        "secant_stiffness_Nm_per_rad": {f"{d:g}deg": s for d, s in secants.items()},
+        "torque_Nm": {f"{sign * d:g}deg": t for d, plus, minus in pairs for sign, t in ((1, plus), (-1, minus))},
+        "damping_Nms_per_rad": damping,
+        "energy_taken_per_cycle_J": taken,
+    }
+    against = f"{axis}_torque"
+    advice = f'if the sign is meant the other way round, write {against} = {{ from = "{against}", factor = -1 }} under [outputs] of a mapping file'
+    sink = report.warnings if active else report.problems
+    noise = max(SMALL, 1e-6 * largest)
+    wrong = [d for d, s in secants.items() if s < -noise]
+    right = [d for d, s in secants.items() if s > noise]
+    d, plus, minus = next((p for p in pairs if p[0] == 10.0), pairs[-1])
+    if wrong and not right:
+        at = max(wrong)
+        push = next(plus for e, plus, _ in pairs if e == at)
+        sink.append(
+            f"sign: {POSITIVE[axis]} {at:g} deg ({axis} +): the brace pushes it further with {abs(push):.3g} N.m instead of resisting; {advice}"
+            + ("" if active else ", or active = true if it is meant to")
+        )
+        return
+    if wrong:
+        sink.append(
+            f"{axis}: stiffness is negative over +-{', '.join(f'{d:g}' for d in wrong)} deg and positive over +-{', '.join(f'{d:g}' for d in right)} deg: "
+            "it pushes the foot further in part of the range"
+        )
+    if not right and not wrong:
+        if damping < -SMALL:
+            sink.append(f"sign: {axis} moving at 200 deg/s through zero is pushed faster (damping {damping:.3g} N.m.s/rad); {advice}")
+            return
+        if damping <= SMALL:
+            where = f"at held angles up to {STATIC_DEG[-1]:g} deg nor when passing zero"
+            report.warnings.append(f"{axis}: no torque {where}: no probe can tell its sign; it is assumed right")
+            return
+        report.notes.append(f"{axis}: no static stiffness, damping {damping:.3g} N.m.s/rad: it slows the foot")
+        return
+    if damping < -max(SMALL, 1e-3 * largest * 0.01):
+        report.warnings.append(f"{axis}: pushes a passing foot faster (damping {damping:.3g} N.m.s/rad): is the sign of {axis}_velocity right?")
+    gives = taken < -max(1e-6, 1e-3 * stored)
+    if gives and not active:
+        report.warnings.append(f"{axis}: gives {-taken:.3g} J in a closed cycle: an active device; say so with active = true in a mapping file")
+    kind = f"gives {-taken:.3g} J in a cycle of +-15 deg" if gives else f"takes {taken:.3g} J in a cycle" if taken > 1e-3 * stored else "elastic"
+    does = "pushes it back with" if plus < 0 else "gives"
+    report.notes.append(f"{POSITIVE[axis]} {d:g} deg ({axis} +): the brace {does} {abs(plus):.3g} N.m; the other way {abs(minus):.3g} N.m; {kind}")
+    if abs(plus + minus) < 0.02 * abs(plus - minus):
+        report.notes.append(f"{axis}: symmetric, so angle and torque both of the other sign would look the same; + is taken to mean {POSITIVE[axis]}")
+    said = measured["static"]["declared"].get(axis)
+    if said is not None:
+        declared, true = said
+        if abs(declared - true) > max(1e-6, 0.05 * max(abs(true), largest)):
+            report.warnings.append(
+                f"{axis}_stiffness says {declared:.4g} N.m/rad at 5 deg, its torque says {true:.4g}: it must be -d(torque)/d(angle); the coupling relies on it"
+            )
