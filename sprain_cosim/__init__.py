@@ -17,6 +17,7 @@ _HOME = {
     "Scenario": "scenario",
     "load_study": "uq.study",
     "Study": "uq.study",
+    "check_brace": "brace.check",
     "System": "system",
     "Component": "component",
     "Master": "master",
@@ -29,6 +30,7 @@ _HOME = {
 __all__ = ["__version__", *sorted(_HOME)]
 
 if TYPE_CHECKING:
+    from .brace.check import check_brace as check_brace
     from .component import Component as Component
     from .errors import EnvironmentProblem as EnvironmentProblem
     from .errors import InputError as InputError

@@ -161,6 +161,26 @@ def _without_resume(arguments: list[str]) -> list[str]:
 
 
 @cli.command()
+@click.argument("fmu", type=click.Path(path_type=Path))
+@click.option("--map", "mapping", type=click.Path(path_type=Path), help="Mapping file: the FMU's names, signs and units to the contract's.")
+@JSON
+def check(fmu: Path, mapping: Path | None, as_json: bool) -> int:
+    """Does the device FMU fit the brace contract? Exit code 0 fits, 1 does not, 2 not a usable FMU."""
+    from .brace.check import check_brace
+
+    report = check_brace(fmu, mapping)
+    proposed = Path(f"{fmu.stem}.map.toml")
+    if report.proposal and mapping is None and not proposed.exists():
+        proposed.write_text(report.proposal, "utf-8")
+        report.next_step = f"look at the lines marked review in {proposed}, then sprain-cosim check {fmu} --map {proposed}"
+    if as_json:
+        click.echo(json.dumps(report.as_dict(), allow_nan=False))
+    else:
+        click.echo(report.text())
+    return 0 if report.fits else 1
+
+
+@cli.command()
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="Where figures/ goes (default: the first folder).")
 def plot(folders: tuple[Path, ...], out: Path | None) -> None:

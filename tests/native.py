@@ -41,10 +41,14 @@ SUBTALAR = """
 """
 
 
-def compile_fmu(target: Path, source: str = "faulty", variables: str = SUBTALAR, outputs: tuple[int, ...] = (2,)) -> Path:
-    """An FMI 2.0 co-simulation FMU of tests/sources/`source`.c; `outputs` are the 1-based indices of the output variables."""
+def compile_fmu(target: Path, source: str = "faulty", variables: str = SUBTALAR, outputs: tuple[int, ...] = (2,), fault: str = "none") -> Path:
+    """An FMI 2.0 co-simulation FMU of tests/sources/`source`.c; `outputs` are the 1-based indices of the output variables, `fault`
+    the one that is set from the start."""
     library = target.with_suffix(".so")
-    subprocess.run(["gcc", "-shared", "-fPIC", "-O1", "-w", f"-I{HEADERS}", "-o", library, SOURCES / f"{source}.c", "-lm"], check=True)
+    subprocess.run(
+        ["gcc", "-shared", "-fPIC", "-O1", "-w", f"-DFAULT_AT_START={FAULTS.index(fault)}", f"-I{HEADERS}", "-o", library, SOURCES / f"{source}.c", "-lm"],
+        check=True,
+    )
     structure = "".join(f'<Unknown index="{k}"/>' for k in outputs)
     description = f"""<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="{source}" guid="{{{source}}}" numberOfEventIndicators="0">

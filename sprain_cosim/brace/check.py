@@ -19,7 +19,7 @@ from ..isolation import Child, Gone, Limits
 from ..mapping import carried, load_mapping
 from .probe import STATIC_DEG, own_step
 
-START_LIMIT, PROBE_LIMIT = 60.0, 20.0  # s
+START_LIMIT, PROBE_LIMIT = 60.0, 6.0  # s
 SMALL = 1e-9
 WORDS = {  # of vendors' names, for the proposal of a mapping
     "subtalar": ("subtalar", "supin", "inv", "ever", "roll"),
@@ -285,7 +285,10 @@ def _judge_physics(axis: str, k: int, measured: dict[str, dict[str, Any]], activ
         "energy_taken_per_cycle_J": taken,
     }
     against = f"{axis}_torque"
-    advice = f'if the sign is meant the other way round, write {against} = {{ from = "{against}", factor = -1 }} under [outputs] of a mapping file'
+    if report.mapping:
+        advice = f"if the sign is meant the other way round, change that of factor in outputs.{against} of {report.mapping}"
+    else:
+        advice = f'if the sign is meant the other way round, write {against} = {{ from = "{against}", factor = -1 }} under [outputs] of a mapping file'
     sink = report.warnings if active else report.problems
     noise = max(SMALL, 1e-6 * largest)
     wrong = [d for d, s in secants.items() if s < -noise]
@@ -298,6 +301,8 @@ def _judge_physics(axis: str, k: int, measured: dict[str, dict[str, Any]], activ
             f"sign: {POSITIVE[axis]} {at:g} deg ({axis} +): the brace pushes it further with {abs(push):.3g} N.m instead of resisting; {advice}"
             + ("" if active else ", or active = true if it is meant to")
         )
+        if not report.mapping:
+            report.proposal = (report.proposal or "[outputs]\n") + f'{against} = {{ from = "{against}", factor = -1 }}\n'
         return
     if wrong:
         sink.append(

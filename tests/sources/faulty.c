@@ -27,6 +27,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
                               fmi2Boolean visible, fmi2Boolean logging) {
     Device* device = calloc(1, sizeof *device);
     device->value[STIFFNESS] = 20.0;
+    device->value[FAULT] = FAULT_AT_START;
     device->callbacks = callbacks;
     return device;
 }
@@ -43,6 +44,7 @@ fmi2Status fmi2Reset(fmi2Component c) {
     if (device->value[FAULT] == HANG_RESET) hang();
     memset(device->value, 0, sizeof device->value);
     device->value[STIFFNESS] = 20.0;
+    device->value[FAULT] = FAULT_AT_START;
     return fmi2OK;
 }
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[]) {

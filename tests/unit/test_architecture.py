@@ -23,6 +23,7 @@ LEVELS = [
     {"master"},
     {"scenario"},
     {"isolation"},
+    {"brace"},
     {"plots"},
     {"uq"},
     {"runfolder", "doctor"},
