@@ -180,6 +180,25 @@ def check(fmu: Path, mapping: Path | None, as_json: bool) -> int:
     return 0 if report.fits else 1
 
 
+@cli.group()
+def brace() -> None:
+    """Make a brace FMU: from a measured table, or from a template."""
+
+
+@brace.command("from-csv")
+@click.argument("table", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="FMU to write (default: TABLE with the ending .fmu).")
+def from_csv(table: Path, output: Path | None) -> None:
+    """Turn a torque-angle TABLE (CSV: angle [deg], subtalar_resistance [N.m], ...) into an FMU; no compiler needed."""
+    from .brace.from_csv import from_csv as write
+    from .scenario import fmu_path
+
+    target = output or table.with_suffix(".fmu")
+    for axis, (low, high) in write(table, target, fmu_path("brace_table", Path.cwd(), "brace_table")).items():
+        click.echo(f"{axis}: {57.29577951308232 * low:.4g} ... {57.29577951308232 * high:.4g} deg; outside, the torque goes straight on with the end slope")
+    click.echo(f"written: {target}\nnext: sprain-cosim check {target}")
+
+
 @cli.command()
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="Where figures/ goes (default: the first folder).")

@@ -38,7 +38,7 @@ BASE_UNITS: dict[str, dict[str, int]] = {
     "kg.m2": {"kg": 1, "m": 2},
     "J": {"kg": 1, "m": 2, "s": -2},
 }
-SKIPPED = {"__pycache__", "resources"}
+SKIPPED = {"__pycache__", "resources", "extra"}
 EPOCH = (1980, 1, 1, 0, 0, 0)
 
 STUB = '''"""Start of the FMU's Python side; runs at every instantiation."""
@@ -130,6 +130,7 @@ def build_fmu(folder: Path, target: Path, support: Path | None = None) -> str:
         "resources/slavemodule.txt": stub.encode(),
         f"resources/{stub}.py": STUB.format(locate=locate, package=package, name=name).encode(),
         **{f"resources/{path}": data for path, data in _tree(folder / "resources", {"__pycache__"}).items()},
+        **{f"extra/{path}": data for path, data in _tree(folder / "extra", set()).items()},
         **{f"documentation/{path}": data for path, data in documents.items()},
         **_binaries(name),
     }

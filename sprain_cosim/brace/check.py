@@ -314,6 +314,10 @@ def _judge_physics(axis: str, k: int, measured: dict[str, dict[str, Any]], activ
             sink.append(f"sign: {axis} moving at 200 deg/s through zero is pushed faster (damping {damping:.3g} N.m.s/rad); {advice}")
             return
         if damping <= SMALL:
+            others = [t for a, rows in measured["static"]["torque"].items() if a != axis for _, *both in rows for t in both]
+            if any(abs(t) > SMALL for t in others):
+                report.notes.append(f"{axis}: left free")
+                return
             where = f"at held angles up to {STATIC_DEG[-1]:g} deg nor when passing zero"
             report.warnings.append(f"{axis}: no torque {where}: no probe can tell its sign; it is assumed right")
             return

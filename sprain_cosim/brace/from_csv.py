@@ -1,0 +1,170 @@
+"""A brace from a measured table: a copy of the shipped brace_table FMU with another table in it. Only a zip is written, nothing compiled.
+
+angle [deg], subtalar_resistance [N.m]                                 one curve: torque against the motion is positive
+angle [deg], subtalar_torque_loading [N.m], subtalar_torque_unloading [N.m]     two branches, in the contract's sign
+
+`resistance` is minus `torque`. Rows by rising angle; a cell may be left empty where an axis was not measured. Any unit of the right dimension.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import re
+import zipfile
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from ..archive import read
+from ..errors import EnvironmentProblem, InputError, nearest
+from ..export import EPOCH
+from ..system import problems_to_error
+from ..units import Unit, unit
+
+AXES = ("talocrural", "subtalar")
+HEADER = re.compile(r"\s*([A-Za-z_]+)\s*\[\s*([^\]]+?)\s*\]\s*")
+NAMES = {
+    f"{a}_{kind}{branch}": (a, kind, branch.removeprefix("_")) for a in AXES for kind in ("torque", "resistance") for branch in ("", "_loading", "_unloading")
+}
+TABLE = "resources/table.json"
+
+
+def from_csv(table: Path, target: Path, template: Path) -> dict[str, tuple[float, float]]:
+    """Writes `target`; returns the range of angles [rad] of each axis. Raises InputError naming row and column, EnvironmentProblem."""
+    curves = read_table(table)
+    files = {}
+    with zipfile.ZipFile(read(template).path) as content:
+        files = {n: content.read(n) for n in content.namelist()}
+    description = files["modelDescription.xml"].decode()
+    old = re.search(r'guid="([^"]*)"', description)
+    assert old is not None
+    files[TABLE] = json.dumps(curves, indent=1).encode()
+    guid = hashlib.sha256(b"".join(f"{n}\0".encode() + d for n, d in sorted(files.items()))).hexdigest()
+    files["modelDescription.xml"] = description.replace(old[1], guid).encode()
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in files.items():
+            entry = zipfile.ZipInfo(name, EPOCH)
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, data, zipfile.ZIP_DEFLATED)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(buffer.getvalue())
+    except OSError as problem:
+        raise EnvironmentProblem(f"{target}: cannot be written ({problem.strerror})") from None
+    return {axis: (c["loading"][0][0], c["loading"][-1][0]) for axis, c in curves.items()}
+
+
+def read_table(path: Path) -> dict[str, dict[str, list[list[float]]]]:
+    """{axis: {loading, unloading: rows of angle [rad], torque [N.m] in the contract's sign, slope [N.m/rad]}}. Raises InputError."""
+    try:
+        rows = list(csv.reader(io.StringIO(path.read_text("utf-8-sig"))))
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not UTF-8 text") from None
+    except OSError as problem:
+        raise InputError(f"{path}: cannot be read: {problem.strerror}") from None
+    rows = [r for r in rows if any(c.strip() for c in r)]
+    if len(rows) < 4:
+        raise InputError(f"{path}: needs a header and at least three rows")
+    columns, angle = _header(path, rows[0])
+    numbers = _numbers(path, rows)
+    x = angle.factor * numbers[:, 0]
+    problems = [f"row {k + 2}: angle {numbers[k, 0]:g} does not rise (row {k + 1} has {numbers[k - 1, 0]:g})" for k in range(1, len(x)) if not x[k] > x[k - 1]]
+    problems_to_error(str(path), problems[:5])
+    found: dict[str, dict[str, tuple[np.ndarray, np.ndarray]]] = {}
+    for place, (name, own) in columns.items():
+        axis, kind, branch = NAMES[name]
+        have = np.isfinite(numbers[:, place])
+        if have.sum() < 3:
+            problems.append(f"column {name}: fewer than three values")
+            continue
+        torque = (-1.0 if kind == "resistance" else 1.0) * own.factor * numbers[have, place]
+        found.setdefault(axis, {})[branch] = (x[have], torque)
+    for axis, branches in found.items():
+        if set(branches) not in ({""}, {"loading", "unloading"}):
+            problems.append(f"{axis}: give one column, or both {axis}_..._loading and {axis}_..._unloading")
+            continue
+        for branch, (at, torque) in branches.items():
+            work = float(np.sum(at * torque))
+            if work > 0:
+                name = f"{axis}_torque{'_' + branch if branch else ''}"
+                problems.append(
+                    f"column {name}: pushes the foot further instead of resisting; name it {name.replace('torque', 'resistance')} if it is positive against the motion"
+                )
+        if len(branches) == 2 and not problems:
+            at = np.linspace(max(b[0][0] for b in branches.values()), min(b[0][-1] for b in branches.values()), 200)
+            loading, unloading = (np.abs(PchipInterpolator(*branches[b])(at)) for b in ("loading", "unloading"))
+            worst = int(np.argmax(unloading - loading))
+            if unloading[worst] > loading[worst] + 0.02 * max(loading.max(), 1e-9):
+                problems.append(
+                    f"{axis}: unloading resists more than loading at {at[worst] / angle.factor:.3g} {angle.name}: such a brace would give energy; are the columns swapped?"
+                )
+    problems_to_error(str(path), problems)
+    out = {}
+    for axis, branches in found.items():
+        both = (branches[""], branches[""]) if "" in branches else (branches["loading"], branches["unloading"])
+        out[axis] = {name: _curve(*points) for name, points in zip(("loading", "unloading"), both, strict=True)}
+    return out
+
+
+def _curve(x: np.ndarray, torque: np.ndarray) -> list[list[float]]:
+    slopes = PchipInterpolator(x, torque).derivative()(x)
+    return [[float(v) for v in row] for row in zip(x, torque, slopes, strict=True)]
+
+
+def _header(path: Path, cells: list[str]) -> tuple[dict[int, tuple[str, Unit]], Unit]:
+    problems: list[str] = []
+    columns: dict[int, tuple[str, Unit]] = {}
+    angle = unit("rad")
+    for k, cell in enumerate(cells):
+        match = HEADER.fullmatch(cell)
+        if not match:
+            problems.append(f"column {k + 1} {cell.strip()!r}: must read name [unit], such as angle [deg] or subtalar_torque [N.m]")
+            continue
+        name, text = match[1].lower(), match[2]
+        wanted = unit("rad") if k == 0 else unit("N.m")
+        if k == 0 and name != "angle":
+            problems.append(f"column 1 {cell.strip()!r}: must be angle [deg] or angle [rad]")
+        if k > 0 and name not in NAMES:
+            problems.append(f"column {k + 1} {name!r}: is no torque of an axis{nearest(name, NAMES)}")
+            continue
+        try:
+            own = unit(text)
+        except InputError as problem:
+            problems.append(f"column {k + 1} {name}: {problem}")
+            continue
+        if not own.same_dimension(wanted):
+            problems.append(f"column {k + 1} {name}: {text} is not a unit of {'angle' if k == 0 else 'torque'}")
+        elif k == 0:
+            angle = own
+        elif name in (c for c, _ in columns.values()):
+            problems.append(f"column {k + 1} {name}: given twice")
+        else:
+            columns[k] = (name, own)
+    if not columns and not problems:
+        problems.append("no torque column")
+    problems_to_error(str(path), problems)
+    return columns, angle
+
+
+def _numbers(path: Path, rows: list[list[str]]) -> np.ndarray:
+    width, problems = len(rows[0]), []
+    numbers = np.full((len(rows) - 1, width), np.nan)
+    for k, row in enumerate(rows[1:]):
+        if len(row) != width:
+            problems.append(f"row {k + 2}: {len(row)} cells, the header has {width}")
+            continue
+        for j, cell in enumerate(row):
+            try:
+                numbers[k, j] = float(cell) if cell.strip() or j == 0 else np.nan
+            except ValueError:
+                problems.append(f"row {k + 2}, column {j + 1} ({rows[0][j].strip()}): {cell.strip()!r} is not a number")
+                continue
+            if np.isinf(numbers[k, j]) or (cell.strip() and np.isnan(numbers[k, j])):
+                problems.append(f"row {k + 2}, column {j + 1} ({rows[0][j].strip()}): {cell.strip()!r} is not finite")
+    problems_to_error(str(path), problems[:5])
+    return numbers
