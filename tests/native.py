@@ -118,7 +118,8 @@ def device(
         units = "".join(f'<BaseUnit unit="{u}"/>' for u in used)
         listed = "".join(
             f'<ScalarVariable name="{n}" valueReference="{r}" causality="{c if c in ("input", "output") else "internal"}"'
-            f' variability="{"parameter" if c == "parameter" else "continuous"}"><Real{unit(u)}{f" start=#{s}#".replace("#", chr(34)) if s else ""}/></ScalarVariable>'
+            f' variability="{"parameter" if c == "parameter" else "continuous"}">'
+            f"<Real{unit(u)}{f' start={chr(34)}{s}{chr(34)}' if s else ''}/></ScalarVariable>"
             for n, r, c, _, u, s in variables
         )
         body = f"""<fmiModelDescription fmiVersion="1.0" modelName="device" modelIdentifier="device" guid="{{device}}" numberOfContinuousStates="1"

@@ -93,7 +93,8 @@ def read_table(path: Path) -> dict[str, dict[str, list[list[float]]]]:
             if work > 0:
                 name = f"{axis}_torque{'_' + branch if branch else ''}"
                 problems.append(
-                    f"column {name}: pushes the foot further instead of resisting; name it {name.replace('torque', 'resistance')} if it is positive against the motion"
+                    f"column {name}: pushes the foot further instead of resisting; "
+                    f"name it {name.replace('torque', 'resistance')} if it is positive against the motion"
                 )
         if len(branches) == 2 and not problems:
             at = np.linspace(max(b[0][0] for b in branches.values()), min(b[0][-1] for b in branches.values()), 200)
@@ -101,7 +102,8 @@ def read_table(path: Path) -> dict[str, dict[str, list[list[float]]]]:
             worst = int(np.argmax(unloading - loading))
             if unloading[worst] > loading[worst] + 0.02 * max(loading.max(), 1e-9):
                 problems.append(
-                    f"{axis}: unloading resists more than loading at {at[worst] / angle.factor:.3g} {angle.name}: such a brace would give energy; are the columns swapped?"
+                    f"{axis}: unloading resists more than loading at {at[worst] / angle.factor:.3g} {angle.name}: "
+                    "such a brace would give energy; are the columns swapped?"
                 )
     problems_to_error(str(path), problems)
     out = {}
