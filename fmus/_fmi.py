@@ -45,7 +45,8 @@ class Fmi2Slave:
         self._fixed = {k for k, v in enumerate(self.variables) if v["causality"] == "parameter"}
         self._log: list[Log] = []
         self._running, self._stale = False, True
-        self._known: dict[tuple[int, int], tuple[list[int], Any]] = {}  # selections by length and first reference
+        self._locals = {k for k, v in enumerate(self.variables) if v["causality"] == "local"}
+        self._known: dict[tuple[int, int], tuple[list[int], Any, bool]] = {}  # selections by length and first reference; has it locals?
         self._put: list[int] = []
 
     # ---- to override
@@ -58,6 +59,9 @@ class Fmi2Slave:
 
     def refresh(self) -> None:
         """Writes the outputs that depend on inputs directly."""
+
+    def reveal(self) -> None:
+        """Writes the local variables; called when one of them is read, so that they cost nothing otherwise."""
 
     def save(self) -> bytes:
         """The model's own state; the values are saved by the base class."""
@@ -118,7 +122,10 @@ class Fmi2Slave:
         if self._stale:
             self._guard(self.refresh if self._running else self._initialise)
             self._stale = False
-        return self.values[self._selection(references)].tolist()
+        selection, has_locals = self._selection(references)
+        if has_locals:
+            self._guard(self.reveal)
+        return self.values[selection].tolist()
 
     def set_real(self, references: list[int], values: list[float]) -> None:
         if references != self._put:
@@ -126,7 +133,7 @@ class Fmi2Slave:
                 name = next(v["name"] for k, v in enumerate(self.variables) if k in self._fixed and k in references)
                 raise FmuError(f"parameter {name} can only be set before initialisation")
             self._put = list(references)
-        self.values[self._selection(references)] = values
+        self.values[self._selection(references)[0]] = values
         self._stale = True
 
     def get_integer(self, references: list[int]) -> list[int]:
@@ -158,15 +165,17 @@ class Fmi2Slave:
 
     # ---- private
 
-    def _selection(self, references: list[int]) -> Any:
-        """A slice where the references are consecutive, else an index array; a master asks for the same ones at every step."""
+    def _selection(self, references: list[int]) -> tuple[Any, bool]:
+        """A slice where the references are consecutive, else an index array, and whether local variables are among them; a master asks for
+        the same ones at every step."""
         key = (len(references), references[0] if references else 0)
         known = self._known.get(key)
         if known is None or known[0] != references:
             first = key[1]
             consecutive = references == list(range(first, first + key[0]))
-            known = self._known[key] = (list(references), slice(first, first + key[0]) if consecutive else np.array(references, dtype=int))
-        return known[1]
+            selection = slice(first, first + key[0]) if consecutive else np.array(references, dtype=int)
+            known = self._known[key] = (list(references), selection, not self._locals.isdisjoint(references))
+        return known[1], known[2]
 
     def _initialise(self) -> None:
         for k in self._fixed:

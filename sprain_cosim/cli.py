@@ -60,6 +60,7 @@ def run(
         click.echo(f"warning: {warning}", err=True)
     if out is not None:
         runfolder.check(out)
+        chosen = chosen.recording("plant.*")
     result = chosen.run()
     if result.warning:
         click.echo(f"warning: {result.warning}", err=True)

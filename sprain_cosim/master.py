@@ -27,13 +27,15 @@ from .system import Assembly
 
 @dataclass(frozen=True)
 class Master:
-    """Times in s. `guard`: refuse a run whose coupling would be unstable, before it starts."""
+    """Times in s. `guard`: refuse a run whose coupling would be unstable, before it starts. `record`: patterns of local variables to record
+    besides the connectors, such as "plant.*"; they cost nothing when left out."""
 
     communication_step: float = 5e-4
     stop: float = 0.150
     start: float = 0.0
     scheme: str = "auto"
     guard: bool = True
+    record: tuple[str, ...] = ()
 
     @property
     def steps(self) -> int:
@@ -59,6 +61,8 @@ class Master:
         began = perf_counter()
         n, h = self.steps, self.communication_step
         record = np.empty((n + 1, len(assembly.names)))
+        more, their_units = assembly.watch(self.record) if self.record else ([], [])
+        seen = np.empty((n + 1, len(more)))
         step, reason = scheme(self.scheme, assembly.system)
         done, message, warning = 0, "", ""
         try:
@@ -70,18 +74,22 @@ class Master:
                     raise InputError(said)
                 warning = said
             record[0] = assembly.record
+            if more:
+                seen[0] = assembly.look()
             done = 1
             for k in range(n):
                 step.step(assembly, self.start + k * h, h)
                 record[k + 1] = assembly.record
+                if more:
+                    seen[k + 1] = assembly.look()
                 done = k + 2
         except SimulationError as problem:
             message = str(problem)
         return Result(
             time=self.start + h * np.arange(done),
-            values=record[:done],
-            names=tuple(assembly.names),
-            units=tuple(assembly.units),
+            values=np.hstack([record[:done], seen[:done]]) if more else record[:done],
+            names=(*assembly.names, *more),
+            units=(*assembly.units, *their_units),
             status="failed" if message else "completed",
             message=message,
             scheme=step.name,

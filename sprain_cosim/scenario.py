@@ -108,6 +108,10 @@ class Scenario:
             master = replace(master, stop=quantity(stop, SECOND, "stop"))
         return replace(self, master=master)
 
+    def recording(self, *patterns: str) -> Self:
+        """The same, with these local variables of its FMUs in the result besides inputs and outputs: "plant.*", "plant.*_fibre_length"."""
+        return replace(self, master=replace(self.master, record=patterns))
+
     def initial_pose(self) -> str | None:
         """The name of the plant's initial pose; None for a plant that has no such choice."""
         plant = next((c for c in self._described().components if c.name == "plant"), None)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 
 import numpy as np
 
@@ -210,6 +211,28 @@ class Assembly:
             links = [_link(self.system.find(s).unit, self.system.find(n).unit) for n, s in zip(names, sources, strict=True)]
             member.factor, member.offset = np.array([f for f, _ in links]), np.array([b for _, b in links])
             member.scaled = any(link != (1.0, 0.0) for link in links)
+
+    def watch(self, patterns: Sequence[str]) -> tuple[list[str], list[Unit | None]]:
+        """Local variables to fetch with `look`, by patterns such as "plant.*_force": their names and units."""
+        names: list[str] = []
+        units: list[Unit | None] = []
+        self._watched: list[tuple[Member, np.ndarray]] = []
+        for member in self.members:
+            found = {f"{member.name}.{n}": c for n, c in member.component.select("local").items() if c.scalar_number}
+            chosen = [n for n in found if any(fnmatchcase(n, pattern) for pattern in patterns)]
+            if chosen:
+                seen = np.zeros(len(chosen))
+                member.instance.watch([n.partition(".")[2] for n in chosen], seen)
+                self._watched.append((member, seen))
+                names += chosen
+                units += [found[n].unit for n in chosen]
+        return names, units
+
+    def look(self) -> np.ndarray:
+        """The present values of what is watched."""
+        for member, _ in self._watched:
+            member.instance.look()
+        return np.concatenate([seen for _, seen in self._watched])
 
     def slots(self, chosen: Callable[[str], bool]) -> np.ndarray:
         """Places on the bus of the inputs of late members that `chosen` accepts by name."""

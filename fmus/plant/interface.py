@@ -3,6 +3,9 @@ compiled code, so that the exporter can describe the FMU without running it."""
 
 from __future__ import annotations
 
+import csv
+from pathlib import Path
+
 MODEL = "plant"
 DESCRIPTION = "Single-leg landing on an inclined platform: 15 coordinates, 49 muscles, elastic-foundation contact"
 COMPILED = True
@@ -27,6 +30,15 @@ MEANING = {
     "rotation_y": "body-fixed X-Y-Z Euler angle y of the calcaneus in the tibia",
     "rotation_z": "body-fixed X-Y-Z Euler angle z of the calcaneus in the tibia",
 }
+
+with open(Path(__file__).parent / "data" / "muscles.csv", newline="", encoding="utf-8") as _table:
+    MUSCLES = tuple(row["muscle"] for row in csv.DictReader(line for line in _table if not line.startswith("#")))
+TRANSLATIONS = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
+COORDINATES = (
+    *(*TRANSLATIONS, "pelvis_tilt", "pelvis_list", "pelvis_rotation"),
+    *("hip_flexion_r", "hip_adduction_r", "hip_rotation_r", "knee_angle_r", "ankle_angle_r", "subtalar_angle_r"),
+    *("lumbar_extension", "lumbar_bending", "lumbar_rotation"),
+)
 
 POSES = {"touching": 0, "published": 1}
 FIBRE_STARTS = {"equilibrium": 0, "as_published": 1}
@@ -87,6 +99,8 @@ def variables() -> list[dict]:
     for name, unit, text in SIGNALS:
         signal(name, "output", unit, text)
         out[-1]["depends"] = of_brace if name.startswith("brace_") else []
+    for name, unit, text in LOCALS:
+        signal(name, "local", unit, text)
     return out
 
 
@@ -108,3 +122,14 @@ SIGNALS = (
     *((f"jcs_{axis}_raw_angle", "rad", "not zeroed, as in the paper's tables") for axis in JCS),
 )  # fmt: skip
 OUTPUTS = tuple(name for name, _, _ in SIGNALS)
+
+# read only by those who ask: pose, muscles and where the ground pushes, under the names of the OpenSim model
+LOCALS = (
+    *((c, "m" if c in TRANSLATIONS else "rad", "coordinate") for c in COORDINATES),
+    *((f"{c}_speed", "m/s" if c in TRANSLATIONS else "rad/s", "rate of the coordinate") for c in COORDINATES),
+    *((f"{m}_activation", "1", "state of the muscle; it acts with at least 0.01") for m in MUSCLES),
+    *((f"{m}_fibre_length", "m", "state of the muscle") for m in MUSCLES),
+    *((f"{m}_tendon_force", "N", "pull on the bones") for m in MUSCLES),
+    *((f"ground_point_{k}", "m", "centre of pressure on the platform's plane; 0 without contact") for k in "xyz"),
+    ("ground_free_moment", "N.m", "about the platform's normal at the centre of pressure, on the foot"),
+)

@@ -561,7 +561,8 @@ def contact(m, s, facets, blocks, stage):
     wrench = s.wrench[CALCN]
     for i in range(3):
         s.contact[i] = plane[0, i] * total[0] + plane[1, i] * total[1] + plane[2, i] * total[2]
-        wrench[i] += plane[0, i] * total[3] + plane[1, i] * total[4] + plane[2, i] * total[5]
+        s.contact[3 + i] = plane[0, i] * total[3] + plane[1, i] * total[4] + plane[2, i] * total[5]
+        wrench[i] += s.contact[3 + i]
     fx, fy, fz = s.contact[0], s.contact[1], s.contact[2]
     wrench[0] += pivot[1] * fz - pivot[2] * fy
     wrench[1] += pivot[2] * fx - pivot[0] * fz
@@ -1185,3 +1186,34 @@ def observe(model, state, facets, blocks, out):
     out[n + 4] = 1.0 if s.touching else 0.0
     for k in range(3):
         out[n + 5 + k] = s.angle[2 + k] + m.jcs_zero[k]
+
+
+@entry
+def look(model, state, facets, blocks, out):
+    """Writes the local variables of interface.py, in their order, for the present state."""
+    m, s = model[0], state[0]
+    refresh(m, s, facets, blocks)
+    for k in range(NQ):
+        out[k] = s.q[k]
+        out[NQ + k] = s.u[k]
+    n = 2 * NQ
+    for k in range(NM):
+        out[n + k] = s.a[k]
+        out[n + NM + k] = s.l[k]
+        out[n + 2 * NM + k] = s.tendon_force[0, k]
+    n += 3 * NM
+    for k in range(4):
+        out[n + k] = 0.0
+    if s.touching == 0:
+        return
+    normal, force, moment = s.plane[2], s.contact[:3], s.contact[3:]
+    push = normal[0] * force[0] + normal[1] * force[1] + normal[2] * force[2]
+    arm = out[n:]
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        arm[k] = (normal[i] * moment[j] - normal[j] * moment[i]) / push
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        arm[3] += normal[k] * (moment[k] - arm[i] * force[j] + arm[j] * force[i])
+    for k in range(3):
+        arm[k] += m.pivot[k]

@@ -213,3 +213,7 @@ class Plant:
     def respond(self, inputs: np.ndarray, moments: np.ndarray) -> None:
         """New inputs at the present state, and the outputs that follow them at once: the moments of the brace (n_axes,)."""
         kernels.respond(self._model, self._state, inputs, moments)
+
+    def look(self, out: np.ndarray) -> None:
+        """The local variables of interface.py, in their order."""
+        kernels.look(self._model, self._state, self._facets, self._blocks, out)

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from .._fmi import Fmi2Slave
-from .interface import ANKLE_MUSCLES, AXES, FIBRE_STARTS, OUTPUTS, PARAMETERS, POSES, variables
+from .interface import ANKLE_MUSCLES, AXES, FIBRE_STARTS, LOCALS, OUTPUTS, PARAMETERS, POSES, variables
 
 
 def _say_if_compiling() -> None:
@@ -34,6 +34,7 @@ class Slave(Fmi2Slave):
         self._plant: Plant | None = None
         self._given = self.values[self.index[f"{ANKLE_MUSCLES[0]}_excitation"] : self.index[OUTPUTS[0]]]
         self._gives = self.values[self.slots(*OUTPUTS)]
+        self._hidden = self.values[self.slots(*(name for name, _, _ in LOCALS))]
         self._moments = self.values[self.slots(*(f"brace_{axis}_moment" for axis in AXES))]
         if not self._idle:  # loading or compiling the kernels belongs to instantiation, not to the first run
             plant = Plant()
@@ -41,6 +42,7 @@ class Slave(Fmi2Slave):
             plant.advance(1e-5)
             plant.take(self._given)
             plant.respond(self._given, self._moments.copy())
+            plant.look(self._hidden.copy())
             self._idle.append(plant)
 
     def initialise(self) -> None:
@@ -62,6 +64,9 @@ class Slave(Fmi2Slave):
         self._plant.take(self._given)
         self._plant.advance(time + step)
         self._gives[:] = self._plant.observe()
+
+    def reveal(self) -> None:
+        self._plant.look(self._hidden)
 
     def save(self) -> bytes:
         if self._plant is None:

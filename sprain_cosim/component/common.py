@@ -86,13 +86,17 @@ class FmiInstance:
     def bind(self, bus: np.ndarray, inputs: Sequence[str], first_input: int, outputs: Sequence[str], first_output: int, echoing: int) -> None:
         self._bus = bus
         self.given = bus[first_input : first_input + len(inputs)]
-        self._sends = self._calls("Set", inputs, first_input)
-        self._fetches = self._calls("Get", outputs, first_output)
+        self._sends = self._calls("Set", inputs, bus, first_input)
+        self._fetches = self._calls("Get", outputs, bus, first_output)
         boundary = len(outputs) - echoing
-        self._states = self._calls("Get", outputs[:boundary], first_output)
-        self._echoes = self._calls("Get", outputs[boundary:], first_output + boundary)
+        self._states = self._calls("Get", outputs[:boundary], bus, first_output)
+        self._echoes = self._calls("Get", outputs[boundary:], bus, first_output + boundary)
 
-    def _calls(self, verb: str, names: Sequence[str], first: int) -> Calls:
+    def watch(self, names: Sequence[str], seen: np.ndarray) -> None:
+        self._seen = seen
+        self._glances = self._calls("Get", names, seen, 0)
+
+    def _calls(self, verb: str, names: Sequence[str], values: np.ndarray, first: int) -> Calls:
         calls: list[tuple[Any, tuple[Any, ...]]] = []
         conversions: list[tuple[np.ndarray, slice]] = []
         connectors = [self.component.connectors[n] for n in names]
@@ -101,7 +105,7 @@ class FmiInstance:
             n, at = len(members), first + members[0]
             references = (ctypes.c_uint * n)(*(connectors[k].reference for k in members))
             if ctype is ctypes.c_double:
-                buffer: Any = (ctypes.c_double * n).from_buffer(self._bus.data, 8 * at)
+                buffer: Any = (ctypes.c_double * n).from_buffer(values.data, 8 * at)
             else:
                 buffer = (ctype * n)()
                 conversions.append((np.frombuffer(buffer, np.dtype(ctype) if ctype is not ctypes.c_char else np.int8), slice(at, at + n)))
@@ -136,15 +140,18 @@ class FmiInstance:
                 self.check(status, "setting its inputs")
 
     def pull(self) -> None:
-        self._fetch(self._fetches)
+        self._fetch(self._fetches, self._bus)
 
     def pull_states(self) -> None:
-        self._fetch(self._states)
+        self._fetch(self._states, self._bus)
 
     def pull_echoes(self) -> None:
-        self._fetch(self._echoes)
+        self._fetch(self._echoes, self._bus)
 
-    def _fetch(self, prepared: Calls) -> None:
+    def look(self) -> None:
+        self._fetch(self._glances, self._seen)
+
+    def _fetch(self, prepared: Calls, values: np.ndarray) -> None:
         if not self.readable:
             return
         calls, conversions = prepared
@@ -153,7 +160,7 @@ class FmiInstance:
             if status > WARNING:
                 self.check(status, "reading its outputs")
         for buffer, place in conversions:
-            self._bus[place] = buffer
+            values[place] = buffer
 
     def step(self, time: float, step: float) -> None:
         own = self.component.capabilities.fixed_step

@@ -83,7 +83,7 @@ def test_everything_has_unit_start_and_a_name_of_its_own(name: str) -> None:
     for c in described.connectors.values():
         assert c.unit is not None or c.items, c.name
         assert c.description, c.name
-        assert c.causality == "output" or c.start is not None, c.name
+        assert c.causality in ("output", "local") or c.start is not None, c.name
     modules = {Path(n).parts[1] for n in zipfile.ZipFile(described.fmu).namelist() if n.startswith("resources/") and n.endswith("/_fmi.py")}
     assert len(modules) == 1
     assert next(iter(modules)).startswith(f"{name}_")
@@ -230,3 +230,28 @@ def test_a_process_with_python_fmus_ends_quietly() -> None:
     for _ in range(3):
         outcome = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=FMUS.parent, timeout=120)
         assert (outcome.returncode, outcome.stdout.strip(), outcome.stderr) == (0, "done", "")
+
+
+def test_locals_are_recorded_on_request_and_change_nothing() -> None:
+    from sprain_cosim.scenario import load_scenario
+
+    chosen = load_scenario("incline30_brace").with_master(stop="60 ms")
+    plain, full = chosen.run(), chosen.recording("plant.*").run()
+    assert full.names[: len(plain.names)] == plain.names
+    assert np.array_equal(full.values[:, : len(plain.names)], plain.values)
+    assert np.array_equal(full["plant.subtalar_angle_r"], full["plant.subtalar_angle"])
+    assert np.allclose(full["plant.ankle_angle_r_speed"], full["plant.talocrural_velocity"], rtol=1e-12, atol=0)
+    evertors = np.mean([full[f"plant.{m}_r_activation"] for m in ("ext_dig", "per_brev", "per_long", "per_tert")], axis=0)
+    assert np.allclose(np.maximum(evertors, 0.01), full["plant.evertor_activation"], rtol=0, atol=1e-15)
+    # the centre of pressure lies in the platform, under the foot's 30 cm
+    touching = full["plant.in_contact"] == 1
+    assert touching.any()
+    pivot, normal = np.array([-0.2, 0.015, 0.35]), np.array([0.0, np.cos(np.pi / 6), np.sin(np.pi / 6)])
+    points = np.column_stack([full[f"plant.ground_point_{k}"] for k in "xyz"])
+    assert np.abs((points[touching] - pivot) @ normal).max() < 1e-12
+    assert np.linalg.norm(np.ptp(points[touching], axis=0)) < 0.35
+    assert not points[~touching].any()
+    fewer = chosen.recording("plant.pelvis_t?").run()
+    assert fewer.names[len(plain.names) :] == ("plant.pelvis_tx", "plant.pelvis_ty", "plant.pelvis_tz")
+    assert [str(u.name) for u in fewer.units[-3:] if u] == ["m", "m", "m"]
+    assert np.array_equal(fewer["plant.pelvis_ty"], full["plant.pelvis_ty"])
