@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import shutil
 import stat
 import tempfile
+import unicodedata
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +19,9 @@ from .errors import EnvironmentProblem, InputError
 MAX_ENTRIES = 10_000
 MAX_SIZE = 512 * 2**20
 MAX_RATIO = 200
+MAX_NAME = 255  # B of UTF-8, one part of a path
+MAX_PATH = 1000
+ENCODINGS = ("utf-8", "utf8", "us-ascii", "ascii", "iso-8859-1", "windows-1252")  # what holds a DOCTYPE in no other bytes than UTF-8
 DEVICES = {"con", "prn", "aux", "nul", *(f"{d}{k}" for d in ("com", "lpt") for k in range(1, 10))}
 
 
@@ -56,11 +61,15 @@ def read(path: Path) -> Archive:
     except InputError:
         raise
     except Exception as problem:  # zipfile raises many kinds for damaged files
-        raise InputError(f"{path}: not a readable zip archive ({_one_line(problem)}); export the FMU again") from None
+        why = "its directory is damaged" if isinstance(problem, OSError) else _one_line(problem)
+        raise InputError(f"{path}: not a readable zip archive ({why}); export the FMU again") from None
     try:
         text = description.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(f"{path}: modelDescription.xml is not UTF-8") from None
+    encoding = re.match(r"""<\?xml[^>]*\sencoding\s*=\s*["']([^"']*)""", text)
+    if encoding and encoding[1].lower() not in ENCODINGS:
+        raise InputError(f"{path}: modelDescription.xml says it is {encoding[1]!r}; FMI wants UTF-8")
     if "<!DOCTYPE" in text or "<!ENTITY" in text or "\0" in text:
         raise InputError(f"{path}: modelDescription.xml has a DOCTYPE or entities, which FMI does not use; refused")
     names = tuple(e.filename for e in entries if not e.is_dir())
@@ -77,33 +86,70 @@ def _check(path: Path, entries: list[zipfile.ZipInfo]) -> None:
     if size > MAX_RATIO * packed:
         raise InputError(f"{path}: unpacks to {size // packed} times its size; at most {MAX_RATIO} times is accepted")
     seen: set[str] = set()
+    folders: dict[str, str] = {}
     for entry in entries:
         name, original = entry.filename, getattr(entry, "orig_filename", entry.filename)
         parts = name.rstrip("/").split("/")
-        bad = (
-            not name.strip("/")
-            or name.startswith("/")
-            or "\\" in original
-            or "\0" in original
-            or ":" in name
-            or any(p in ("", ".", "..") or p.split(".")[0].lower() in DEVICES for p in parts)
-        )
-        if bad:
-            raise InputError(f"{path}: entry {original!r} is not a plain relative path; refused")
-        if stat.S_ISLNK(entry.external_attr >> 16):
+        if "\\" in original or "\0" in original or len(name) > MAX_PATH or not all(_plain(part) for part in parts):
+            raise InputError(f"{path}: entry {original[:80]!r} is not a plain relative path; refused")
+        kind = stat.S_IFMT(entry.external_attr >> 16)
+        if kind == stat.S_IFLNK:
             raise InputError(f"{path}: entry {name!r} is a symbolic link; refused")
+        if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
+            raise InputError(f"{path}: entry {name!r} is neither a file nor a folder; refused")
         if entry.flag_bits & 1:
             raise InputError(f"{path}: entry {name!r} is encrypted; refused")
-        key = name.rstrip("/").lower()
+        key = _key(name.rstrip("/"))
         if key in seen:
             raise InputError(f"{path}: two entries named {name!r} (letter case does not count); refused")
         seen.add(key)
-    for name in seen:
-        parent = name
-        while "/" in parent:
-            parent = parent.rpartition("/")[0]
-            if any(e.filename.lower() == parent for e in entries):
-                raise InputError(f"{path}: {parent!r} is both a file and a folder; refused")
+        for k in range(1, len(parts) + entry.is_dir()):
+            folder = "/".join(parts[:k])
+            if folders.setdefault(_key(folder), folder) != folder:
+                raise InputError(f"{path}: folders {folders[_key(folder)]!r} and {folder!r} differ in letter case only; refused")
+    for entry in entries:
+        if not entry.is_dir() and _key(entry.filename) in folders:
+            raise InputError(f"{path}: {entry.filename!r} is both a file and a folder; refused")
+
+
+def _plain(part: str) -> bool:
+    """A name that every file system takes as it is."""
+    return (
+        part not in ("", ".", "..")
+        and part.rstrip(" .") == part
+        and not any(c in ':<>"|?*' or ord(c) < 32 for c in part)
+        and part.split(".")[0].strip().lower() not in DEVICES
+        and len(part.encode("utf-8", "replace")) <= MAX_NAME
+    )
+
+
+def _key(name: str) -> str:
+    return unicodedata.normalize("NFC", name).casefold()
+
+
+def member(path: Path, name: str) -> bytes:
+    """The content of one entry. Raises InputError when it is damaged."""
+    try:
+        with zipfile.ZipFile(path) as content:
+            return content.read(name)
+    except Exception as problem:
+        raise InputError(f"{path}: damaged archive ({_one_line(problem)}); export the FMU again") from None
+
+
+def verify(archive: Archive) -> None:
+    """Reads every entry against its checksum; nothing is written. Raises InputError."""
+    try:
+        with zipfile.ZipFile(archive.path) as content:
+            damaged = content.testzip()
+    except Exception as problem:
+        raise InputError(f"{archive.path}: damaged archive ({_one_line(problem)}); export the FMU again") from None
+    if damaged is not None:
+        raise InputError(f"{archive.path}: damaged archive (checksum of {damaged!r}); export the FMU again")
+
+
+def forget(archive: Archive) -> None:
+    """Removes what `unpack` made."""
+    shutil.rmtree(cache_folder() / "fmus" / archive.sha256[:32], ignore_errors=True)
 
 
 def unpack(archive: Archive) -> Path:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 import tomllib
-import zipfile
 from collections.abc import Mapping as MappingOf
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -119,10 +118,8 @@ def carried(component: Component) -> Mapping | None:
     """The mapping inside the FMU, if it carries one. Raises InputError."""
     if INSIDE not in archive.read(component.fmu).names:
         return None
-    with zipfile.ZipFile(component.fmu) as content:
-        data = content.read(INSIDE)
     try:
-        return parse(data.decode(), f"{component.fmu}:{INSIDE}")
+        return parse(archive.member(component.fmu, INSIDE).decode(), f"{component.fmu}:{INSIDE}")
     except UnicodeDecodeError:
         raise InputError(f"{component.fmu}:{INSIDE}: is not UTF-8 text") from None
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from .. import archive
 from ..component import Component, Connector
 from ..contract import AXES, INPUTS, OUTPUTS, POSITIVE, plain, profile
 from ..errors import InputError
@@ -69,17 +70,23 @@ class Report:
 def check_brace(fmu: Path | str, mapping: Path | str | None = None) -> Report:
     """Raises InputError when it is not a usable FMU: archive, description, library, or it cannot be instantiated even once."""
     component = Component.read("brace", fmu)
-    missing = component.missing_functions()
-    if missing:
-        few = ", ".join(missing[:3]) + (f" and {len(missing) - 3} more" if len(missing) > 3 else "")
-        raise InputError(f"{fmu}: its library lacks the FMI functions {few}; export it with all functions of {component.capabilities.interface}")
+    checked = archive.read(component.fmu)
+    archive.verify(checked)
+    unusable = component.library_problem()
+    if unusable:
+        raise InputError(f"{fmu}: {unusable}")
     found = load_mapping(mapping) if mapping is not None else carried(component)
     report = Report(str(fmu), component.capabilities.interface, component.capabilities.tool)
     if found is not None:
         component, report.mapping = found.apply(component), found.source
     axes = _contract(component, report)
     if report.fits:
-        _measure(component, axes, found is not None and found.active, report)
+        archive.unpack(checked)
+        try:
+            _measure(component, axes, found is not None and found.active, report)
+        except InputError:
+            archive.forget(checked)
+            raise
     command = f"sprain-cosim run incline30 --fmu brace={fmu}{f' --map brace={mapping}' if mapping is not None else ''}"
     if report.fits:
         report.next_step = command

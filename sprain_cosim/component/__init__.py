@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import io
 import math
+import re
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,6 +22,7 @@ import numpy as np
 from .. import archive
 from ..errors import InputError, nearest
 from ..units import Unit, quantity
+from . import library
 
 OWN_TOOL = "sprain-cosim"
 
@@ -111,6 +113,8 @@ class Component:
             return cls(name, path, checked.sha256, *_describe(checked.sha256, checked.description, checked.names))
         except InputError as problem:
             raise InputError(f"{path}: {problem}") from None
+        except Exception as problem:  # what the checks of fmpy let through
+            raise InputError(f"{path}: modelDescription.xml is not valid: {first_line(problem)}") from None
 
     def select(self, causality: str) -> dict[str, Connector]:
         return {n: c for n, c in self.connectors.items() if c.causality == causality}
@@ -128,8 +132,9 @@ class Component:
         """What may be set before a run."""
         return {n: c for n, c in self.connectors.items() if c.causality == "parameter"}
 
-    def missing_functions(self) -> list[str]:
-        """Functions of FMI that the library's file does not name; nothing is loaded."""
+    def library_problem(self) -> str:
+        """What keeps the library from being used, by its file alone: not of this machine, cut off, functions of FMI that it does not name. Empty
+        when nothing does. Raises InputError for a damaged archive."""
         from fmpy import fmi1, fmi2, fmi3
 
         kinds: dict[tuple[str, bool], Any] = {
@@ -143,9 +148,13 @@ class Component:
         wanted = [n for n in dir(kinds[self.capabilities.fmi_version, self.capabilities.model_exchange]) if n.startswith(prefix)]
         if prefix == "fmi1":
             wanted = [f"{self.identifier}_{n.replace('fmi1', 'fmi')}" for n in wanted]
-        with zipfile.ZipFile(self.fmu) as content:
-            library = content.read(self.library)
-        return [n for n in wanted if n.encode() not in library]
+        data = archive.member(self.fmu, self.library)
+        damage = library.problem(data)
+        if damage:
+            return f"{self.library} {damage}"
+        missing = [n for n in wanted if n.encode() not in data]
+        few = ", ".join(missing[:3]) + (f" and {len(missing) - 3} more" if len(missing) > 3 else "")
+        return f"its library lacks the FMI functions {few}; export it with all functions of {self.capabilities.interface}" if missing else ""
 
     def open(self) -> Instance:
         """Loads the FMU's code and instantiates it. Raises SimulationError or EnvironmentProblem."""
@@ -204,6 +213,10 @@ def _describe(sha256: str, description: bytes, names: tuple[str, ...]) -> tuple[
     with zipfile.ZipFile(container, "w") as packed:
         packed.writestr("modelDescription.xml", description)
     container.seek(0)
+    if not re.search(rb"<fmiModelDescription\s[^>]*fmiVersion\s*=", description):
+        raise InputError("modelDescription.xml is not valid: no fmiModelDescription with an fmiVersion in it")
+    if re.search(rb"""<Unknown\s[^>]*index\s*=\s*["']0+["']""", description):
+        raise InputError("modelDescription.xml is not valid: an index 0 in ModelStructure; they count from 1")
     try:
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             md = read_model_description(container)
@@ -221,10 +234,15 @@ def _describe(sha256: str, description: bytes, names: tuple[str, ...]) -> tuple[
     warnings: list[str] = []
     units = {u.name: u for u in md.unitDefinitions}
     dependencies = {u.variable.name: u for u in md.outputs}
+    wrong = next((u.variable.name for u in md.outputs if u.variable.causality != "output"), None)
+    if wrong is not None:
+        raise InputError(f"modelDescription.xml is not valid: {wrong} is listed among the outputs, but is none")
     connectors: dict[str, Connector] = {}
     for v in md.modelVariables:
         kind = _kind(v)
         causality = _causality(v)
+        if not v.name:
+            raise InputError("modelDescription.xml is not valid: a variable without a name")
         if kind == "binary" and causality in ("input", "output", "parameter"):
             raise InputError(f"{v.name}: a binary variable, which cannot be coupled; export the FMU without it")
         unit_name = v.unit or (v.declaredType.unit if v.declaredType is not None and getattr(v.declaredType, "unit", None) else None)
@@ -333,5 +351,5 @@ def _number(text: Any, default: float | None = None) -> Any:
 
 
 def first_line(problem: BaseException) -> str:
-    lines = [line.strip(" -") for line in str(problem).splitlines() if line.strip()]
+    lines = [line.strip(" -").removeprefix("ERROR ") for line in str(problem).splitlines() if line.strip() and not line.startswith("Failed to validate")]
     return "; ".join(lines[:3]) or type(problem).__name__

@@ -117,6 +117,6 @@ def test_cannot_be_instantiated(tmp_path: Path) -> None:
         files = {n: archive.read(n) for n in archive.namelist()}
     with zipfile.ZipFile(tmp_path / "cut.fmu", "w") as archive:
         for name, data in files.items():
-            archive.writestr(name, data[: len(data) // 2] + data[-4000:] if name.endswith(".so") else data)
-    with pytest.raises(InputError, match=r"lacks|cannot be instantiated"):
+            archive.writestr(name, data.replace(b"\0exp\0", b"\0exq\0"))
+    with pytest.raises(InputError, match=r"cannot be instantiated: .*exq"):
         check_brace(tmp_path / "cut.fmu")
