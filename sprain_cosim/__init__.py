@@ -18,6 +18,7 @@ _HOME = {
     "load_study": "uq.study",
     "Study": "uq.study",
     "check_brace": "brace.check",
+    "compare_braces": "brace.compare",
     "System": "system",
     "Component": "component",
     "Master": "master",
@@ -31,6 +32,7 @@ __all__ = ["__version__", *sorted(_HOME)]
 
 if TYPE_CHECKING:
     from .brace.check import check_brace as check_brace
+    from .brace.compare import compare_braces as compare_braces
     from .component import Component as Component
     from .errors import EnvironmentProblem as EnvironmentProblem
     from .errors import InputError as InputError

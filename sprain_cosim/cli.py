@@ -181,6 +181,60 @@ def check(fmu: Path, mapping: Path | None, as_json: bool) -> int:
     return 0 if report.fits else 1
 
 
+@cli.command()
+@click.argument("source", metavar="SCENARIO|STUDY")
+@click.option("--brace", "braces", multiple=True, metavar="NAME=FILE", help="A brace to compare: an FMU, or the name of a shipped one.")
+@click.option("--map", "maps", multiple=True, metavar="NAME=FILE", help="Mapping file of the brace NAME.")
+@click.option("--set", "settings", multiple=True, metavar="NAME.PARAMETER=VALUE", help="Of one brace (soft.angle_scale=1.5) or of all (plant.drop_height=...).")
+@click.option("--trials", type=click.IntRange(2), help="Landings of a study.")
+@click.option("--workers", type=click.IntRange(1), help="Worker processes of a study (default: one per core).")
+@click.option("--resume", is_flag=True, help="Continue what --out holds of a study.")
+@click.option("--max-failed", default="1%", show_default=True, help="Share of failed landings that is accepted.")
+@click.option("--progress", type=click.Choice(["auto", "plain", "json", "none"]), default="auto", show_default=True)
+@click.option("--out", type=click.Path(path_type=Path), help="Folder of the comparison (default: runs/compare_NAME).")
+@JSON
+def compare(
+    source: str,
+    braces: tuple[str, ...],
+    maps: tuple[str, ...],
+    settings: tuple[str, ...],
+    trials: int | None,
+    workers: int | None,
+    resume: bool,
+    max_failed: str,
+    progress: str,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """The same landings with each brace and with none: peaks, paired differences, loads, ordinary motion."""
+    from .brace.compare import compare_braces, text
+    from .scenario import parse_value
+    from .units import quantity
+    from .uq.progress import reporter
+
+    devices = _devices(braces, maps, "--brace")
+    pairs = [_pair(s, "--set", "NAME.PARAMETER=VALUE") for s in settings]
+    done = compare_braces(
+        source,
+        {name: file for name, file, _ in devices},
+        maps={name: mapping for name, _, mapping in devices if mapping is not None},
+        settings={name: parse_value(value) for name, value in pairs},
+        out=out or Path("runs") / f"compare_{Path(source).stem}",
+        trials=trials,
+        workers=workers,
+        resume=resume,
+        max_failed=quantity(max_failed.replace("%", " %"), None, "--max-failed"),
+        progress=reporter(progress),
+        say=lambda name: None if progress == "none" else click.echo(f"{name} ...", err=True),
+    )
+    for entry in done.entries:
+        for warning in entry.warnings:
+            click.echo(f"warning: {entry.name}: {warning}", err=True)
+    click.echo(json.dumps(done.data, allow_nan=False) if as_json else f"{text(done.data)}\n\nwritten: {done.out}/compare.json, {done.out}/figures/compare.png")
+    if done.failed:
+        raise SimulationError(f"{len(done.failed)} of {len(done.entries)} failed: {'; '.join(f'{e.name}: {e.message}' for e in done.failed)}")
+
+
 @cli.group()
 def brace() -> None:
     """Make a brace FMU: from a measured table, or from a template."""

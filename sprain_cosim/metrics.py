@@ -11,7 +11,7 @@ import numpy as np
 IMPACT = 0.005
 JCS = ("dorsiflexion", "inversion", "internal_rotation")
 ANATOMIC = ("subtalar", "talocrural")
-UNITS = {"_deg": "deg", "_deg_s": "deg/s", "_Nm": "N·m", "_N": "N", "_s": "s"}
+UNITS = {"_deg": "deg", "_deg_s": "deg/s", "_Nm": "N·m", "_N": "N", "_s": "s", "_J": "J"}
 
 
 class Signals(Protocol):
@@ -29,7 +29,10 @@ class Signals(Protocol):
 def metrics(run: Signals) -> dict[str, float]:
     """Keys carry their unit. Angles of the three axes of the joint coordinate system are raw, as in Table 3 of Yoder et al. 2021
     (doi 10.3389/fbioe.2021.765331); velocities are components of the angular velocity; moments are those about an axis at the time of that
-    axis' own peak angle, positive when they resist. Without a brace on the plant the `brace_` keys are absent; without a plant there are none."""
+    axis' own peak angle, positive when they resist. `peak_brace_subtalar_moment_Nm` is the brace's largest resistance to supination at any time;
+    `brace_subtalar_work_to_peak_J` the energy it took from the rolling foot until the subtalar peak, `brace_work_J` that from all axes over the
+    whole landing (negative where it gave: an elastic brace tensed by plantarflexion before contact). Without a brace on the plant these and
+    the `brace_` keys are absent; without a plant there are none."""
     if "plant.subtalar_angle" not in run.index:
         return {}
     degrees = math.degrees(1.0)
@@ -51,12 +54,23 @@ def metrics(run: Signals) -> dict[str, float]:
     for who in ("anatomy", "brace") if braced else ("anatomy",):
         for axis, k in peak.items():
             out[f"{who}_{label[axis]}_moment_Nm"] = float(run[f"plant.{who}_{axis}_moment"][k])
+    if braced:
+        moment, k = run["plant.brace_subtalar_moment"], peak["subtalar"] + 1
+        out["peak_brace_subtalar_moment_Nm"] = float(moment.max())
+        out["brace_subtalar_work_to_peak_J"] = _work(moment[:k], run["plant.subtalar_angle"][:k])
+        torques = {n: n.removeprefix("plant.brace_").removesuffix("_torque") for n in run.index if n.startswith("plant.brace_") and n.endswith("_torque")}
+        out["brace_work_J"] = -sum(_work(run[n], run[f"plant.{axis}_angle"]) for n, axis in torques.items())
     force = run["plant.ground_force_y"]
     out["peak_vertical_grf_N"] = float(force.max())
     late = force[run.time > IMPACT]
     if len(late):
         out["peak_vertical_grf_after_impact_N"] = float(late.max())
     return out
+
+
+def _work(torque: np.ndarray, angle: np.ndarray) -> float:
+    """[J] of (n,) torque [N.m] over (n,) angle [rad]."""
+    return float(np.sum(0.5 * (torque[1:] + torque[:-1]) * np.diff(angle)))
 
 
 def unit_of(key: str) -> str:

@@ -96,6 +96,16 @@ class Scenario:
             dropped=self.dropped + lost,
         )
 
+    def without(self, name: str) -> Self:
+        """The same scenario without a component: its parameters and connections go with it. Itself where there is none of that name."""
+        return replace(
+            self,
+            fmus={k: v for k, v in self.fmus.items() if k != name},
+            maps={k: v for k, v in self.maps.items() if k != name},
+            parameters={k: v for k, v in self.parameters.items() if not k.startswith(f"{name}.")},
+            connections={t: s for t, s in self.connections.items() if name not in (t.partition(".")[0], s.partition(".")[0])},
+        )
+
     def with_master(self, scheme: str | None = None, communication_step: str | None = None, stop: str | None = None) -> Self:
         """Other settings of the master; times as "0.5 ms". Raises InputError."""
         master = self.master

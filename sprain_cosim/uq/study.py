@@ -202,6 +202,28 @@ class Study:
             warnings=self.warnings + warning,
         )
 
+    def without(self, name: str) -> Self:
+        """The same study without a component; what varied of it goes with it."""
+        kept = [i for i, k in enumerate(self.marginals) if not k.startswith(f"{name}.")]
+        return replace(
+            self,
+            scenario=self.scenario.without(name),
+            marginals={k: m for k, m in self.marginals.items() if not k.startswith(f"{name}.")},
+            grid={k: v for k, v in self.grid.items() if not k.startswith(f"{name}.")},
+            correlation=None if self.correlation is None else self.correlation[np.ix_(kept, kept)],
+        )
+
+    def with_rows(self, names: Sequence[str], rows: Array, numbers: Sequence[int]) -> Self:
+        """Method table: the given `rows` (n, len(names)) instead of a sample; columns of parameters that this study does not vary are left
+        out, and a marginal that is fixed stays at its value."""
+        gridded = self.method == "grid"
+        varied: dict[str, Marginal] = {name: Fixed(0.0) for name in self.grid} if gridded else dict(self.marginals)
+        columns = {name: rows[:, k] for k, name in enumerate(names)}
+        table = np.empty((len(rows), len(varied)))
+        for k, (name, marginal) in enumerate(varied.items()):
+            table[:, k] = columns[name] if name in columns and (gridded or not marginal.is_fixed) else marginal.mean
+        return replace(self, method="table", table=table, numbers=tuple(numbers), trials=len(rows), marginals=varied, correlation=None, grid={})
+
     def with_inputs(self, path: Path) -> Self:
         """Method table: the rows of a CSV file with header `component.parameter [unit]`, an optional column `trial` numbering them.
 

@@ -262,3 +262,20 @@ def test_study_file_that_cannot_be_used(tmp_path: Path, content: str, words: lis
     (tmp_path / "mine.toml").write_text(content)
     refused(call("study", "mine.toml", "--trials", "4", cwd=tmp_path), 2, *words)
     assert not (tmp_path / "runs").exists()
+
+
+def test_compare_prints_its_table_and_ends_with_3_where_a_brace_failed(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    bad = make_fmu(tmp_path, "bad", brace_variables(), 'def step(self, time, step):\n    raise RuntimeError("the strap broke")')
+    outcome = call("compare", "incline30", "--brace", "linear=brace_linear", "--brace", f"bad={bad}", "--set", "linear.subtalar_stiffness_coefficient=60 N.m/rad",
+                   "--out", str(out), "--progress", "none")  # fmt: skip
+    refused_after_work = [line for line in outcome.stderr.splitlines() if line.startswith("error: ")]
+    assert outcome.returncode == 3
+    assert len(refused_after_work) == 1
+    assert "1 of 3 failed: bad: " in refused_after_work[0]
+    assert "the strap broke" in refused_after_work[0]
+    data = json.loads((out / "compare.json").read_text())
+    assert f"{data['braces']['linear']['difference_to_none']['peak_subtalar_angle_deg']['value']:+.2f}" in outcome.stdout
+    assert data["braces"]["linear"]["resistance_Nm"]["supination_10deg"] == pytest.approx(60 * 0.17453292519943295, rel=1e-9)
+    refused(call("compare", "incline30", "--brace", "linear"), 2, "--brace linear: must read NAME=FILE")
+    refused(call("compare", "incline30", "--brace", "a=brace_linear", "--map", "b=x.toml"), 2, "there is no --brace b=")

@@ -23,10 +23,10 @@ LEVELS = [
     {"master"},
     {"scenario"},
     {"isolation"},
-    {"brace"},
     {"plots"},
     {"uq"},
     {"runfolder", "doctor"},
+    {"brace"},
     {"cli"},
     {"__main__", "__init__"},
 ]

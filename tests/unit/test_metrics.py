@@ -44,17 +44,34 @@ def test_peaks_and_moments_at_the_axis_own_peak() -> None:
     assert values["peak_vertical_grf_N"] == 9000.0
     assert values["peak_vertical_grf_after_impact_N"] == 2000.0
     assert values["peak_inversion_from_neutral_deg"] == pytest.approx(math.degrees(0.4), rel=1e-12)
-    assert len(values) == 24
+    assert len(values) == 27
+
+
+def test_brace_work_is_what_it_takes_from_the_ankle() -> None:
+    """A spring of 20 N·m/rad about the subtalar axis and a damper about the talocrural: closed forms of the energy until the peak and over all."""
+    run = Run(braced=True)
+    subtalar, talocrural = run["plant.subtalar_angle"], run["plant.talocrural_angle"]
+    run.signals["plant.brace_subtalar_torque"] = -20 * subtalar
+    run.signals["plant.brace_subtalar_moment"] = 20 * subtalar
+    run.signals["plant.brace_talocrural_torque"] = -0.5 * np.gradient(talocrural, run.time)
+    run.index = {name: k for k, name in enumerate(run.signals)}
+    values = metrics(run)
+    w = math.pi / 0.1  # of the talocrural angle 0.1 sin(w t); the damper takes the integral of 0.5 (0.1 w cos(w t))^2
+    damped = 0.5 * (0.1 * w) ** 2 * (0.15 / 2 + math.sin(2 * w * 0.15) / (4 * w))
+    end = 0.2 * math.sin(math.pi * 0.15 / 0.12)
+    assert values["brace_subtalar_work_to_peak_J"] == pytest.approx(0.5 * 20 * 0.2**2, rel=1e-9)
+    assert values["brace_work_J"] == pytest.approx(0.5 * 20 * end**2 + damped, rel=1e-3)
+    assert values["peak_brace_subtalar_moment_Nm"] == pytest.approx(20 * 0.2)
 
 
 def test_without_a_brace_its_keys_are_absent() -> None:
     values = metrics(Run(braced=False))
-    assert not [key for key in values if key.startswith("brace_")]
+    assert not [key for key in values if "brace" in key]
     assert len(values) == 19
 
 
 def test_every_metric_carries_its_unit() -> None:
-    assert {unit_of(key) for key in metrics(Run(braced=True))} == {"deg", "deg/s", "N·m", "N", "s"}
+    assert {unit_of(key) for key in metrics(Run(braced=True))} == {"deg", "deg/s", "N·m", "N", "s", "J"}
 
 
 def test_table_shows_value_and_time_of_each_peak() -> None:

@@ -1,0 +1,477 @@
+"""The same landings with each of several braces and with none.
+
+A scenario is one landing per brace; a study is its sample, drawn once and run with every brace, so that row i is the same landing for all
+and differences are paired. Everything native runs in child processes: a brace that crashes or hangs costs its own column, with the reason.
+
+OUT/none, OUT/NAME     a run or a study each, as `run --out` and `study --out` leave them
+OUT/compare.json       the table as data
+OUT/figures/compare.*  the figure
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import runfolder
+from ..errors import EnvironmentProblem, InputError, SimulationError, SprainError
+from ..isolation import Child, Gone, Limits, listen
+from ..scenario import NAME, Scenario, Value, load_scenario
+from ..scenario import shipped as shipped_scenarios
+from ..uq import statistics
+from ..uq.study import SAMPLED, Study, load_study
+from ..uq.study import shipped as shipped_studies
+from ..uq.summary import QUESTIONS
+from .probe import own_step
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+NONE = "none"
+RESERVED = (NONE, "plant", "controller", "figures")
+INVERSION = "peak_inversion_from_neutral_deg"
+PEAKS = ("peak_subtalar_angle_deg", INVERSION, "peak_jcs_inversion_deg")
+INJURY, SHARE = "probability_of_injury", "anatomy_share"
+MOMENTS = ("anatomy_subtalar_moment_Nm", "brace_subtalar_moment_Nm")  # at the peak
+KEYS = (*PEAKS, INJURY, "peak_brace_subtalar_moment_Nm", "brace_subtalar_work_to_peak_J", "brace_work_J", *MOMENTS, SHARE)
+POSTURES = {  # of ordinary motion: (axis, angle [deg]), the other axis at 0
+    **{f"plantarflexion_{d}deg": ("talocrural", -float(d)) for d in (5, 10)},
+    **{f"dorsiflexion_{d}deg": ("talocrural", float(d)) for d in (5, 10)},
+    **{f"supination_{d}deg": ("subtalar", float(d)) for d in (5, 10)},
+}
+HOLD = 0.1  # s, after which a held posture counts as static
+
+Source = Scenario | Study
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What one brace did: `status` completed or failed, `landings` one row a landing (trial, status, metrics and what is derived from them),
+    `restriction` {posture: N.m that resist it} or None."""
+
+    name: str
+    fmu: str | None
+    status: str = "completed"
+    message: str = ""
+    landings: pd.DataFrame | None = None
+    restriction: Mapping[str, float] | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def completed(self) -> pd.DataFrame:
+        assert self.landings is not None
+        return self.landings[self.landings["status"] == "completed"]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """`entries` with "none" first; `data` what compare.json holds; `out` the folder."""
+
+    title: str
+    entries: tuple[Entry, ...]
+    data: dict[str, Any] = field(default_factory=dict)
+    out: Path | None = None
+
+    @property
+    def failed(self) -> list[Entry]:
+        return [e for e in self.entries if e.status != "completed"]
+
+
+def load(name: str) -> Source:
+    """A scenario or a study, from a file or the name of one that ships. Raises InputError."""
+    path = Path(name)
+    if path.is_file():
+        import tomllib
+
+        try:
+            content = tomllib.loads(path.read_text("utf-8"))
+        except (ValueError, OSError):
+            content = {}
+        return load_study(path) if isinstance(content.get("scenario"), str) else load_scenario(path)
+    return load_study(name) if name in shipped_studies() and name not in shipped_scenarios() else load_scenario(name)
+
+
+def compare_braces(
+    source: Source | str,
+    braces: Mapping[str, Path | str],
+    *,
+    maps: Mapping[str, Path | str] | None = None,
+    settings: Mapping[str, Value] | None = None,
+    out: Path | str,
+    trials: int | None = None,
+    workers: int | None = None,
+    resume: bool = False,
+    max_failed: float = 0.01,
+    limits: Limits | None = None,
+    progress: Callable[[int, int, int, float], None] | None = None,
+    say: Callable[[str], None] = lambda text: None,
+) -> Comparison:
+    """`braces` {name: FMU file or name of a shipped one}; `settings` {"plant.drop_height": for all, "NAME.parameter": of that brace}; `say`
+    hears one line as each brace begins. Writes `out` and returns what it holds, also when braces failed.
+
+    Raises InputError before anything has run: names, files, mappings, parameters, a folder in use."""
+    source = load(source) if isinstance(source, str) else source
+    folder, limits = Path(out), limits or Limits()
+    source, own = _settings(source, braces, settings or {})
+    if isinstance(source, Study):
+        source = _sampled(replace(source, trials=trials) if trials is not None else source)
+    elif trials is not None:
+        raise InputError(f"--trials {trials}: {source.source} is one landing; name a study, such as study6")
+    variants: dict[str, Source] = {NONE: source.without("brace"), **{n: _variant(source, n, f, (maps or {}).get(n), own.get(n, {})) for n, f in braces.items()}}
+    if isinstance(source, Study):
+        variants = _rows(variants, source)
+    scenarios = {n: v.scenario if isinstance(v, Study) else v for n, v in variants.items()}
+    for name, variant in variants.items():
+        try:
+            _ = variant.checked() if isinstance(variant, Study) else variant.system()
+        except InputError as problem:
+            raise InputError(f"{name}: {problem}") from None
+    _check(folder, list(variants), isinstance(source, Study), resume)
+    entries = []
+    for name, variant in variants.items():
+        say(name)
+        fmu = None if name == NONE else str(braces[name])
+        entry = Entry(name, fmu, warnings=scenarios[name].warnings if name != NONE else ())
+        with _Bench(scenarios[name], limits) as bench:
+            try:
+                if isinstance(variant, Study):
+                    if fmu is not None:
+                        means = {k: m.mean for k, m in variant.marginals.items() if k.startswith("brace.")}
+                        entry = replace(entry, restriction=bench.hold(means))
+                    bench.close()
+                    options = {"workers": workers, "limits": limits, "progress": progress}
+                    campaign = variant.run(out=folder / name, resume=resume, max_failed=max_failed, **options)
+                    entry = replace(entry, landings=campaign.trials)
+                else:
+                    entry = replace(entry, landings=bench.land(folder / name))
+                    if fmu is not None:
+                        entry = replace(entry, restriction=bench.hold())
+            except (SimulationError, InputError) as problem:  # an InputError here is a refusal by the guard
+                entry = replace(entry, status="failed", message=str(problem), landings=None)
+        entries.append(entry if entry.landings is None else replace(entry, landings=_derived(entry.landings)))
+    comparison = Comparison(source.title, tuple(entries), _data(source, entries), folder)
+    _write(comparison, isinstance(source, Study))
+    return comparison
+
+
+# ---- what is compared
+
+
+def _settings(source: Source, braces: Mapping[str, Any], settings: Mapping[str, Value]) -> tuple[Source, dict[str, dict[str, Value]]]:
+    """The source with the values that hold for all, and {brace: {parameter: value}}."""
+    if not braces:
+        raise InputError("--brace NAME=FILE: name at least one brace to compare with none")
+    for name in braces:
+        if not NAME.fullmatch(name) or name in RESERVED:
+            raise InputError(f"--brace {name}=...: a name has letters, digits and _, begins with a letter, and is none of {', '.join(RESERVED)}")
+    own: dict[str, dict[str, Value]] = {}
+    for full, value in settings.items():
+        name, _, parameter = full.partition(".")
+        if name in braces:
+            own.setdefault(name, {})[parameter] = value
+        elif name == "brace":
+            raise InputError(f"--set {full}: say whose, such as {next(iter(braces))}.{parameter}")
+        else:
+            source = source.override(full, value)
+    return source, own
+
+
+def _sampled(study: Study) -> Study:
+    """The study with its sample as the rows to run."""
+    if study.method not in SAMPLED:
+        raise InputError(f"{study.source}: method {study.method} chooses its landings one after another; compare over a sampled study, such as study6")
+    return replace(study.checked(), published={})
+
+
+def _variant(source: Source, name: str, fmu: Path | str, mapping: Path | str | None, parameters: Mapping[str, Value]) -> Source:
+    try:
+        variant = source.replace_fmu("brace", fmu, mapping)
+    except InputError as problem:
+        raise InputError(f"--brace {name}={fmu}: {problem}") from None
+    for parameter, value in parameters.items():
+        try:
+            variant = variant.override(f"brace.{parameter}", value)
+        except InputError as problem:
+            raise InputError(f"--set {name}.{parameter}: {problem}") from None
+    return variant
+
+
+def _rows(variants: Mapping[str, Source], base: Study) -> dict[str, Source]:
+    """Every variant on the rows that the base study draws."""
+    rows = base.sample()
+    numbers = base.numbers or range(len(rows))
+    responses = tuple(r for r in base.responses if "brace" not in r) or PEAKS[:1]
+    return {n: replace(v.with_rows(base.names, rows, numbers), responses=responses) for n, v in variants.items() if isinstance(v, Study)}
+
+
+def _check(folder: Path, names: Sequence[str], study: bool, resume: bool) -> None:
+    """Raises InputError when the folder holds something else than an earlier comparison of these braces, or a study that is not resumed."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file; name a folder with --out")
+    if not folder.is_dir():
+        return
+    strangers = sorted(p.name for p in folder.iterdir() if p.name not in (*names, "compare.json", "figures"))
+    if strangers:
+        raise InputError(f"{folder}: holds other files ({', '.join(strangers[:3])}); name a new folder with --out")
+    if study and not resume and any((folder / n).exists() for n in names):
+        raise InputError(f"{folder}: holds a comparison already; continue it with --resume, or name a new folder with --out")
+    for name in () if study else names:
+        runfolder.check(folder / name)
+
+
+# ---- landings and postures, in a child process
+
+
+class _Bench:
+    """One child process with the scenario, started when first asked. Raises SimulationError when the child ends or reports an error."""
+
+    def __init__(self, scenario: Scenario, limits: Limits) -> None:
+        self.scenario, self.limits = scenario, limits
+        self._child: Child | None = None
+
+    def land(self, folder: Path) -> pd.DataFrame:
+        """The landing as a table of one row; leaves the run's folder."""
+        import pandas as pd
+
+        reply = self._ask({"land": str(folder)})
+        if reply["status"] != "completed":
+            raise SimulationError(reply["message"])
+        return pd.DataFrame([{"trial": 0, "status": reply["status"], "message": "", **reply["metrics"]}])
+
+    def hold(self, values: Mapping[str, float] | None = None) -> dict[str, float] | None:
+        """{posture: N.m that resist it}, with parameter `values` on top of the scenario's; None where the plant cannot be put into postures."""
+        found = self._ask({"hold": POSTURES, "values": values or {}})["hold"]
+        return found or None
+
+    def _ask(self, request: dict[str, Any]) -> dict[str, Any]:
+        try:
+            if self._child is None:
+                self._child = Child(self.limits, "sprain_cosim.brace.compare")
+                self._child.open(self.scenario, self.limits.start)
+            reply = self._child.ask(request, self.limits.trial)
+        except Gone as gone:
+            said = self._child.log().splitlines() if self._child else []
+            raise SimulationError(f"the process {gone}{f'; it said: {said[-1].strip()}' if said else ''}") from None
+        if "error" in reply:
+            raise {2: InputError, 4: EnvironmentProblem}.get(reply["code"], SimulationError)(reply["error"])
+        return reply
+
+    def close(self) -> None:
+        if self._child is not None:
+            self._child.close()
+            self._child = None
+
+    def __enter__(self) -> _Bench:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def land(scenario: Scenario, folder: Path) -> dict[str, Any]:
+    """One landing, its folder written; the summary."""
+    (folder / "summary.json").unlink(missing_ok=True)
+    result = scenario.run()
+    summary = runfolder.summary(scenario, result)
+    if result.status == "completed":
+        runfolder.write(folder, scenario, result, summary)
+    return summary
+
+
+def hold(scenario: Scenario, postures: Mapping[str, tuple[str, float]], values: Mapping[str, float]) -> dict[str, float]:
+    """{posture: moment [N.m] of the brace about the posture's axis, positive when it resists}: foot and leg at rest in the posture, the device
+    alone stepped for HOLD. Empty where the plant has no such parameters or outputs."""
+    system = scenario.system()
+    plant = system.component("plant")
+    wanted = [f"{axis}_{kind}_at_contact" for axis in ("talocrural", "subtalar") for kind in ("angle", "velocity")]
+    if plant is None or not all(n in plant.parameters for n in wanted) or not all(f"brace_{a}_moment" in plant.outputs for a in ("talocrural", "subtalar")):
+        return {}
+    out = {}
+    assembly = system.open()
+    try:
+        device = next(m for m in assembly.members if m.name == "brace")
+        h = own_step(device.component)
+        for posture, (axis, degrees) in postures.items():
+            still = {f"plant.{n}": 0.0 for n in wanted}
+            connector = plant.parameters[f"{axis}_angle_at_contact"]
+            angle = math.radians(degrees)
+            still[f"plant.{axis}_angle_at_contact"] = connector.unit.from_base(angle) if connector.unit else angle
+            assembly.start({**system.parameters, **values, **still}, 0.0, scenario.master.stop)
+            for k in range(max(1, round(HOLD / h))):
+                assembly.transfer(device)
+                assembly.advance(device, k * h, h, whole=True)
+            assembly.agree()
+            out[posture] = math.copysign(1.0, degrees) * assembly.si(f"plant.brace_{axis}_moment")
+    finally:
+        assembly.close()
+    return out
+
+
+def serve(*arguments: int) -> None:
+    """The child: answers requests to land or to hold until the line closes."""
+    scenario, requests, answer = listen(*arguments)
+    if scenario is None:
+        return
+    answer({})
+    for request in requests:
+        try:
+            answer(land(scenario, Path(request["land"])) if "land" in request else {"hold": hold(scenario, request["hold"], request["values"])})
+        except SprainError as problem:
+            answer({"error": str(problem), "code": problem.exit_code})
+
+
+# ---- what it says
+
+
+def _derived(landings: pd.DataFrame) -> pd.DataFrame:
+    """The landings with the share of the subtalar moment that the anatomy bears at the peak, and the probability that the inversion exceeds the
+    injury threshold, itself uncertain, in that landing."""
+    more = {}
+    if INVERSION in landings:
+        threshold = QUESTIONS[INVERSION][1]
+        more[INJURY] = 0.5 * np.array([math.erfc(-u / math.sqrt(2.0)) for u in threshold.to_standard(landings[INVERSION].to_numpy(float))])
+    if MOMENTS[1] in landings:
+        anatomy, brace = (landings[key] for key in MOMENTS)
+        more[SHARE] = (anatomy / (anatomy + brace)).where(anatomy + brace > 0)
+    return landings.assign(**more)
+
+
+def _data(source: Source, entries: Sequence[Entry]) -> dict[str, Any]:
+    """Content of compare.json. Every estimate is {value, ci_low, ci_high, n}: the landing's value, or the mean over the n landings that completed,
+    with Student's 95 % interval where they are a random sample."""
+    random = isinstance(source, Study) and source.method in ("monte-carlo", "table")
+    scenario = source.scenario if isinstance(source, Study) else source
+    completed = {e.name: e.completed.set_index("trial") for e in entries if e.landings is not None}
+
+    def difference(a: str, b: str) -> dict[str, Any]:
+        both = completed[a].index.intersection(completed[b].index)
+        keys = [k for k in KEYS if k in completed[a] and k in completed[b]]
+        return {k: _estimate((completed[a].loc[both, k] - completed[b].loc[both, k]).to_numpy(float), random) for k in keys}
+
+    braces = {}
+    for e in entries:
+        rows = completed.get(e.name)
+        braces[e.name] = {
+            "fmu": e.fmu,
+            "status": e.status,
+            "message": e.message,
+            "warnings": list(e.warnings),
+            "folder": e.name,
+            "n_completed": 0 if rows is None else len(rows),
+            "n_failed": None if e.landings is None else len(e.landings) - len(e.completed),
+            "metrics": {} if rows is None else {k: _estimate(rows[k].to_numpy(float), random) for k in KEYS if k in rows},
+            "difference_to_none": difference(e.name, NONE) if e.name != NONE and e.name in completed and NONE in completed else {},
+            "resistance_Nm": None if e.restriction is None else dict(e.restriction),
+        }
+    names = [n for n in completed if n != NONE]
+    return {
+        "kind": "study" if isinstance(source, Study) else "scenario",
+        "source": source.source,
+        "title": source.title,
+        "initial_pose": scenario.initial_pose(),
+        "method": source.method if isinstance(source, Study) else None,
+        "seed": source.seed if isinstance(source, Study) else None,
+        "landings": source.trials if isinstance(source, Study) else 1,
+        "injury": f"inversion from neutral {QUESTIONS[INVERSION][0]}",
+        "braces": braces,
+        "pairs": {f"{b} - {a}": difference(b, a) for i, a in enumerate(names) for b in names[i + 1 :]},
+    }
+
+
+def _estimate(y: np.ndarray, random: bool) -> dict[str, Any]:
+    y = y[np.isfinite(y)]
+    if not len(y):
+        return {"value": None, "ci_low": None, "ci_high": None, "n": 0}
+    if not random or len(y) < 2:
+        return {"value": float(np.mean(y)), "ci_low": None, "ci_high": None, "n": len(y)}
+    e = statistics.mean(y)
+    return {"value": e.value, "ci_low": e.low, "ci_high": e.high, "n": len(y)}
+
+
+LINES: tuple[tuple[str, str, float], ...] = (  # label, metric, factor
+    ("peak supination [deg]", "peak_subtalar_angle_deg", 1.0),
+    ("peak inversion from neutral [deg]", INVERSION, 1.0),
+    ("peak inversion, raw angle [deg]", "peak_jcs_inversion_deg", 1.0),
+    ("P(inversion from neutral > 35 ± 6 deg) [%]", INJURY, 100.0),
+    ("largest moment of the brace [N·m]", "peak_brace_subtalar_moment_Nm", 1.0),
+    ("work it takes from the roll, to the peak [J]", "brace_subtalar_work_to_peak_J", 1.0),
+    ("work it takes, all axes, whole landing [J]", "brace_work_J", 1.0),
+    ("at the peak: moment of the anatomy [N·m]", "anatomy_subtalar_moment_Nm", 1.0),
+    ("             moment of the brace [N·m]", "brace_subtalar_moment_Nm", 1.0),
+    ("             borne by the anatomy [%]", SHARE, 100.0),
+)
+CHANGED = (*PEAKS, INJURY)
+
+
+def text(data: Mapping[str, Any]) -> str:
+    """The table that `compare` prints: one column a brace."""
+    braces = data["braces"]
+    study = data["kind"] == "study"
+    pose = f"pose {data['initial_pose']}, " if data["initial_pose"] else ""
+    count = f"{data['landings']} landings" if study else "one landing"
+    lines = [f"{data['source']}  ·  {pose}{count}, the same for every brace"]
+    if study:
+        lines.append("mean ± half of its 95 % interval; changes are paired" if data["method"] in ("monte-carlo", "table") else "means; changes are paired")
+    width = max(16, *(len(n) + 2 for n in braces))
+    lines += ["", f"{'':44}" + "".join(f"{n:>{width}}" for n in braces)]
+
+    def row(label: str, cells: Sequence[str]) -> None:
+        if any(cells):
+            lines.append(f"{label:44}" + "".join(f"{c:>{width}}" for c in cells).rstrip())
+
+    for label, key, factor in LINES:
+        row(label, [_cell(b["metrics"].get(key), factor) for b in braces.values()])
+        if key in CHANGED:
+            row("    change against none", [_cell(b["difference_to_none"].get(key), factor, sign=True) for b in braces.values()])
+    for kind in dict.fromkeys(p.rpartition("_")[0] for p in POSTURES):
+        held = [b["resistance_Nm"] for b in braces.values()]
+        row(f"resists {kind} of 5 / 10 deg [N·m]", [f"{_small(h[f'{kind}_5deg'])} / {_small(h[f'{kind}_10deg'])}" if h else "" for h in held])
+    counts = [f"{b['n_completed']} of {data['landings']}" if b["status"] == "completed" else "failed" for b in braces.values()]
+    row("landings completed", counts)
+    if data["pairs"]:
+        lines += ["", f"{'':44}{'peak supination [deg]':>{width + 8}}{'inversion [deg]':>{width}}"]
+        for pair, d in data["pairs"].items():
+            lines.append(f"{pair:44}{_cell(d.get(PEAKS[0]), 1.0, sign=True):>{width + 8}}{_cell(d.get(PEAKS[1]), 1.0, sign=True):>{width}}")
+    lines += [f"\n{n}: failed: {b['message']}" for n, b in braces.items() if b["status"] != "completed"]
+    return "\n".join(lines)
+
+
+def _cell(estimate: Mapping[str, Any] | None, factor: float, sign: bool = False) -> str:
+    if not estimate or estimate["value"] is None:
+        return ""
+    half = "" if estimate["ci_low"] is None else f" ± {0.5 * factor * (estimate['ci_high'] - estimate['ci_low']):.2f}"
+    return f"{factor * estimate['value']:{'+' if sign else ''}.2f}{half}"
+
+
+def _small(value: float) -> str:
+    return f"{0.0 if abs(value) < 5e-3 else value:.2f}"
+
+
+def _write(comparison: Comparison, study: bool) -> None:
+    from .figure import figure
+
+    folder = comparison.out
+    assert folder is not None
+    drawn = figure(comparison, {} if study else {e.name: runfolder.read(folder / e.name)[1] for e in comparison.entries if e.landings is not None})
+    try:
+        (folder / "figures").mkdir(parents=True, exist_ok=True)
+        partial = folder / ".compare.json"
+        partial.write_text(json.dumps(comparison.data, indent=2, allow_nan=False) + "\n", "utf-8")
+        os.replace(partial, folder / "compare.json")
+        drawn.savefig(folder / "figures" / "compare.png", dpi=200, metadata={"Software": None})
+        drawn.savefig(folder / "figures" / "compare.svg", metadata={"Date": None, "Creator": None})
+    except OSError as problem:
+        raise EnvironmentProblem(f"{folder}: cannot be written: {problem.strerror or problem}") from None
+
+
+if __name__ == "__main__":
+    serve(*(int(argument) for argument in sys.argv[1:5]))
+    os._exit(0)

@@ -1,0 +1,189 @@
+"""Braces side by side: the numbers are those of the single runs, rows of a study are the same landings, a crash costs one column."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from fmus.brace_bushing.slave import POLYNOMIALS
+from sprain_cosim import InputError, load_scenario, load_study
+from sprain_cosim.brace.compare import compare_braces, load, text
+from tests.native import compile_fmu
+
+BUSHINGS = {"soft": "brace_bushing", "stiff": "brace_bushing"}
+SCALES = {"soft.angle_scale": 1.5, "stiff.angle_scale": 2.4}
+
+
+@pytest.fixture(scope="module")
+def landing(tmp_path_factory: pytest.TempPathFactory):
+    """One landing; a device that crashes among the braces."""
+    folder = tmp_path_factory.mktemp("landing")
+    bad = compile_fmu(folder / "bad.fmu", fault="segfault")
+    return compare_braces("incline30", {**BUSHINGS, "bad": bad, "linear": "brace_linear"}, settings=SCALES, out=folder / "out")
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory):
+    out = tmp_path_factory.mktemp("study") / "out"
+    return compare_braces("study6", {"paper": "brace_bushing", "linear": "brace_linear"}, settings={"paper.angle_scale": 2.4}, out=out, trials=8, workers=1)
+
+
+def test_a_landing_is_that_of_run(landing) -> None:
+    braces = landing.data["braces"]
+    for name, scenario in (("none", load_scenario("incline30")), ("stiff", load_scenario("incline30_brace"))):
+        metrics = scenario.run().metrics
+        for key in ("peak_subtalar_angle_deg", "peak_inversion_from_neutral_deg", "peak_jcs_inversion_deg"):
+            assert braces[name]["metrics"][key]["value"] == metrics[key]
+    stiff, none = (braces[n]["metrics"] for n in ("stiff", "none"))
+    assert braces["stiff"]["difference_to_none"]["peak_subtalar_angle_deg"]["value"] == pytest.approx(
+        stiff["peak_subtalar_angle_deg"]["value"] - none["peak_subtalar_angle_deg"]["value"], abs=1e-12
+    )
+    assert "brace_work_J" not in none
+    assert stiff["anatomy_share"]["value"] == pytest.approx(1 / (1 + stiff["brace_subtalar_moment_Nm"]["value"] / stiff["anatomy_subtalar_moment_Nm"]["value"]))
+    pair = landing.data["pairs"]["stiff - soft"]["peak_subtalar_angle_deg"]["value"]
+    assert pair == pytest.approx(stiff["peak_subtalar_angle_deg"]["value"] - braces["soft"]["metrics"]["peak_subtalar_angle_deg"]["value"], abs=1e-12)
+
+
+def test_work_of_the_torques_is_work_of_the_moments(landing) -> None:
+    """The foot has two degrees of freedom under the shank: torque times Euler angle on three axes is moment times angle on those two."""
+    for name in ("soft", "stiff", "linear"):
+        signals = pd.read_csv(landing.out / name / "signals.csv")
+        work = sum(
+            np.trapezoid(signals[f"plant.brace_{axis}_moment [N.m]"], signals[f"plant.{axis}_angle [rad]"]) for axis in ("talocrural", "subtalar")
+        )  # fmt: skip
+        value = landing.data["braces"][name]["metrics"]["brace_work_J"]["value"]
+        assert value == pytest.approx(work, abs=0.02)
+
+
+def test_ordinary_motion(landing) -> None:
+    """A linear brace: stiffness times angle about its axis, nothing about the other. The bushing: its torques projected on the axis, the Euler
+    angles taken from the plant at two neighbouring postures."""
+    linear, stiff = (landing.data["braces"][n]["resistance_Nm"] for n in ("linear", "stiff"))
+    assert linear["supination_10deg"] == pytest.approx(30 * math.radians(10), rel=1e-9)
+    assert linear["supination_5deg"] == pytest.approx(30 * math.radians(5), rel=1e-9)
+    assert linear["plantarflexion_10deg"] == pytest.approx(0, abs=1e-12)
+    rest = load_scenario("incline30").with_master(stop="0.5 ms")
+    for posture, axis, degrees in (("supination_10deg", "subtalar", 10.0), ("plantarflexion_5deg", "talocrural", -5.0)):
+        angles = []
+        for d in (degrees - 0.01, degrees, degrees + 0.01):
+            at = {"talocrural": 0.0, "subtalar": 0.0, axis: d}
+            scenario = rest
+            for a, value in at.items():
+                scenario = scenario.override(f"plant.{a}_angle_at_contact", f"{value} deg")
+            result = scenario.run()
+            angles.append(np.array([result[f"plant.rotation_{k}_angle"][0] for k in "xyz"]))
+        torque = np.array([-np.polyval([c, b, a, 0.0], 2.4 * t) for t, (a, b, c) in zip(angles[1], POLYNOMIALS, strict=True)])
+        projected = torque @ (angles[2] - angles[0]) / math.radians(0.02)
+        assert stiff[posture] == pytest.approx(-math.copysign(1, degrees) * projected, rel=1e-4)
+
+
+def test_a_crash_costs_its_own_column(landing) -> None:
+    assert [e.name for e in landing.failed] == ["bad"]
+    bad = landing.data["braces"]["bad"]
+    assert bad["status"] == "failed"
+    assert "SIGSEGV" in bad["message"]
+    assert bad["metrics"] == {}
+    printed = text(landing.data)
+    assert "bad: failed: " in printed
+    assert f"{landing.data['braces']['linear']['metrics']['peak_subtalar_angle_deg']['value']:.2f}" in printed
+    held = json.loads((landing.out / "compare.json").read_text())
+    assert held == landing.data
+    assert sorted(p.name for p in landing.out.iterdir()) == ["compare.json", "figures", "linear", "none", "soft", "stiff"]
+    assert (landing.out / "figures" / "compare.png").read_bytes().startswith(b"\x89PNG")
+    assert "bad" in (landing.out / "figures" / "compare.svg").read_text()
+
+
+def test_rows_of_a_study_are_the_same_landings(study, tmp_path: Path) -> None:
+    """Whatever the brace, and those that the study itself draws; the folder of a brace is that of a study."""
+    tables = {n: pd.read_csv(study.out / n / "trials.csv") for n in ("none", "paper", "linear")}
+    shared = [c for c in tables["none"] if c.startswith(("plant.", "controller."))]
+    assert len(shared) >= 8
+    for name in ("paper", "linear"):
+        pd.testing.assert_frame_equal(tables[name][shared], tables["none"][shared], check_exact=True)
+    assert (tables["paper"]["brace.angle_scale"] == 2.4).all()
+    own = load_study("study6")
+    alone = own.replace_fmu("brace", "brace_bushing").override("brace.angle_scale", 2.4).run(trials=8, workers=1)
+    assert np.array_equal(alone.trials["peak_subtalar_angle_deg"], tables["paper"]["peak_subtalar_angle_deg"])
+    assert json.loads((study.out / "linear" / "summary.json").read_text())["n_completed"] == 8
+
+
+def test_differences_of_a_study_are_paired(study) -> None:
+    key = "peak_subtalar_angle_deg"
+    tables = {n: pd.read_csv(study.out / n / "trials.csv")[key] for n in ("none", "paper", "linear")}
+    for name, other, found in (
+        ("paper", "none", study.data["braces"]["paper"]["difference_to_none"][key]),
+        ("linear", "paper", study.data["pairs"]["linear - paper"][key]),
+    ):
+        test = stats.ttest_rel(tables[name], tables[other])
+        interval = test.confidence_interval(0.95)
+        assert found["value"] == pytest.approx((tables[name] - tables[other]).mean(), rel=1e-9)
+        assert (found["ci_low"], found["ci_high"]) == (pytest.approx(interval.low, rel=1e-9), pytest.approx(interval.high, rel=1e-9))
+        assert found["n"] == 8
+    apart = stats.ttest_ind(tables["paper"], tables["none"]).confidence_interval(0.95)
+    paired = study.data["braces"]["paper"]["difference_to_none"][key]
+    assert paired["ci_high"] - paired["ci_low"] < apart.high - apart.low
+    risk = study.data["braces"]["none"]["metrics"]["probability_of_injury"]["value"]
+    inversion = pd.read_csv(study.out / "none" / "trials.csv")["peak_inversion_from_neutral_deg"]
+    assert risk == pytest.approx(stats.norm(35, 6).cdf(inversion).mean(), rel=1e-9)
+
+
+def test_held_at_the_value_that_was_set(study) -> None:
+    """Not at the study's own mean of 150 %."""
+    assert study.data["braces"]["paper"]["resistance_Nm"]["supination_10deg"] == pytest.approx(5.79, abs=0.01)
+
+
+def test_a_study_goes_on(study) -> None:
+    with pytest.raises(InputError, match="--resume"):
+        compare_braces("study6", {"paper": "brace_bushing", "linear": "brace_linear"}, out=study.out, trials=8)
+    again = compare_braces(
+        "study6", {"paper": "brace_bushing", "linear": "brace_linear"}, settings={"paper.angle_scale": 2.4}, out=study.out, trials=8, workers=1, resume=True
+    )
+    assert again.data == study.data
+
+
+@pytest.mark.parametrize(
+    ("source", "braces", "settings", "message"),
+    [
+        ("incline30", {}, {}, "at least one brace"),
+        ("incline30", {"none": "brace_bushing"}, {}, "--brace none=.*none of none, plant"),
+        ("incline30", {"a-b": "brace_bushing"}, {}, "letters, digits and _"),
+        ("incline30", {"soft": "brace_bushin"}, {}, "--brace soft=brace_bushin: .*did you mean brace_bushing"),
+        ("incline30", {"soft": "brace_bushing"}, {"soft.angle_scal": 2.0}, r"--set soft\.angle_scal: .*did you mean angle_scale"),
+        ("incline30", {"soft": "brace_bushing"}, {"brace.angle_scale": 2.0}, r"say whose, such as soft\.angle_scale"),
+        ("incline30", {"soft": "brace_bushing"}, {"plant.drop_hight": "0.3 m"}, "did you mean drop_height"),
+        ("incline30", {"soft": "plant"}, {}, "soft: "),
+        ("amv6", {"soft": "brace_bushing"}, {}, "method amv chooses its landings.*study6"),
+        ("incline31", {"soft": "brace_bushing"}, {}, "did you mean incline30"),
+    ],
+)
+def test_refused_before_anything_runs(source: str, braces: dict, settings: dict, message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        compare_braces(source, braces, settings=settings, out=tmp_path / "out")
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_trials_belong_to_a_study(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="--trials 5: incline30 is one landing"):
+        compare_braces("incline30", BUSHINGS, out=tmp_path / "out", trials=5)
+
+
+def test_other_files_are_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("precious")
+    with pytest.raises(InputError, match=r"holds other files \(thesis.tex\)"):
+        compare_braces("incline30", BUSHINGS, out=tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_scenario_or_study_by_what_the_file_says(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text('base = "incline30"\n')
+    (tmp_path / "b.toml").write_text('scenario = "incline30"\n[marginals]\n"plant.drop_height" = { normal = { mean = "0.3 m", sd = "0.01 m" } }\n')
+    assert type(load(str(tmp_path / "a.toml"))).__name__ == "Scenario"
+    assert type(load(str(tmp_path / "b.toml"))).__name__ == "Study"
+    assert type(load("study2")).__name__ == "Study"
