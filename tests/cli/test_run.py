@@ -267,8 +267,8 @@ def test_study_file_that_cannot_be_used(tmp_path: Path, content: str, words: lis
 def test_compare_prints_its_table_and_ends_with_3_where_a_brace_failed(tmp_path: Path) -> None:
     out = tmp_path / "out"
     bad = make_fmu(tmp_path, "bad", brace_variables(), 'def step(self, time, step):\n    raise RuntimeError("the strap broke")')
-    outcome = call("compare", "incline30", "--brace", "linear=brace_linear", "--brace", f"bad={bad}", "--set", "linear.subtalar_stiffness_coefficient=60 N.m/rad",
-                   "--out", str(out), "--progress", "none")  # fmt: skip
+    braces = ["--brace", "linear=brace_linear", "--brace", f"bad={bad}", "--set", "linear.subtalar_stiffness_coefficient=60 N.m/rad"]
+    outcome = call("compare", "incline30", *braces, "--out", str(out), "--progress", "none")
     refused_after_work = [line for line in outcome.stderr.splitlines() if line.startswith("error: ")]
     assert outcome.returncode == 3
     assert len(refused_after_work) == 1
