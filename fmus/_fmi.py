@@ -1,4 +1,5 @@
-"""The slave base class: what the FMU binary of PythonFMU calls, reduced to one array of values and five methods to override.
+"""The slave base class: one array of values and five methods to override, and what the FMU's binary calls. That is `_fmi.c`, or on platforms
+that it was not compiled for the binary of PythonFMU, which asks for values through get_real and set_real.
 
 Call order: construct - set parameters and inputs - enter/exit initialisation mode - (set inputs, do_step, read outputs) ... - terminate.
 `initialise` runs whenever an output is read in initialisation mode after something was set, and once more when that mode ends. After an
@@ -14,6 +15,9 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+
+
+PARAMETER, LOCAL = 1, 2  # known to _fmi.c
 
 
 class FmuError(Exception):
@@ -42,10 +46,12 @@ class Fmi2Slave:
         self.instance_name, self.resources = instance_name, Path(resources)
         self.index = {v["name"]: k for k, v in enumerate(self.variables)}
         self.values = np.array([v.get("start", 0.0) for v in self.variables], dtype=float)
-        self._fixed = {k for k, v in enumerate(self.variables) if v["causality"] == "parameter"}
+        self._starts = self.values.copy()
+        self._kinds = np.array([{"parameter": PARAMETER, "local": LOCAL}.get(v["causality"], 0) for v in self.variables], dtype=np.uint8)
+        self._fixed = set(np.flatnonzero(self._kinds == PARAMETER).tolist())
         self._log: list[Log] = []
         self._running, self._stale = False, True
-        self._locals = {k for k, v in enumerate(self.variables) if v["causality"] == "local"}
+        self._locals = set(np.flatnonzero(self._kinds == LOCAL).tolist())
         self._known: dict[tuple[int, int], tuple[list[int], Any, bool]] = {}  # selections by length and first reference; has it locals?
         self._put: list[int] = []
 
@@ -93,6 +99,21 @@ class Fmi2Slave:
 
     # ---- called by the binary
 
+    def memory(self) -> tuple[int, int, int]:
+        """Address of the values, their number, and the address of a byte for each: PARAMETER, LOCAL or 0. They stay where they are."""
+        return self.values.ctypes.data, len(self.values), self._kinds.ctypes.data
+
+    def settle(self) -> None:
+        """Outputs agree with what was set."""
+        self._guard(self.refresh if self._running else self._initialise)
+        self._stale = False
+
+    def reset(self) -> None:
+        """As after the instantiation."""
+        self.close()
+        self.values[:] = self._starts
+        self._running, self._stale = False, True
+
     def setup_experiment(self, *_: Any) -> None:
         pass
 
@@ -120,8 +141,7 @@ class Fmi2Slave:
 
     def get_real(self, references: list[int]) -> list[float]:
         if self._stale:
-            self._guard(self.refresh if self._running else self._initialise)
-            self._stale = False
+            self.settle()
         selection, has_locals = self._selection(references)
         if has_locals:
             self._guard(self.reveal)

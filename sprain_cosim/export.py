@@ -1,8 +1,9 @@
 """Turns a folder with a Python slave into an FMI 2.0 co-simulation FMU.
 
 The folder holds `interface.py` (MODEL, DESCRIPTION, `variables()`, optionally COMPILED and FIXED_STEP [s]; plain data, it is run here) and
-`slave.py` (class Slave; it is not run here). The binaries are those of PythonFMU; model description and archive are our own, so that
-units, start values and unknowns are declared and the same sources give the same bytes. The sources travel inside a package whose name
+`slave.py` (class Slave; it is not run here). The binary is compiled from `_fmi.c` where a C compiler is found; for other platforms those of
+PythonFMU are packed. Model description and archive are our own, so that units, start values and unknowns are declared and the same sources give the
+same bytes. The sources travel inside a package whose name
 ends in the hash of its content, so that no two FMUs in one process can mistake each other's modules. The sources of a COMPILED model are
 imported from a per-user cache instead of the extraction folder: numba keeps its machine code beside the source, and random extraction
 folders would lose it.
@@ -13,14 +14,20 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import io
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
 import zipfile
 from collections.abc import Iterable
+from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from .errors import InputError, nearest
+from .errors import EnvironmentProblem, InputError, nearest
 
 BASE_UNITS: dict[str, dict[str, int]] = {
     "1": {},
@@ -47,10 +54,12 @@ import ctypes
 import sys
 from pathlib import Path
 
-ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))  # the binary drops one reference too many per instance
+ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))  # PythonFMU's binary drops one reference too many per instance
 for _binary in (Path(__file__).parent.parent / "binaries").glob("linux64/*.so" if sys.platform == "linux" else "-"):
-    # at the end of the process the binary would free its interpreter state twice; told to here, it does so once
-    atexit.register(ctypes.CDLL(str(_binary)).finalizePythonInterpreter)
+    # at the end of the process PythonFMU's binary would free its interpreter state twice; told to here, it does so once
+    _finalise = getattr(ctypes.CDLL(str(_binary)), "finalizePythonInterpreter", None)
+    if _finalise:
+        atexit.register(_finalise)
 {locate}
 from {package}.{name}.slave import Slave
 
@@ -132,7 +141,7 @@ def build_fmu(folder: Path, target: Path, support: Path | None = None) -> str:
         **{f"resources/{path}": data for path, data in _tree(folder / "resources", {"__pycache__"}).items()},
         **{f"extra/{path}": data for path, data in _tree(folder / "extra", set()).items()},
         **{f"documentation/{path}": data for path, data in documents.items()},
-        **_binaries(name),
+        **_binaries(name, support.with_suffix(".c")),
     }
     description = model_description(name, interface.DESCRIPTION, interface.variables(), getattr(interface, "FIXED_STEP", None))
     guid = _digest({**files, "modelDescription.xml": description.replace(GUID_PLACE, "").encode()})
@@ -231,7 +240,8 @@ def _digest(files: dict[str, bytes]) -> str:
     return digest.hexdigest()
 
 
-def _binaries(name: str) -> dict[str, bytes]:
+def _binaries(name: str, source: Path) -> dict[str, bytes]:
+    """PythonFMU's for every platform it has, ours in place of that of this platform."""
     try:
         found = importlib.util.find_spec("pythonfmu")
         assert found is not None and found.submodule_search_locations
@@ -241,7 +251,30 @@ def _binaries(name: str) -> dict[str, bytes]:
     binaries = {}
     for library in sorted(folder.glob("*/*pythonfmu-export.*")):
         binaries[f"binaries/{library.parent.name}/{name}{library.suffix}"] = library.read_bytes()
+    own = _compiled(source) if source.is_file() and os.name == "posix" else None
+    if own is not None:
+        import fmpy
+
+        binaries[f"binaries/{fmpy.platform}/{name}{fmpy.sharedLibraryExtension}"] = own
     return binaries
+
+
+@lru_cache(maxsize=1)
+def _compiled(source: Path) -> bytes | None:
+    """The library made from `source` by the platform's C compiler; None without one."""
+    compiler = shutil.which(os.environ.get("CC", "cc")) or shutil.which("gcc")
+    if compiler is None:
+        return None
+    with tempfile.TemporaryDirectory() as folder:
+        library = Path(folder) / "library"
+        options = ["-std=gnu11", "-O2", "-shared", "-fPIC", "-fvisibility=hidden"]
+        if sys.platform == "linux":
+            options += ["-s", "-Wl,--build-id=none"]
+        command = [compiler, *options, "-o", str(library), source.name, "-ldl"]
+        outcome = subprocess.run(command, cwd=source.parent, capture_output=True, text=True)
+        if outcome.returncode:
+            raise EnvironmentProblem(f"{source}: {compiler} cannot compile it: {(outcome.stderr.splitlines() or ['no message'])[0]}")
+        return library.read_bytes()
 
 
 def _archive(files: dict[str, bytes]) -> bytes:

@@ -151,9 +151,9 @@ FAULTS = {
     ),
     "raises": (
         'def step(self, time, step):\n    if time > 0.01:\n        raise RuntimeError("the strap broke")',
-        ["brace: reported a fatal error in the step from 0.0105 s", "RuntimeError: the strap broke"],
+        ["brace: reported an error in the step from 0.0105 s", "RuntimeError: the strap broke"],
     ),
-    "at the start": ('def initialise(self):\n    raise RuntimeError("no strap")', ["brace: reported a fatal error", "RuntimeError: no strap"]),
+    "at the start": ('def initialise(self):\n    raise RuntimeError("no strap")', ["brace: reported an error", "RuntimeError: no strap"]),
 }
 
 

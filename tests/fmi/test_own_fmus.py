@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sprain_cosim import export
 from sprain_cosim.component import Component
 from sprain_cosim.errors import SimulationError
 from sprain_cosim.export import build_fmu
@@ -224,9 +225,29 @@ def test_python_fmus_with_the_same_module_names_do_not_mix(tmp_path: Path) -> No
     assert [bench["subtalar_torque"] for bench in benches] == [-0.5, -1.0]
 
 
-def test_a_process_with_python_fmus_ends_quietly() -> None:
+@pytest.fixture
+def built_without_compiler(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """The brace with PythonFMU's binary, as on a machine without a C compiler."""
+    monkeypatch.setattr(export, "_compiled", lambda source: None)
+    build_fmu(FMUS / "brace_bushing", tmp_path / "brace.fmu")
+    return tmp_path / "brace.fmu"
+
+
+def test_both_binaries_give_the_same_landing(built_without_compiler: Path) -> None:
+    scenario = load_scenario("incline30_brace")
+    own, other = scenario.run(), scenario.replace_fmu("brace", built_without_compiler).run()
+    assert own.status == other.status == "completed"
+    assert (own.values == other.values).all()
+
+
+def test_a_process_with_python_fmus_ends_quietly(built_without_compiler: Path) -> None:
     """PythonFMU's binary frees its interpreter state twice at the end of the process unless told otherwise."""
-    code = "from sprain_cosim import load_scenario\nfor _ in range(2):\n    load_scenario('incline30_mixed').run()\nprint('done')"
+    code = f"""
+from sprain_cosim import load_scenario
+for _ in range(2):
+    load_scenario('incline30_brace').run()
+    load_scenario('incline30_brace').replace_fmu('brace', {str(built_without_compiler)!r}).run()
+print('done')"""
     for _ in range(3):
         outcome = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=FMUS.parent, timeout=120)
         assert (outcome.returncode, outcome.stdout.strip(), outcome.stderr) == (0, "done", "")
