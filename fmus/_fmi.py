@@ -16,7 +16,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-
 PARAMETER, LOCAL = 1, 2  # known to _fmi.c
 
 
