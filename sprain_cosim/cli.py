@@ -240,6 +240,27 @@ def brace() -> None:
     """Make a brace FMU: from a measured table, or from a template."""
 
 
+@brace.command("new")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--lang", type=click.Choice(["python", "c"]), required=True, help="Language of the brace.")
+def brace_new(folder: Path, lang: str) -> None:
+    """Start a brace project in FOLDER: sources that build as they are, and a README."""
+    from .brace.new import new
+
+    click.echo(f"written: {', '.join(str(path) for path in new(folder, lang))}\nnext: sprain-cosim brace build {folder}")
+
+
+@brace.command("build")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="FMU to write (default: FOLDER's name .fmu, here).")
+def brace_build(folder: Path, output: Path | None) -> None:
+    """Build the FMU of a brace project (C: with $CC, cc, gcc or clang, else CMake)."""
+    from .brace.new import build
+
+    target = build(folder, output)
+    click.echo(f"written: {target}\nnext: sprain-cosim check {target}")
+
+
 @brace.command("from-csv")
 @click.argument("table", type=click.Path(path_type=Path))
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="FMU to write (default: TABLE with the ending .fmu).")

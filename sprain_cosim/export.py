@@ -105,7 +105,7 @@ def build_all(names: Iterable[str] = ()) -> list[tuple[Path, str]]:
     Raises InputError outside a clone or for a name that is no model."""
     package = Path(__file__).parent
     folder = package.parent / "fmus"
-    models = {p.parent.name: p.parent for p in sorted(folder.glob("*/interface.py"))}
+    models = {p.parent.name: p.parent for p in sorted(folder.glob("*/interface.py")) if not p.parent.name.startswith("brace_template_")}
     if not models:
         raise InputError(f"{folder}: no models to build; an installed package ships its FMUs ready")
     for name in names:
@@ -148,7 +148,7 @@ def build_fmu(folder: Path, target: Path, support: Path | None = None) -> str:
     files["modelDescription.xml"] = description.replace(GUID_PLACE, guid).encode()
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = target.with_suffix(".partial")
-    partial.write_bytes(_archive(files))
+    partial.write_bytes(pack(files))
     partial.replace(target)
     return guid
 
@@ -277,8 +277,8 @@ def _compiled(source: Path) -> bytes | None:
         return library.read_bytes()
 
 
-def _archive(files: dict[str, bytes]) -> bytes:
-    """Stored, not deflated: the bytes do not depend on the version of zlib."""
+def pack(files: dict[str, bytes]) -> bytes:
+    """The archive of {path: content}. Stored, not deflated: the bytes do not depend on the version of zlib."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
         for path, data in sorted(files.items(), key=lambda item: (item[0] != "modelDescription.xml", item[0])):

@@ -1,0 +1,142 @@
+"""A brace project from a template, and its FMU: Python through the exporter, C with the platform's compiler or CMake."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from ..errors import EnvironmentProblem, InputError
+from ..export import build_fmu, pack
+
+PACKAGE = Path(__file__).parent.parent
+LANGUAGES = {"python": ("interface.py", "slave.py"), "c": ("brace.c", "modelDescription.xml", "CMakeLists.txt")}
+HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
+IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
+COMPILERS = ("cc", "gcc", "clang")
+LIBRARIES = {  # (system, machine): folder of FMI 2.0 and ending of a shared library
+    ("Linux", "x86_64"): ("linux64", ".so"),
+    ("Linux", "aarch64"): ("aarch64-linux", ".so"),
+    ("Darwin", "x86_64"): ("darwin64", ".dylib"),
+    ("Darwin", "arm64"): ("darwin64", ".dylib"),
+}
+
+
+def new(folder: Path, language: str) -> list[Path]:
+    """Writes the project; its model is named after the folder. Raises InputError, also for a folder that holds anything."""
+    name = folder.resolve().name
+    if not IDENTIFIER.fullmatch(name):
+        raise InputError(f"{folder}: the model takes the folder's name; use letters, digits and _, beginning with a letter")
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder}: {'is not empty' if folder.is_dir() else 'is a file'}; name a new folder")
+    template = _template(language)
+    written = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for file in (*LANGUAGES[language], "README.md"):
+            text = (template / file).read_text("utf-8").replace(f"brace_template_{language}", name)
+            (folder / file).write_text(text, "utf-8")
+            written.append(folder / file)
+        if language == "c":
+            (folder / "fmi").mkdir()
+            for header in HEADERS:
+                shutil.copyfile(_headers() / header, folder / "fmi" / header)
+    except OSError as problem:
+        raise EnvironmentProblem(f"{folder}: cannot be written: {problem.strerror or problem}") from None
+    return written
+
+
+def build(folder: Path, target: Path | None = None) -> Path:
+    """The project's FMU, `target` or NAME.fmu in the present folder. Raises InputError where the project is at fault, EnvironmentProblem where
+    there is no compiler."""
+    language = next((k for k, files in LANGUAGES.items() if (folder / files[0]).is_file()), None)
+    if language is None:
+        raise InputError(f"{folder}: no interface.py and no brace.c, so no project of `sprain-cosim brace new`")
+    for file in LANGUAGES[language]:
+        if not (folder / file).is_file():
+            raise InputError(f"{folder}: no {file}; a {language} project holds {', '.join(LANGUAGES[language])}")
+    target = target or Path(f"{folder.resolve().name}.fmu")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        _build_python(folder, target) if language == "python" else _build_c(folder, target)
+    except OSError as problem:
+        raise EnvironmentProblem(f"{target}: cannot be written: {problem.strerror or problem}") from None
+    return target
+
+
+def _template(language: str) -> Path:
+    inside = PACKAGE / "_templates" / language
+    return inside if inside.is_dir() else PACKAGE.parent / "fmus" / f"brace_template_{language}"
+
+
+def _support() -> Path:
+    inside = PACKAGE / "_templates" / "_fmi.py"
+    return inside if inside.is_file() else PACKAGE.parent / "fmus" / "_fmi.py"
+
+
+def _headers() -> Path:
+    found = importlib.util.find_spec("fmpy")
+    assert found is not None and found.submodule_search_locations
+    return Path(found.submodule_search_locations[0]) / "c-code"
+
+
+def _build_python(folder: Path, target: Path) -> None:
+    for file in LANGUAGES["python"]:
+        path = folder / file
+        try:
+            compile(path.read_text("utf-8"), str(path), "exec")
+        except (SyntaxError, ValueError) as problem:
+            raise InputError(f"{path}: {problem.msg} in line {problem.lineno}" if isinstance(problem, SyntaxError) else f"{path}: {problem}") from None
+    try:
+        build_fmu(folder, target, _support())
+    except InputError:
+        raise
+    except KeyError as problem:
+        raise InputError(f"{folder / 'interface.py'}: a variable has no {problem}, or that is a unit the exporter does not know") from None
+    except Exception as problem:  # interface.py is run
+        raise InputError(f"{folder / 'interface.py'}: {type(problem).__name__}: {problem}") from None
+
+
+def _build_c(folder: Path, target: Path) -> None:
+    found = re.search(r'modelIdentifier="([^"]+)"', (folder / "modelDescription.xml").read_text("utf-8"))
+    if found is None:
+        raise InputError(f"{folder / 'modelDescription.xml'}: no modelIdentifier")
+    asked = os.environ.get("CC")
+    compiler = shutil.which(asked) if asked else next((c for c in map(shutil.which, COMPILERS) if c), None)
+    if asked and compiler is None:
+        raise EnvironmentProblem(f"the C compiler that CC names, {asked}, is not there")
+    place = LIBRARIES.get((platform.system(), platform.machine()))
+    with tempfile.TemporaryDirectory() as work:
+        if compiler is not None and place is not None:
+            library = Path(work) / f"{found[1]}{place[1]}"
+            _call([compiler, "-shared", "-fPIC", "-O2", "-Ifmi", "-o", str(library), "brace.c", "-lm"], folder)
+            files = {"modelDescription.xml": (folder / "modelDescription.xml").read_bytes(), f"binaries/{place[0]}/{library.name}": library.read_bytes()}
+            files |= {f"documentation/{p.name}": p.read_bytes() for p in sorted(folder.glob("*.md"))}
+            content = pack(files)
+        else:
+            cmake = shutil.which("cmake", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', os.defpath)}")
+            if cmake is None:
+                raise EnvironmentProblem(f"no C compiler: none of {', '.join(COMPILERS)} nor cmake on the PATH; install one, or name it in CC")
+            _call([cmake, "-S", ".", "-B", work], folder)
+            _call([cmake, "--build", work, "--config", "Release"], folder)
+            content = (Path(work) / f"{found[1]}.fmu").read_bytes()
+    partial = target.with_name(f".{target.name}")
+    partial.write_bytes(content)
+    os.replace(partial, target)
+
+
+def _call(command: list[str], folder: Path) -> None:
+    ended = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if ended.returncode == 0:
+        return
+    said = [line.strip() for line in (ended.stderr + ended.stdout).splitlines() if line.strip()]
+    if any("CMAKE_C_COMPILER" in line or "CMAKE_MAKE_PROGRAM" in line for line in said):
+        raise EnvironmentProblem(f"CMake finds no C compiler or build tool; install one of {', '.join(COMPILERS)} and make or ninja")
+    worst = next((line for line in said if "error" in line.lower()), said[-1] if said else f"exit code {ended.returncode}")
+    raise InputError(f"{folder}: does not compile: {worst}")

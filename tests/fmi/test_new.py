@@ -1,0 +1,143 @@
+"""`brace new` and `brace build`: projects that build, fit and run as they are, in both languages; what is at fault in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import fmpy
+import fmpy.validation
+import numpy as np
+import pytest
+
+from sprain_cosim import EnvironmentProblem, InputError, check_brace, load_scenario
+from sprain_cosim.brace import new as project
+from sprain_cosim.brace.probe import Bench
+from sprain_cosim.component import Component
+from tests.docs_commands import play
+
+LANGUAGES = ("python", "c")
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the projects python and c and their FMUs."""
+    folder = tmp_path_factory.mktemp("projects")
+    for language in LANGUAGES:
+        project.new(folder / language, language)
+        project.build(folder / language, folder / f"{language}.fmu")
+    return folder
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_fits_as_it_is(built: Path, language: str) -> None:
+    fmu = built / f"{language}.fmu"
+    report = check_brace(fmu)
+    assert report.verdict == "fits", report.text()
+    assert fmpy.validation.validate_fmu(str(fmu)) == []
+    assert fmpy.read_model_description(str(fmu)).modelName == language
+    assert not [p for p in (built / language).rglob("*") if p.is_file() and b"brace_template" in p.read_bytes()], "its own name everywhere"
+    again = project.build(built / language, built / "again.fmu")
+    assert again.read_bytes() == fmu.read_bytes()
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_commands_of_its_readme(language: str, tmp_path: Path) -> None:
+    project.new(tmp_path / "cuff", language)
+    assert play(tmp_path / "cuff" / "README.md", tmp_path) == 3
+
+
+def test_one_bushing_three_ways(built: Path) -> None:
+    """The paper's brace as Python FMU, as C FMU from the template, and evaluated inside the plant: the same peak within 0.05 degrees."""
+    braced = load_scenario("incline30_brace")
+    for scale in (1.5, 2.4):
+        python = braced.override("brace.angle_scale", scale)
+        results = {
+            "python": python.run(),
+            "c": python.replace_fmu("brace", built / "c.fmu").run(),
+            "inside": python.override("brace.torque_scale", 0.0).override("plant.internal_brace_angle_scale", scale).run(),
+        }
+        peaks = {name: r.metrics["peak_subtalar_angle_deg"] for name, r in results.items()}
+        assert peaks["c"] == pytest.approx(peaks["python"], abs=1e-6)
+        assert peaks["inside"] == pytest.approx(peaks["python"], abs=0.05)
+        assert np.abs(results["c"]["plant.subtalar_angle"] - results["python"]["plant.subtalar_angle"]).max() < 1e-9
+        assert results["c"].scheme == "impedance"
+
+
+def test_law_of_the_python_template(built: Path) -> None:
+    bench = Bench(Component.read("brace", built / "python.fmu"), ("subtalar",))
+    bench.instance.set({"stiffness": 50.0, "damping": 0.5, "rest_angle": 0.1})
+    bench.begin()
+    assert bench.step(np.array([0.3]), np.array([4.0]), 1e-3)[0] == pytest.approx(-50 * 0.2 - 0.5 * 4.0, rel=1e-12)
+    bench.close()
+
+
+def test_with_cmake_where_no_compiler_is_called_by_name(built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(project, "COMPILERS", ())
+    monkeypatch.delenv("CC", raising=False)
+    fmu = project.build(built / "c", tmp_path / "by_cmake.fmu")
+    assert fmpy.validation.validate_fmu(str(fmu)) == []
+    results = [load_scenario("incline30").replace_fmu("brace", f).run() for f in (fmu, built / "c.fmu")]
+    assert results[0].metrics["peak_subtalar_angle_deg"] == pytest.approx(results[1].metrics["peak_subtalar_angle_deg"], abs=1e-6)
+
+
+def test_no_compiler_is_an_environment_problem(built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(project.sys, "executable", str(tmp_path / "python"))
+    with pytest.raises(EnvironmentProblem, match="no C compiler: none of cc, gcc, clang nor cmake"):
+        project.build(built / "c", tmp_path / "c.fmu")
+    monkeypatch.setenv("CC", "no-such-cc")
+    with pytest.raises(EnvironmentProblem, match="CC names, no-such-cc, is not there"):
+        project.build(built / "c", tmp_path / "c.fmu")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_cmake_without_a_compiler(built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(project, "COMPILERS", ())
+    fake = tmp_path / "cmake"
+    fake.write_text('#!/bin/sh\necho "CMake Error: CMAKE_C_COMPILER not set, after EnableLanguage" >&2\nexit 1\n')
+    fake.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(project.sys, "executable", str(tmp_path / "python"))
+    with pytest.raises(EnvironmentProblem, match="CMake finds no C compiler"):
+        project.build(built / "c", tmp_path / "c.fmu")
+
+
+@pytest.mark.parametrize(
+    ("language", "file", "change", "message"),
+    [
+        ("c", "brace.c", ("double f = v[", "double f = w["), r"does not compile: brace\.c:\d+:\d+: error: .*w"),
+        ("c", "modelDescription.xml", ('modelIdentifier="cuff"', ""), "no modelIdentifier"),
+        ("python", "slave.py", ("def step(self, time: float", "def step(self time: float"), r"slave\.py: .* in line \d+"),
+        ("python", "interface.py", ("N.m/rad", "N.m/deg"), r"interface\.py: .*'N.m/deg'"),
+        ("python", "interface.py", ("import annotations", "import annotation"), r"interface\.py: "),
+        ("python", "interface.py", ("def variables", "def variable"), r"interface\.py: AttributeError"),
+    ],
+)
+def test_a_project_at_fault(language: str, file: str, change: tuple[str, str], message: str, tmp_path: Path) -> None:
+    folder = tmp_path / "cuff"
+    project.new(folder, language)
+    text = (folder / file).read_text()
+    assert change[0] in text
+    (folder / file).write_text(text.replace(*change))
+    with pytest.raises(InputError, match=message) as caught:
+        project.build(folder, tmp_path / "cuff.fmu")
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "cuff.fmu").exists()
+    (folder / file).unlink()
+    with pytest.raises(InputError, match=f"no {file}|no interface.py and no brace.c"):
+        project.build(folder, tmp_path / "cuff.fmu")
+
+
+def test_a_folder_in_use_or_without_a_name(tmp_path: Path) -> None:
+    (tmp_path / "used").mkdir()
+    (tmp_path / "used" / "thesis.tex").write_text("precious")
+    for folder, words in (("used", "is not empty"), ("used/thesis.tex", "letters, digits and _"), ("my-brace", "letters, digits and _")):
+        with pytest.raises(InputError, match=words):
+            project.new(tmp_path / folder, "c")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="is a file"):
+        project.new(tmp_path / "file", "python")
+    assert sorted(p.name for p in tmp_path.rglob("*")) == ["file", "thesis.tex", "used"]
+    (tmp_path / "empty").mkdir()
+    assert project.new(tmp_path / "empty", "python")
