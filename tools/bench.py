@@ -1,7 +1,8 @@
 """Speed, side by side in one run. Run: make bench, or python tools/bench.py [--repeat N].
 
-Prints the time of one landing driven directly, through the FMI slaves in one process, and co-simulated; the parts of each; and how the cost grows
-with tolerance, communication step and number of facets. Best of N repetitions on one core."""
+Prints the time of one landing driven directly, through the FMI slaves in one process, and co-simulated, here and with the same FMUs under
+libcosim and CoFmuPy (each installed once into an environment of its own below build/peers, where that is possible; --no-peers leaves them out); the
+parts of each; and how the cost grows with tolerance, communication step and number of facets. Best of N repetitions on one core."""
 
 from __future__ import annotations
 
@@ -143,6 +144,37 @@ def traffic(name: str) -> tuple[float, dict[str, float], dict[str, float]]:
     return plain, {key: 1e6 * value / steps for key, value in spent.items()}, by_step
 
 
+def peer(name: str, package: str) -> tuple[float, float] | str:
+    """(wall time [s], peak [rad]) of incline30_brace under another master, or why there is none."""
+    environment = Path(__file__).parent.parent / "build" / "peers" / name
+    python = environment / "bin" / "python"
+    if not (environment / "complete").is_file():
+        for command in ([sys.executable, "-m", "venv", environment], [python, "-m", "pip", "install", "--quiet", package, "mujoco-core", "numba", "numpy"]):
+            outcome = subprocess.run(command, capture_output=True, text=True)
+            if outcome.returncode:
+                return f"cannot be installed: {(outcome.stderr.strip().splitlines() or ['?'])[-1]}"
+        (environment / "complete").touch()
+    system = load_scenario("incline30_brace").system()
+    task = {
+        "peer": name,
+        "fmus": {c.name: str(c.fmu) for c in system.components},
+        "connections": dict(system.connections),
+        "parameters": dict(system.parameters),
+        "integers": [p for p in system.parameters if system.find(p).kind != "real"],
+        "references": {f"{c.name}.{v.name}": v.reference for c in system.components for v in c.connectors.values()},
+        "step": STEP,
+        "stop": STOP,
+        "repeat": 5,
+    }
+    script = Path(__file__).with_name("bench_peers.py")
+    outcome = subprocess.run([python, script], input=json.dumps(task), capture_output=True, text=True)
+    found = next((line for line in outcome.stdout.splitlines() if line.startswith('{"seconds"')), None)
+    if found is None:
+        return f"failed: {(outcome.stderr.strip().splitlines() or [f'exit code {outcome.returncode}'])[-1]}"
+    answer = json.loads(found)
+    return answer["seconds"], answer["peak"]
+
+
 def row(label: str, seconds: float, note: str = "") -> None:
     print(f"{label:46}{1e3 * seconds:9.2f} ms  {note}")
 
@@ -151,6 +183,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeat", type=int, default=15)
     parser.add_argument("--traffic", metavar="SCENARIO", help=argparse.SUPPRESS)
+    parser.add_argument("--no-peers", action="store_true", help="leave libcosim and CoFmuPy out")
     arguments = parser.parse_args()
     if arguments.traffic:
         print(json.dumps(traffic(arguments.traffic)))
@@ -174,6 +207,13 @@ def main() -> None:
         row(f"co-simulated, {name}", seconds, f"{OPENSIM / seconds:.0f} times faster than OpenSim 4.6. {extra}")
         if name == "incline30_brace":
             brace_traffic, brace_steps = spent, by_step
+    for label, name, package in () if arguments.no_peers else (("libcosim", "libcosim", "libcosimpy"), ("CoFmuPy", "cofmupy", "cofmupy")):
+        found = peer(name, package)
+        if isinstance(found, str):
+            print(f"the same FMUs under {label}: {found}")
+        else:
+            seconds, peak = found
+            row(f"the same FMUs under {label} (Jacobi)", seconds, f"peak {np.degrees(peak):.2f} deg; without reset and initialisation")
     print("\nmicroseconds per communication step, incline30_brace (each call timed, so a little more than in the run above)")
     for key, value in sorted(brace_traffic.items(), key=lambda item: -item[1]):
         print(f"  {key:24}{value:8.1f}")
