@@ -16,6 +16,7 @@ from sprain_cosim.errors import SimulationError
 from sprain_cosim.export import build_fmu
 from sprain_cosim.scenario import PACKAGE, load_scenario
 from tests.fake import FMUS, brace_variables, make_fmu
+from tests.native import SOURCES
 
 NAMES = ("plant", "reflex_controller", "brace_bushing")
 EVERTOR, INVERTOR = "ext_dig", "tib_post"
@@ -238,6 +239,15 @@ def test_both_binaries_give_the_same_landing(built_without_compiler: Path) -> No
     own, other = scenario.run(), scenario.replace_fmu("brace", built_without_compiler).run()
     assert own.status == other.status == "completed"
     assert (own.values == other.values).all()
+
+
+def test_a_host_without_python_is_told_so(tmp_path: Path) -> None:
+    with zipfile.ZipFile(component("brace_bushing").fmu) as archive:
+        library = archive.extract(component("brace_bushing").library, tmp_path)
+    subprocess.run(["gcc", "-o", tmp_path / "host", SOURCES / "host.c", "-ldl"], check=True)
+    outcome = subprocess.run([tmp_path / "host", library], capture_output=True, text=True)
+    assert outcome.returncode == 0
+    assert outcome.stdout == "brace, status 3: this FMU is written in Python and runs inside a Python process only (fmpy, libcosimpy, ...)"
 
 
 def test_a_process_with_python_fmus_ends_quietly(built_without_compiler: Path) -> None:
