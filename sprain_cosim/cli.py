@@ -105,8 +105,12 @@ def _print_table(title: str, summary: dict[str, Any], result: Any) -> None:
 @click.option("--map", "maps", multiple=True, metavar="NAME=FILE", help="Mapping file of the FMU given with --fmu.")
 @click.option("--set", "settings", multiple=True, metavar="COMPONENT.PARAMETER=VALUE", help="Fix a parameter.")
 @click.option("--workers", type=click.IntRange(1), help="Worker processes (default: one per core).")
+@click.option("--scheduler", metavar="ADDRESS", help="Run on Dask: tcp://host:8786, or local-cluster.")
+@click.option("--shard", metavar="K/N", help="Run the K-th of N parts; `merge` joins them.")
 @click.option("--resume", is_flag=True, help="Continue what --out holds.")
 @click.option("--max-failed", default="1%", show_default=True, help="Share of failed trials that is accepted.")
+@click.option("--trajectories", default="100", show_default=True, metavar="N|all|none", help="Record the first N trials besides percentile and failed ones.")
+@click.option("--parquet", is_flag=True, help="Write trials.parquet beside trials.csv.")
 @click.option("--progress", type=click.Choice(["auto", "plain", "json", "none"]), default="auto", show_default=True)
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of the study (default: runs/STUDY).")
 @JSON
@@ -120,8 +124,12 @@ def study(
     maps: tuple[str, ...],
     settings: tuple[str, ...],
     workers: int | None,
+    scheduler: str | None,
+    shard: str | None,
     resume: bool,
     max_failed: str,
+    trajectories: str,
+    parquet: bool,
     progress: str,
     out: Path | None,
     as_json: bool,
@@ -130,6 +138,7 @@ def study(
     from .scenario import parse_value
     from .units import quantity
     from .uq.progress import reporter
+    from .uq.runner import first_trajectories, part
     from .uq.study import load_study
     from .uq.summary import text
 
@@ -146,13 +155,66 @@ def study(
     for warning in chosen.warnings:
         click.echo(f"warning: {warning}", err=True)
     share = quantity(max_failed.replace("%", " %"), None, "--max-failed")
-    folder = out or Path("runs") / Path(study).stem
+    portion = part(shard) if shard else None
+    folder = out or Path("runs") / (Path(study).stem + (f"-{portion[0]}of{portion[1]}" if portion else ""))
+    again = f"sprain-cosim {' '.join(_without_resume(sys.argv[1:]))}"
     try:
-        done = chosen.run(method=method, trials=trials, seed=seed, workers=workers, resume=resume, max_failed=share, out=folder, progress=reporter(progress))
+        done = chosen.run(
+            method=method, trials=trials, seed=seed, workers=workers, scheduler=scheduler, shard=portion, resume=resume, max_failed=share, out=folder,
+            progress=reporter(progress), trajectories=first_trajectories(trajectories), parquet=parquet, command=again,
+        )  # fmt: skip
     except (Interrupted, SimulationError):
-        click.echo(f"continue with: sprain-cosim {' '.join(_without_resume(sys.argv[1:]))} --resume", err=True)
+        click.echo(f"continue with: {again} --resume", err=True)
         raise
+    if done.summary.get("not_reproduced"):
+        click.echo(f"warning: trials {done.summary['not_reproduced']} gave other numbers when they were run again for their trajectories", err=True)
     click.echo(json.dumps(done.summary, allow_nan=False) if as_json else f"{text(done.study, done.summary)}\n\nwritten: {folder}")
+
+
+@cli.command()
+@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="Folder of the whole study (default: runs/STUDY).")
+@click.option("--parquet", is_flag=True, help="Write trials.parquet beside trials.csv.")
+@JSON
+def merge(folders: tuple[Path, ...], out: Path | None, parquet: bool, as_json: bool) -> None:
+    """Join the FOLDERS of a study's shards into one, as if it had run in one piece."""
+    from .uq.runner import merge as join
+    from .uq.summary import text
+
+    done = join(folders, out, parquet)
+    click.echo(json.dumps(done.summary, allow_nan=False) if as_json else f"{text(done.study, done.summary)}\n\nwritten: {done.out}")
+
+
+@cli.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("number", type=click.IntRange(0))
+@OUT
+@JSON
+def trial(folder: Path, number: int, out: Path | None, as_json: bool) -> int:
+    """Run trial NUMBER of the study in FOLDER again, in a process of its own, and say whether it gives the recorded numbers to the bit."""
+    from . import runfolder
+    from .uq.runner import replay
+
+    if out is not None:
+        runfolder.check(out)
+    again = replay(folder, number)
+    scenario, outcome = again.study.scenario, again.outcome
+    result = again.result
+    verdict = "the recorded numbers to the bit" if again.same else "OTHER numbers than recorded"
+    if result is None:
+        raise SimulationError(f"trial {number} {outcome.status}: {outcome.message} (recorded: {again.row.outcome.status})")
+    summary = runfolder.summary(scenario, result) | {"metrics": dict(outcome.metrics), "trial": number, "reproduced": again.same}
+    if out is not None:
+        runfolder.write(out, scenario, result, summary)
+    if as_json:
+        click.echo(json.dumps(summary, allow_nan=False))
+    elif result.status == "completed":
+        _print_table(f"{scenario.title}, trial {number}", summary, result)
+    if not as_json:
+        click.echo(f"\n{outcome.status}: {verdict}{f'; written: {out}' if out else ''}")
+    if result.status != "completed":
+        raise SimulationError(f"trial {number} {outcome.status}: {outcome.message} (recorded: {again.row.outcome.status})")
+    return 0 if again.same else 1
 
 
 def _without_resume(arguments: list[str]) -> list[str]:

@@ -12,8 +12,11 @@ the fresh one repeats the last trial and must agree to the bit.
 
 from __future__ import annotations
 
+import base64
 import contextlib
+import gzip
 import json
+import math
 import os
 import pickle
 import select
@@ -26,10 +29,10 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from time import monotonic, perf_counter
-from typing import IO, Any
+from typing import IO, Any, Protocol
 
 from .errors import SimulationError, SprainError
-from .scenario import Scenario
+from .result import Result
 
 LENGTH = struct.Struct("<I")
 FRAME_LIMIT = 1 << 26  # B, longer replies are not ours
@@ -37,11 +40,12 @@ FRAME_LIMIT = 1 << 26  # B, longer replies are not ours
 
 @dataclass(frozen=True)
 class Limits:
-    """`trial` and `start` [s] wall time of one trial and of opening the FMUs; `memory` [B] address space; `recycle` trials per child;
-    `growth` [B] of resident memory after which a child is replaced."""
+    """`trial` and `start` [s] wall time of one trial and of opening the FMUs; `cpu` [s] processor time of one trial, all threads; `memory` [B]
+    address space; `recycle` trials per child; `growth` [B] of resident memory after which a child is replaced."""
 
     trial: float = 60.0
     start: float = 300.0
+    cpu: float = 240.0
     memory: int = 16 << 30
     recycle: int = 10_000
     growth: int = 512 << 20
@@ -49,7 +53,9 @@ class Limits:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a trial ended: completed, failed (FMI error or a value that is not finite), crashed or timeout. `log` the last lines printed."""
+    """How a trial ended: completed, failed (FMI error or a value that is not finite), crashed, timeout or lost (with the machine that ran it,
+    several times). `log` the last lines printed. Where a record was asked for, and of a failed trial, `trajectory` is the record as a gzipped
+    signals.csv and `about` its scheme, scheme_reason, warning, coupling_error and status."""
 
     status: str
     message: str
@@ -57,6 +63,22 @@ class Outcome:
     wall: float = 0.0
     attempts: int = 1
     log: str = ""
+    trajectory: bytes = b""
+    about: Mapping[str, Any] = field(default_factory=dict)
+
+
+class Session(Protocol):
+    """What a child runs trials with: an open scenario, or a stand-in of known duration."""
+
+    def run(self, parameters: Mapping[str, float]) -> Any: ...
+    def __enter__(self) -> Session: ...
+    def __exit__(self, *_: object) -> None: ...
+
+
+class Openable(Protocol):
+    """A scenario, as far as a child needs it; picklable."""
+
+    def open(self) -> Any: ...
 
 
 class Gone(Exception):
@@ -74,43 +96,38 @@ class Stopped(Exception):
 class Worker:
     """Drives one child after the other. `run` may be called from one thread, `kill` from any. Use as a context manager."""
 
-    def __init__(self, scenario: Scenario, names: Sequence[str], limits: Limits | None = None) -> None:
+    def __init__(self, scenario: Openable, names: Sequence[str], limits: Limits | None = None) -> None:
         self.scenario, self.names, self.limits = scenario, tuple(names), limits or Limits()
         self._child: Child | None = None
-        self._stopped = False
+        self._stopped = self._opened = False
         self._last: tuple[Sequence[float], Mapping[str, float]] | None = None
 
-    def run(self, values: Sequence[float]) -> Outcome:
-        """One trial with `values` (d,) of the names. Raises Stopped after `kill`, SimulationError when the system cannot be opened at all or a
-        fresh child disagrees with the one it replaces."""
-        first: Gone | None = None
+    def run(self, values: Sequence[float], record: bool = False) -> Outcome:
+        """One trial with `values` (d,) of the names, with its trajectory where `record`. Raises Stopped after `kill`, SimulationError when the
+        system cannot be opened at all or a fresh child disagrees with the one it replaces."""
+        numbers = [float(v) for v in values]
+        request = {"values": numbers, "record": record}
         for attempt in (1, 2):
-            child = self._ready()
             try:
-                reply = child.ask({"values": [float(v) for v in values]}, self.limits.trial)
+                child = self._ready()
+                reply = child.ask(request, self.limits.trial)
+                break
             except Gone as gone:
-                log = child.log()
+                log = self._child.log() if self._child else ""
                 self._drop()
                 if self._stopped:
                     raise Stopped from None
                 if attempt == 2:
-                    assert first is not None
                     return Outcome(gone.status, str(gone), attempts=2, log=log)
-                first = gone
-                continue
-            if "error" in reply:
-                raise SimulationError(reply["error"])
-            child.trials += 1
-            child.grown = reply["memory"] - child.memory if child.memory else 0
-            if child.trials == 10 or not child.memory:
-                child.memory = reply["memory"]
-            outcome = Outcome(
-                reply["status"], reply["message"], reply["metrics"], reply["wall"], attempt, "" if reply["status"] == "completed" else child.log()
-            )
-            if outcome.status == "completed":
-                self._last = (values, outcome.metrics)
-            return outcome
-        raise AssertionError("unreachable")
+        if "error" in reply:
+            raise SimulationError(reply["error"])
+        child.note(reply["memory"])
+        completed = reply["status"] == "completed"
+        if completed:
+            self._last = (numbers, reply["metrics"])
+        trajectory, about = base64.b64decode(reply.get("trajectory", "")), reply.get("about", {})
+        log = "" if completed else child.log()
+        return Outcome(reply["status"], reply["message"], reply["metrics"], reply["wall"], attempt, log, trajectory, about)
 
     def kill(self) -> None:
         """Ends the child at once, grandchildren included."""
@@ -118,38 +135,41 @@ class Worker:
         self._drop()
 
     def _ready(self) -> Child:
+        """The child for the next trial. Raises Gone when one that replaces another ends at the trial that it is to repeat."""
         if self._stopped:
             raise Stopped
-        child = self._child
-        if child is not None and (child.trials >= self.limits.recycle or child.grown > self.limits.growth):
+        spent = self._child is not None and (self._child.trials >= self.limits.recycle or self._child.grown > self.limits.growth)
+        if spent:
             self._drop()
-            child = self._child = self._fresh()
-            if self._last is not None:
+        if self._child is None:
+            self._child = self._fresh()
+            if spent and self._last is not None:
                 values, before = self._last
-                again = child.ask({"values": [float(v) for v in values]}, self.limits.trial)
-                if again.get("metrics") != dict(before):
-                    raise SimulationError("a fresh process gives other numbers for the same trial: a component keeps something between runs; --isolate it")
-        if child is None:
-            child = self._child = self._fresh()
-        return child
+                if self._child.ask({"values": values}, self.limits.trial).get("metrics") != before:
+                    raise SimulationError("a fresh process gives other numbers for the same trial: a component keeps something between runs")
+        return self._child
 
     def _fresh(self) -> Child:
-        child = Child(self.limits)
-        try:
-            reply = child.open((self.scenario, self.names), self.limits.start)
-        except Gone as gone:
-            log = child.log()
-            child.close()
-            if self._stopped:
-                raise Stopped from None
-            raise SimulationError(f"the system cannot be opened: {gone}{f'; last words: {log.splitlines()[-1]}' if log else ''}") from None
-        if "error" in reply:
-            child.close()
-            raise SimulationError(reply["error"])
-        if self._stopped:
-            child.close()
-            raise Stopped
-        return child
+        for again in (self._opened, False):  # what has opened before gets a second chance: the machine may have been short of something
+            child = Child(self.limits)
+            try:
+                reply = child.open((self.scenario, self.names, self.limits), self.limits.start)
+            except Gone as gone:
+                log = child.log()
+                child.close()
+                if self._stopped:
+                    raise Stopped from None
+                if again:
+                    continue
+                raise SimulationError(f"the system cannot be opened: {gone}{f'; last words: {log.splitlines()[-1]}' if log else ''}") from None
+            if "error" in reply or self._stopped:
+                child.close()
+                if self._stopped:
+                    raise Stopped
+                raise SimulationError(reply["error"])
+            self._opened = True
+            return child
+        raise AssertionError("unreachable")
 
     def _drop(self) -> None:
         child, self._child = self._child, None
@@ -197,6 +217,13 @@ class Child:
 
     def ask(self, request: dict[str, Any], limit: float) -> dict[str, Any]:
         return self._exchange(json.dumps(request).encode(), limit)
+
+    def note(self, memory: int) -> None:
+        """Counts a trial; `memory` [B] resident after it. Growth is counted from the tenth trial on, when caches are warm."""
+        self.trials += 1
+        self.grown = memory - self.memory if self.memory else 0
+        if self.trials == 10 or not self.memory:
+            self.memory = memory
 
     def log(self) -> str:
         self._reader.join(0.2)
@@ -247,6 +274,8 @@ class Child:
             code = self._process.wait(1.0)
         except subprocess.TimeoutExpired:
             return Gone("crashed", "closed the line to its parent")
+        if code == -signal.SIGXCPU:
+            return Gone("timeout", "overran its limit of processor time and was ended")
         if code < 0:
             return Gone("crashed", f"ended by signal {signal.Signals(-code).name}")
         return Gone("crashed", f"ended its process with exit code {code}")
@@ -322,7 +351,7 @@ def serve(*arguments: int) -> None:
     first, requests, answer = listen(*arguments)
     if first is None:
         return
-    scenario, names = first
+    scenario, names, limits = first
     try:
         session = scenario.open()
     except SprainError as problem:
@@ -332,12 +361,30 @@ def serve(*arguments: int) -> None:
     with session:
         for request in requests:
             began = perf_counter()
+            _allow(limits.cpu)
             try:
                 result = session.run(dict(zip(names, request["values"], strict=True)))
-                status, message, metrics = result.status, result.message, result.metrics
+                wall = perf_counter() - began
+                reply = {"status": result.status, "message": result.message, "metrics": result.metrics}
+                if (request.get("record") or result.status != "completed") and isinstance(result, Result):
+                    reply |= _record(result)
             except SprainError as problem:
-                status, message, metrics = "failed", str(problem), {}
-            answer({"status": status, "message": message, "metrics": metrics, "wall": perf_counter() - began, "memory": _resident()})
+                wall, reply = perf_counter() - began, {"status": "failed", "message": str(problem), "metrics": {}}
+            answer(reply | {"wall": wall, "memory": _resident()})
+
+
+def _record(result: Result) -> dict[str, Any]:
+    about = {key: getattr(result, key) for key in ("status", "scheme", "scheme_reason", "warning", "coupling_error")}
+    return {"trajectory": base64.b64encode(gzip.compress(result.csv().encode(), 1, mtime=0)).decode(), "about": about}
+
+
+def _allow(seconds: float) -> None:
+    """Processor time from here on, after which the kernel ends this process."""
+    import resource
+
+    used = sum(os.times()[:2])
+    with contextlib.suppress(ValueError, OSError):
+        resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(used + seconds), resource.getrlimit(resource.RLIMIT_CPU)[1]))
 
 
 if __name__ == "__main__":

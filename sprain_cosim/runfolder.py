@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from .errors import EnvironmentProblem, InputError
 from .result import Result
@@ -54,8 +55,7 @@ def write(folder: Path, scenario: Scenario, result: Result, summary: dict[str, A
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "summary.json").unlink(missing_ok=True)
-        table = result.signals.set_axis([f"{n} [{u.name if u else '?'}]" for n, u in zip(result.names, result.units, strict=True)], axis=1)
-        _replace(folder / "signals.csv", table.to_csv(float_format="%.10g").encode())
+        _replace(folder / "signals.csv", result.csv().encode())
         figure = plots.landing([(scenario.title, result)], _note(summary))
         with open(folder / ".landing.png", "wb") as file:
             figure.savefig(file, dpi=150, format="png", metadata={"Software": None})
@@ -67,26 +67,31 @@ def write(folder: Path, scenario: Scenario, result: Result, summary: dict[str, A
 
 def read(folder: Path) -> tuple[dict[str, Any], Result]:
     """Raises InputError when the folder holds no complete run."""
-    import pandas as pd
-
     try:
         head = json.loads((folder / "summary.json").read_text("utf-8"))
-        table = pd.read_csv(folder / "signals.csv", index_col=0)
+        record = signals(folder / "signals.csv")
     except FileNotFoundError:
         raise InputError(f"{folder}: no complete run in it; make one with `sprain-cosim run SCENARIO --out {folder}`") from None
     except (ValueError, OSError) as problem:
         raise InputError(f"{folder}: cannot be read: {problem}") from None
+    return head, replace(record, status=head["status"], message=head["message"], scheme=head["scheme"])
+
+
+def signals(source: Path | IO[bytes]) -> Result:
+    """The record of a signals.csv, also of one of a study's trajectories (csv.gz)."""
+    import pandas as pd
+
+    table = pd.read_csv(source, index_col=0)
     names, units = zip(*(str(c).removesuffix("]").rsplit(" [", 1) for c in table.columns), strict=True)
-    result = Result(
+    return Result(
         time=table.index.to_numpy(float),
         values=table.to_numpy(float),
         names=names,
         units=tuple(None if u == "?" else Unit(u) for u in units),
-        status=head["status"],
-        message=head["message"],
-        scheme=head["scheme"],
+        status="completed",
+        message="",
+        scheme="",
     )
-    return head, result
 
 
 def plot(folders: Sequence[Path], out: Path) -> Path:

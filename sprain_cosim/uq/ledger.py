@@ -23,11 +23,15 @@ from .distributions import Array
 
 FILE = "ledger.sqlite"
 LOCK = ".lock"
+FORMAT = 2
 SCHEMA = """
 CREATE TABLE IF NOT EXISTS study (key TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS metrics (id INTEGER PRIMARY KEY, names TEXT NOT NULL UNIQUE);
 CREATE TABLE IF NOT EXISTS trials (trial INTEGER PRIMARY KEY, inputs BLOB NOT NULL, status TEXT NOT NULL, message TEXT NOT NULL,
-                                   metrics TEXT NOT NULL, wall REAL NOT NULL, worker TEXT NOT NULL, attempts INTEGER NOT NULL, log TEXT NOT NULL);
+                                   names INTEGER NOT NULL, metrics BLOB NOT NULL, wall REAL NOT NULL, worker TEXT NOT NULL, attempts INTEGER NOT NULL,
+                                   log TEXT NOT NULL);
 """
+CHUNK = 4096  # rows fetched at a time
 
 
 @dataclass(frozen=True)
@@ -41,13 +45,15 @@ class Row:
 
 
 class Ledger:
-    """Open with `Ledger(folder, digest, identity)`; folder None keeps it in memory. Use as a context manager.
+    """Open with `Ledger(folder, digest, identity, description)`; folder None keeps it in memory. `Ledger.read(folder)` only looks. Use as a
+    context manager. `digest` and `identity` say what the rows belong to; `description` is all of the study, for those who come with the folder alone.
 
     Raises InputError when the folder is in use or holds another study, EnvironmentProblem when it cannot be written."""
 
-    def __init__(self, folder: Path | None, digest: str, identity: Mapping[str, Any]) -> None:
+    def __init__(self, folder: Path | None, digest: str, identity: Mapping[str, Any], description: str = "null") -> None:
         self.folder = folder
         self._lock: int | None = None
+        self._names: dict[str, int] = {}
         try:
             if folder is not None:
                 folder.mkdir(parents=True, exist_ok=True)
@@ -55,10 +61,13 @@ class Ledger:
             self._database = sqlite3.connect(":memory:" if folder is None else folder / FILE, isolation_level=None, check_same_thread=False)
             self._database.execute("PRAGMA journal_mode=WAL")
             self._database.execute("PRAGMA synchronous=FULL")
-            self._database.executescript(SCHEMA)
-            known = dict(self._database.execute("SELECT key, value FROM study"))
-            if not known:
-                self._database.executemany("INSERT INTO study VALUES (?, ?)", [("digest", digest), ("identity", json.dumps(identity, sort_keys=True))])
+            known = self._facts() if self._database.execute("PRAGMA user_version").fetchone()[0] == FORMAT else None
+            if known is None:
+                if self._database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+                    self.close()
+                    raise InputError(f"{folder}: the ledger was written by another version; name a new folder with --out")
+                self._database.executescript(f"BEGIN;{SCHEMA}PRAGMA user_version={FORMAT};COMMIT;")
+                known = {}
         except (OSError, sqlite3.Error) as problem:
             self._release()
             raise _trouble(folder, problem) from None
@@ -67,15 +76,42 @@ class Ledger:
             before = json.loads(known["identity"])
             changed = [key for key in identity if json.loads(json.dumps(identity[key])) != before.get(key)]
             raise InputError(f"{folder}: holds another study ({', '.join(changed)} differ); name a new folder with --out")
+        try:
+            facts = {"digest": digest, "identity": json.dumps(identity, sort_keys=True), "study": description}
+            self._database.executemany("INSERT OR REPLACE INTO study VALUES (?, ?)", facts.items() if facts != known else ())
+        except sqlite3.Error as problem:
+            self.close()
+            raise _trouble(folder, problem) from None
+        self.facts: Mapping[str, str] = facts
+
+    @classmethod
+    def read(cls, folder: Path) -> Self:
+        """For looking only, also while another process writes. Raises InputError when there is no ledger."""
+        path = folder / FILE
+        if not path.is_file():
+            raise InputError(f"{folder}: no study in it; `sprain-cosim study STUDY --out {folder}` makes one")
+        ledger = cls.__new__(cls)
+        ledger.folder, ledger._lock, ledger._names = folder, None, {}
+        for mode in ("mode=ro", "immutable=1"):  # a folder that cannot be written holds no writer either
+            try:
+                ledger._database = sqlite3.connect(f"{path.absolute().as_uri()}?{mode}", uri=True, isolation_level=None)
+                ledger.facts = ledger._facts()
+                return ledger
+            except sqlite3.Error as problem:
+                trouble = problem
+        raise InputError(f"{path}: cannot be read as a ledger: {trouble}")
 
     def add(self, row: Row) -> None:
         """Within the open transaction, see `commit`."""
-        if not self._database.in_transaction:
-            self._database.execute("BEGIN")
         o = row.outcome
-        values = (row.trial, row.inputs.tobytes(), o.status, o.message, json.dumps(o.metrics), o.wall, row.worker, o.attempts, o.log)
         try:
-            self._database.execute("INSERT INTO trials VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", values)
+            if not self._database.in_transaction:
+                self._database.execute("BEGIN")
+            values = np.array(list(o.metrics.values()), float).tobytes()
+            self._database.execute(
+                "INSERT INTO trials VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                (row.trial, row.inputs.tobytes(), o.status, o.message, self._named(o.metrics), values, o.wall, row.worker, o.attempts, o.log),
+            )
         except sqlite3.Error as problem:
             raise _trouble(self.folder, problem) from None
 
@@ -87,20 +123,39 @@ class Ledger:
             except sqlite3.Error as problem:
                 raise _trouble(self.folder, problem) from None
 
-    def finished(self) -> dict[int, str]:
-        """{trial: status} of all rows."""
-        return dict(self._database.execute("SELECT trial, status FROM trials"))
+    def finished(self) -> tuple[np.ndarray, np.ndarray]:
+        """(n,) numbers of all rows, ascending; (n,) whether each failed."""
+        count = self._database.execute("SELECT count(*) FROM trials").fetchone()[0]
+        numbers, failed = np.empty(count, np.int64), np.empty(count, bool)
+        for k, (trial, bad) in enumerate(self._database.execute("SELECT trial, status != 'completed' FROM trials ORDER BY trial")):
+            numbers[k], failed[k] = trial, bad
+        return numbers, failed
 
     def rows(self) -> Iterator[Row]:
         """In the order of their numbers."""
-        for trial, inputs, status, message, metrics, wall, worker, attempts, log in self._database.execute("SELECT * FROM trials ORDER BY trial"):
-            yield Row(trial, np.frombuffer(inputs), Outcome(status, message, json.loads(metrics), wall, attempts, log), worker)
+        return self._select("ORDER BY trial")
 
     def row(self, trial: int) -> Row | None:
-        found = self._database.execute("SELECT * FROM trials WHERE trial = ?", (trial,)).fetchone()
-        if found is None:
-            return None
-        return Row(trial, np.frombuffer(found[1]), Outcome(found[2], found[3], json.loads(found[4]), found[5], found[7], found[8]), found[6])
+        return next(self._select("WHERE trial = ?", trial), None)
+
+    def _select(self, which: str, *values: Any) -> Iterator[Row]:
+        names = {k: tuple(json.loads(text)) for k, text in self._database.execute("SELECT id, names FROM metrics")}
+        found = self._database.execute(f"SELECT * FROM trials {which}", values)
+        while chunk := found.fetchmany(CHUNK):
+            for trial, inputs, status, message, kind, metrics, wall, worker, attempts, log in chunk:
+                outcome = Outcome(status, message, dict(zip(names[kind], np.frombuffer(metrics).tolist(), strict=True)), wall, attempts, log)
+                yield Row(trial, np.frombuffer(inputs), outcome, worker)
+
+    def _named(self, metrics: Mapping[str, float]) -> int:
+        """The number under which the metrics' names stand; a row then holds their values only."""
+        names = json.dumps(list(metrics))
+        if names not in self._names:
+            self._database.execute("INSERT OR IGNORE INTO metrics (names) VALUES (?)", (names,))
+            self._names[names] = self._database.execute("SELECT id FROM metrics WHERE names = ?", (names,)).fetchone()[0]
+        return self._names[names]
+
+    def _facts(self) -> dict[str, str]:
+        return dict(self._database.execute("SELECT key, value FROM study"))
 
     def close(self) -> None:
         with contextlib.suppress(sqlite3.Error):

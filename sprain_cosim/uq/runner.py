@@ -2,39 +2,41 @@
 
 Failure policy: a trial that fails, crashes or overruns its time is a row with its status, never dropped. A study with more failures than
 allowed stops and says so. An interrupt ends the workers, commits what is finished and leaves a folder that `resume` continues; trials that
-are in the ledger are not run again. The tables do not depend on the number of workers, nor on the order in which trials end.
+are in the ledger are not run again. The tables do not depend on the number of workers, the backend, nor on the order in which trials end.
 """
 
 from __future__ import annotations
 
+import gzip
+import io
 import json
-import os
-import platform
-import queue
-import threading
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
-from time import monotonic, perf_counter
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .. import __version__
-from ..component import Component
+from .. import runfolder
 from ..errors import EnvironmentProblem, InputError, SimulationError, nearest
-from ..isolation import Limits, Outcome, Stopped, Worker
-from . import reliability
+from ..isolation import Limits, Outcome, Worker
+from ..result import Result
+from . import reliability, studyfolder
+from .backends import Task, open_backend
+from .codec import encode
+from .dispatch import Dispatch, Progress
 from .distributions import Array
-from .ledger import FILE, Ledger, Row
+from .ledger import Ledger, Row
 from .study import SEARCHES, Study
 from .summary import summarise
+from .trajectory import FIRST, Trajectories, roles
 
 if TYPE_CHECKING:
     import pandas as pd
 
-COMMIT = 0.25  # s between commits
-Progress = Callable[[int, int, int, float], None]  # finished, of, failed, seconds
+ALL = 1 << 62  # trajectories
 
 
 @dataclass(frozen=True)
@@ -53,168 +55,192 @@ def run(
     *,
     out: Path | str | None = None,
     workers: int | None = None,
+    scheduler: str | None = None,
+    shard: tuple[int, int] | None = None,
     resume: bool = False,
     max_failed: float = 0.01,
     limits: Limits | None = None,
     progress: Progress | None = None,
+    trajectories: int = FIRST,
+    parquet: bool = False,
+    command: str = "",
 ) -> Campaign:
-    """Runs what the ledger in `out` lacks (out None: nothing is kept). `max_failed` share of failed trials that is accepted.
+    """Runs what the ledger in `out` lacks (out None: nothing is kept). `max_failed` share of failed trials that is accepted; `scheduler` the
+    address of a Dask scheduler or local-cluster; `shard` (k, n) the k-th of n parts, from 1; `trajectories` how many trials from the first on are
+    recorded besides the percentile, extreme, failed and search trials; `command` what the manifest says was typed.
 
     Raises InputError before any trial, SimulationError when too many failed or a search met a failed trial."""
     study.checked()
     folder = None if out is None else Path(out)
+    if shard is not None and study.method in SEARCHES:
+        raise InputError(f"--shard: method {study.method} chooses each trial after those before it, so it has no parts")
+    if parquet and find_spec("pyarrow") is None:
+        raise EnvironmentProblem("--parquet: needs pyarrow: pip install 'sprain-cosim[parquet]'")
     if folder is not None:
-        _check(folder, resume)
+        studyfolder.check(folder, resume)
     began = perf_counter()
-    with Ledger(folder, study.digest, study.identity) as ledger:
+    recorder = Trajectories(folder, ALL if study.method in SEARCHES else trajectories)
+    with Ledger(folder, study.digest, study.identity, json.dumps(encode(study))) as ledger:
         if folder is not None:
-            _write(folder / "study.toml", study.text)
-            _write(folder / "manifest.json", json.dumps(manifest(study), indent=2) + "\n")
-        pool = _Pool(study, ledger, workers or os.cpu_count() or 1, limits or Limits(), max_failed, progress)
-        found = None
+            studyfolder.begin(folder, study, command)
+        backend = open_backend(Task(study.scenario, study.names, limits or Limits()), workers, scheduler)
+        dispatch = Dispatch(ledger, backend, max_failed, progress, recorder)
+        found = wanted = None
         try:
             if study.method in SEARCHES:
-                found = _search(study, pool)
+                found = _search(study, dispatch)
             else:
-                x = study.sample()
-                pool.finish(x, study.numbers or range(len(x)))
+                wanted = _numbers(study, shard)
+                dispatch.finish(_part(study, shard), len(wanted))
+            table, timing = studyfolder.tables(study, ledger, wanted)
+            summary = summarise(study, table, found)
+            if folder is not None:
+                kept = _roles(study, table, found)
+                changed = dispatch.repeat(recorder.lacks(_recorded(table, recorder, kept)))
+                summary["trajectories"] = kept | {"first": int((table["trial"] < recorder.first).sum())}
+                if changed:
+                    summary["not_reproduced"] = changed
         finally:
-            pool.close()
-            ledger.commit()
-        rows = [row for row in ledger.rows() if found is not None or row.trial in pool.wanted]
-    trials, timing = _tables(study, rows)
-    summary = summarise(study, trials, found)
+            dispatch.close()
+    if shard is not None:
+        summary |= {"shard": list(shard), "n_requested": len(table)}
     summary["wall_s"] = round(perf_counter() - began, 3)
     if folder is not None:
-        _write(folder / "trials.csv", trials.to_csv(index=False, lineterminator="\n"))
-        _write(folder / "timing.csv", timing.to_csv(index=False, lineterminator="\n"))
-        _write(folder / "summary.json", json.dumps(summary, indent=2, allow_nan=False) + "\n")
-    return Campaign(study, trials, timing, summary, folder)
+        studyfolder.finish(folder, table, timing, summary, parquet)
+    return Campaign(study, table, timing, summary, folder)
 
 
-def manifest(study: Study) -> dict[str, Any]:
-    """With what the study was run: versions, FMU hashes, seed, platform, identity."""
-    import scipy
+def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = False) -> Campaign:
+    """One folder of the shards of a study, as if it had run in one piece; `out` None: runs/STUDY. Their trajectories come along.
 
-    return {
-        "sprain_cosim": __version__,
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "scipy": scipy.__version__,
-        "platform": platform.platform(),
-        "seed": study.seed,
-        "trials": study.trials,
-        "fmus": {n: {"file": p.name, "sha256": Component.read(n, p).sha256} for n, p in study.scenario.fmus.items()},
-        "digest": study.digest,
-        "identity": study.identity,
-    }
-
-
-def _check(folder: Path, resume: bool) -> None:
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file; name a folder with --out")
-    if (folder / FILE).exists() and not resume:
-        raise InputError(f"{folder}: holds a study already; continue it with --resume, or name a new folder with --out")
-    if folder.is_dir() and not (folder / FILE).exists() and any(p.name != ".lock" for p in folder.iterdir()):
-        raise InputError(f"{folder}: holds other files; name a new folder with --out")
-
-
-class _Pool:
-    """Worker processes, one thread each to drive them; this thread alone writes the ledger."""
-
-    def __init__(self, study: Study, ledger: Ledger, count: int, limits: Limits, max_failed: float, progress: Progress | None) -> None:
-        self.study, self.ledger, self.limits, self.max_failed, self.progress = study, ledger, limits, max_failed, progress
-        self.count = count
-        self.wanted: set[int] = set()
-        self.workers: list[Worker] = []
-        self._jobs: queue.SimpleQueue[tuple[int, Array] | None] = queue.SimpleQueue()
-        self._done: queue.SimpleQueue[tuple[Row | None, BaseException | None]] = queue.SimpleQueue()
-        self._threads: list[threading.Thread] = []
-
-    def finish(self, x: Array, numbers: Sequence[int]) -> None:
-        """Runs the rows of `x` (n, d) that the ledger lacks. Raises SimulationError when too many failed."""
-        self.wanted |= set(numbers)
-        known = self.ledger.finished()
-        todo = [(n, x[i]) for i, n in enumerate(numbers) if n not in known]
-        failed = sum(known[n] != "completed" for n in numbers if n in known)
-        allowed = max(self.max_failed * len(numbers), 0.0)
-        finished, began, committed = len(numbers) - len(todo), monotonic(), monotonic()
-        for job in todo:
-            self._jobs.put(job)
-        while len(self.workers) < min(self.count, len(todo)):
-            self._hire()
-        if self.progress:
-            self.progress(finished, len(numbers), failed, 0.0)
-        left = len(todo)
-        while left:
-            row, problem = self._done.get()
-            if problem is not None:
-                raise problem
-            assert row is not None
-            left -= 1
-            self.ledger.add(row)
-            finished, failed = finished + 1, failed + (row.outcome.status != "completed")
-            if monotonic() - committed > COMMIT or not left:
-                self.ledger.commit()
-                committed = monotonic()
-                if self.progress:
-                    self.progress(finished, len(numbers), failed, monotonic() - began)
-            if failed > allowed and failed > 1:
-                raise self._too_many(failed, finished, row)
-        if failed > allowed:
-            raise self._too_many(failed, finished, None)
-
-    def values(self, x: Array, first: int) -> list[Row]:
-        """Rows number first, first + 1, ... for the points of a search."""
-        self.finish(x, range(first, first + len(x)))
-        rows = [self.ledger.row(first + i) for i in range(len(x))]
-        return [row for row in rows if row is not None]
-
-    def close(self) -> None:
-        for worker in self.workers:
-            worker.kill()
-        for _ in self._threads:
-            self._jobs.put(None)
-        for thread in self._threads:
-            thread.join(5.0)
-        while not self._done.empty():  # what ended meanwhile is finished work
-            row, _ = self._done.get()
-            if row is not None:
-                self.ledger.add(row)
-
-    def _too_many(self, failed: int, finished: int, row: Row | None) -> SimulationError:
-        self.ledger.commit()
-        last = row or next((r for r in self.ledger.rows() if r.outcome.status != "completed"), None)
-        example = f"; trial {last.trial} {last.outcome.status}: {last.outcome.message}" if last and last.outcome.status != "completed" else ""
-        return SimulationError(f"{failed} of {finished} trials failed, more than --max-failed {100 * self.max_failed:g} % allows{example}")
-
-    def _hire(self) -> None:
-        worker = Worker(self.study.scenario, self.study.names, self.limits)
-        label = str(len(self.workers))
-        self.workers.append(worker)
-        thread = threading.Thread(target=self._work, args=(worker, label), daemon=True)
-        self._threads.append(thread)
-        thread.start()
-
-    def _work(self, worker: Worker, label: str) -> None:
-        try:
-            while (job := self._jobs.get()) is not None:
-                number, values = job
-                self._done.put((Row(number, np.asarray(values, float), worker.run(list(values)), label), None))
-        except Stopped:
-            pass
-        except BaseException as problem:  # the writer's thread raises it
-            self._done.put((None, problem))
+    Raises InputError when they belong to different studies, differ in a trial, or a trial is in none of them."""
+    parts = [Ledger.read(folder) for folder in folders]
+    try:
+        study = studyfolder.load(folders[0], parts[0])
+        for folder, part in zip(folders, parts, strict=True):
+            if part.facts["digest"] != parts[0].facts["digest"]:
+                raise InputError(f"{folder}: belongs to another study than {folders[0]}")
+        study = max((studyfolder.load(f, p) for f, p in zip(folders, parts, strict=True)), key=lambda s: s.trials)
+        wanted = _numbers(study, None)
+        lost = np.setdiff1d(wanted, np.concatenate([part.finished()[0] for part in parts]))
+        if len(lost):
+            raise InputError(f"trials {studyfolder.missing(lost.tolist())} are in none of the folders; run their shard with --resume, or name its folder")
+        folder = out or Path("runs") / Path(study.source or "study").stem
+        studyfolder.check(folder, resume=False)
+        recorder = Trajectories(folder, 0)
+        with Ledger(folder, study.digest, study.identity, parts[0].facts["study"]) as ledger:
+            studyfolder.begin(folder, study, "")
+            for source, part in zip(folders, parts, strict=True):
+                for row in part.rows():
+                    known = ledger.row(row.trial)
+                    if known is None:
+                        ledger.add(row)
+                        recorder.take(source, row.trial)
+                    elif _content(known) != _content(row):
+                        raise InputError(f"{source}: its trial {row.trial} differs from that of another folder")
+            ledger.commit()
+            table, timing = studyfolder.tables(study, ledger, wanted)
+            kept = _roles(study, table, None)
+            dispatch = Dispatch(ledger, open_backend(Task(study.scenario, study.names), 1, None), trajectories=recorder)
+            try:
+                dispatch.repeat(recorder.lacks(kept.values()))
+            finally:
+                dispatch.close()
+    finally:
+        for part in parts:
+            part.close()
+    summary = summarise(study, table, None)
+    first = sum(studyfolder.summary(f).get("trajectories", {}).get("first", 0) for f in folders)
+    summary |= {"trajectories": kept | {"first": first}, "wall_s": round(float(timing["wall_s"].sum()), 3), "merged": [str(f) for f in folders]}
+    studyfolder.finish(folder, table, timing, summary, parquet)
+    return Campaign(study, table, timing, summary, folder)
 
 
-def _search(study: Study, pool: _Pool) -> Any:
+@dataclass(frozen=True)
+class Replay:
+    """A trial of a study once more: what the ledger has of it, how it ended now, `same` to the bit or not."""
+
+    study: Study
+    row: Row
+    outcome: Outcome
+
+    @property
+    def same(self) -> bool:
+        return (self.outcome.status, self.outcome.metrics) == (self.row.outcome.status, self.row.outcome.metrics)
+
+    @property
+    def result(self) -> Result | None:
+        """The record of the repetition, with the ten digits of signals.csv; None when its process did not live to give one."""
+        if not self.outcome.trajectory:
+            return None
+        record = runfolder.signals(io.BytesIO(gzip.decompress(self.outcome.trajectory)))
+        return replace(record, message=self.outcome.message, wall=self.outcome.wall, **self.outcome.about)
+
+    @property
+    def settings(self) -> dict[str, str | float]:
+        """{"component.parameter": value with its unit} of the inputs."""
+        return {
+            name: f"{value!r} {self.study.units[name]}" if self.study.units[name] else value
+            for name, value in zip(self.study.names, self.row.inputs.tolist(), strict=True)
+        }
+
+
+def replay(folder: Path, trial: int, limits: Limits | None = None) -> Replay:
+    """Runs a trial of a study's folder again, from the folder alone, in a child process. Raises InputError when there is no such trial, or an FMU
+    has changed since."""
+    with Ledger.read(folder) as ledger:
+        study = studyfolder.load(folder, ledger)
+        row = ledger.row(trial)
+        if row is None:
+            numbers, _ = ledger.finished()
+            have = f"it has {len(numbers)}, number {numbers[0]} to {numbers[-1]}" if len(numbers) else "it has none yet"
+            raise InputError(f"{folder}: no trial {trial}; {have}")
+    with Worker(study.scenario, study.names, limits) as worker:
+        outcome = worker.run(row.inputs.tolist(), record=True)
+    scenario = study.scenario
+    result = Replay(study, row, outcome)
+    return replace(result, study=replace(study, scenario=replace(scenario, parameters={**scenario.parameters, **result.settings})))
+
+
+def part(text: str) -> tuple[int, int]:
+    """ "2/10" as (2, 10). Raises InputError."""
+    k, slash, n = text.partition("/")
+    if not (slash and k.isdecimal() and n.isdecimal() and 1 <= int(k) <= int(n)):
+        raise InputError(f"--shard {text}: must be K/N with K from 1 to N, such as 2/10")
+    return int(k), int(n)
+
+
+def first_trajectories(text: str) -> int:
+    """How many trials "100", "all" or "none" ask to record. Raises InputError."""
+    if text not in ("all", "none") and not text.isdecimal():
+        raise InputError(f"--trajectories {text}: must be a number, all or none")
+    return ALL if text == "all" else 0 if text == "none" else int(text)
+
+
+def _numbers(study: Study, shard: tuple[int, int] | None) -> np.ndarray:
+    """(n,) numbers of the trials, ascending as far as the study numbers them so."""
+    count = int(np.prod([len(levels) for levels in study.grid.values()])) if study.method == "grid" else study.trials
+    numbers = np.array(study.numbers or range(count), np.int64)
+    return numbers if shard is None else numbers[numbers % shard[1] == shard[0] - 1]
+
+
+def _part(study: Study, shard: tuple[int, int] | None) -> Iterator[tuple[np.ndarray, Array]]:
+    for numbers, x in study.blocks():
+        mine = slice(None) if shard is None else numbers % shard[1] == shard[0] - 1
+        yield numbers[mine], x[mine]
+
+
+def _search(study: Study, dispatch: Dispatch) -> Any:
     response, count = study.responses[0], 0
 
     def function(x: Array) -> Array:
         nonlocal count
-        rows = pool.values(np.atleast_2d(x), count)
+        points = np.atleast_2d(x)
+        numbers = np.arange(count, count + len(points))
+        dispatch.finish([(numbers, points)], len(points))
+        rows = [row for row in map(dispatch.ledger.row, numbers.tolist()) if row is not None]
         count += len(rows)
-        for row, point in zip(rows, np.atleast_2d(x), strict=True):
+        for row, point in zip(rows, points, strict=True):
             if not np.array_equal(row.inputs, point):
                 raise InputError("the ledger holds other points than this search asks for; name a new folder with --out")
         return np.array([_response(row.outcome, response, row.trial) for row in rows])
@@ -239,43 +265,23 @@ def _response(outcome: Outcome, name: str, trial: int) -> float:
     return outcome.metrics[name]
 
 
-def _tables(study: Study, rows: Sequence[Row]) -> tuple[pd.DataFrame, pd.DataFrame]:
-    import pandas as pd
-
-    keys: dict[str, None] = {}
-    for row in rows:
-        keys.update(dict.fromkeys(row.outcome.metrics))
-    columns: dict[str, Any] = {
-        "trial": [r.trial for r in rows],
-        "status": [r.outcome.status for r in rows],
-        "message": [r.outcome.message for r in rows],
-    }
-    for k, heading in enumerate(study.headings):
-        columns[heading] = [float(r.inputs[k]) for r in rows]
-    for key in keys:
-        columns[key] = [r.outcome.metrics.get(key, np.nan) for r in rows]
-    timing = {
-        "trial": columns["trial"],
-        "wall_s": [r.outcome.wall for r in rows],
-        "worker": [r.worker for r in rows],
-        "attempts": [r.outcome.attempts for r in rows],
-    }
-    return pd.DataFrame(columns), pd.DataFrame(timing)
+def _roles(study: Study, table: pd.DataFrame, found: Any) -> dict[str, int]:
+    """{role: trial} of the first response: the percentiles and extremes of a sample, the trials of a search that gave its levels' values."""
+    done = table[table["status"] == "completed"]
+    response = study.responses[0]
+    if response not in done:
+        return {}
+    values: Mapping[str, float] | None = None
+    if found is not None:
+        values = {f"p{100 * p:g}": v for p, v in getattr(found, "value", {}).items()}
+    return roles(done["trial"].to_numpy(), done[response].to_numpy(float), values)
 
 
-def _write(path: Path, text: str) -> None:
-    try:
-        partial = path.with_name(f".{path.name}")
-        partial.write_text(text, "utf-8")
-        os.replace(partial, path)
-    except OSError as problem:
-        raise EnvironmentProblem(f"{path}: cannot be written: {problem.strerror or problem}; the ledger is valid, continue with --resume") from None
+def _recorded(table: pd.DataFrame, recorder: Trajectories, kept: Mapping[str, int]) -> list[int]:
+    """Trials that have a record: the first, those with a role, and the failed, which have one unless their process was lost."""
+    first = table["trial"][(table["trial"] < recorder.first) & table["status"].isin(("completed", "failed"))]
+    return [*first, *kept.values(), *table["trial"][table["status"] == "failed"]]
 
 
-def replay(folder: Path, study: Study, trial: int) -> tuple[Row, Mapping[str, float]]:
-    """A trial of a finished study once more, in this process: its row and the values it ran with."""
-    with Ledger(folder, study.digest, study.identity) as ledger:
-        row = ledger.row(trial)
-    if row is None:
-        raise InputError(f"{folder}: has no trial {trial}")
-    return row, dict(zip(study.names, row.inputs.tolist(), strict=True))
+def _content(row: Row) -> tuple[Any, ...]:
+    return row.inputs.tobytes(), row.outcome.status, row.outcome.message, row.outcome.metrics

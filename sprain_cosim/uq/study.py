@@ -16,12 +16,13 @@ import hashlib
 import json
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import __version__
 from ..component import Component, Connector
@@ -104,6 +105,15 @@ class Study:
             assert self.table is not None
             return self.table
         raise InputError(f"method {self.method} chooses its trials one after another; there is no sample")
+
+    def blocks(self) -> Iterator[tuple[NDArray[np.int64], Array]]:
+        """The sample piece by piece: numbers (k,) and inputs (k, d). A Monte Carlo study of any size is drawn in constant memory."""
+        if self.method == "monte-carlo":
+            for first, x in sampling.monte_carlo_blocks(self.joint, self.trials, self.seed):
+                yield np.arange(first, first + len(x)), x
+        else:
+            x = self.sample()
+            yield np.array(self.numbers or range(len(x)), np.int64), x
 
     @property
     def identity(self) -> dict[str, Any]:

@@ -1,0 +1,163 @@
+"""The folder of a study: trials.csv, timing.csv, summary.json, study.toml, manifest.json, ledger.sqlite, trajectories/. All but the ledger and the
+trajectories are made from the ledger."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import __version__
+from ..errors import EnvironmentProblem, InputError
+from .codec import decode
+from .ledger import FILE, LOCK, Ledger
+from .study import Study
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+PACKAGES = ("numpy", "scipy", "fmpy", "pandas", "mujoco-core", "numba")
+
+
+def check(folder: Path, resume: bool) -> None:
+    """Raises InputError unless the folder may take the study."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file; name a folder with --out")
+    try:
+        held = {p.name for p in folder.iterdir()} if folder.is_dir() else set[str]()
+    except OSError as problem:
+        raise EnvironmentProblem(f"{folder}: cannot be read: {problem.strerror or problem}") from None
+    if FILE in held and not resume:
+        raise InputError(f"{folder}: holds a study already; continue it with --resume, or name a new folder with --out")
+    if FILE not in held and held - {LOCK}:
+        raise InputError(f"{folder}: holds other files; name a new folder with --out")
+
+
+def load(folder: Path, ledger: Ledger) -> Study:
+    """The study that a ledger was made with. Raises InputError when one of its files is gone or has changed."""
+    study = decode(json.loads(ledger.facts.get("study", "null")))
+    if not isinstance(study, Study):
+        raise InputError(f"{folder}: the ledger does not say what study it belongs to")
+    for name, path in (*study.scenario.fmus.items(), *study.scenario.maps.items()):
+        if not path.is_file():
+            raise InputError(f"{folder}: was made with {name} = {path}, which is gone; put it back")
+    if study.digest != ledger.facts["digest"]:
+        before, now = json.loads(ledger.facts["identity"]), json.loads(json.dumps(study.identity))
+        changed = [f"{key} ({', '.join(_differences(before.get(key), now[key]))})" for key in now if now[key] != before.get(key)]
+        raise InputError(f"{folder}: was made with other {', '.join(changed)}; put back what has changed since")
+    return study
+
+
+def _differences(before: Any, now: Any) -> list[str]:
+    if isinstance(before, dict) and isinstance(now, dict):
+        return [f"{key}: {str(before.get(key))[:12]} then, {str(now.get(key))[:12]} now" for key in now if before.get(key) != now[key]]
+    return [f"{before} then, {now} now"]
+
+
+def manifest(study: Study, command: str, before: Mapping[str, Any]) -> dict[str, Any]:
+    """With what the study was run. `before` is the manifest that stands in the folder, {} for none: it keeps when the study began."""
+    identity = study.identity
+    return {
+        "versions": {"sprain-cosim": __version__, "python": platform.python_version()} | {name: _version(name) for name in PACKAGES},
+        "fmus": {name: {"file": str(path), "sha256": identity["fmus"][name]} for name, path in study.scenario.fmus.items()},
+        "study_digest": study.digest,
+        "seed": study.seed,
+        "platform": platform.platform(),
+        "command": command,
+        "created": before.get("created") or datetime.now(UTC).isoformat(timespec="seconds"),
+        "trials": study.trials,
+        "identity": identity,
+    }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def begin(folder: Path, study: Study, command: str) -> None:
+    """study.toml and manifest.json."""
+    try:
+        before = json.loads((folder / "manifest.json").read_text("utf-8"))
+    except (OSError, ValueError):
+        before = {}
+    write(folder / "study.toml", study.text)
+    write(folder / "manifest.json", json.dumps(manifest(study, command, before), indent=2) + "\n")
+
+
+def tables(study: Study, ledger: Ledger, wanted: np.ndarray | None) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Trials and timing of the ledger's rows whose numbers are `wanted` (None: all), in the order of their numbers."""
+    import pandas as pd
+
+    numbers, _ = ledger.finished()
+    if wanted is not None:
+        numbers = numbers[np.isin(numbers, wanted)]
+    chosen = None if wanted is None else set(numbers.tolist())
+    n, metrics = len(numbers), dict[str, np.ndarray]()
+    inputs = np.empty((n, len(study.names)))
+    wall, attempts = np.empty(n), np.empty(n, np.int64)
+    status, message, worker = [], [], []
+    k = 0
+    for row in ledger.rows():
+        if chosen is not None and row.trial not in chosen:
+            continue
+        o = row.outcome
+        for name, value in o.metrics.items():
+            if name not in metrics:
+                metrics[name] = np.full(n, np.nan)
+            metrics[name][k] = value
+        inputs[k], wall[k], attempts[k] = row.inputs, o.wall, o.attempts
+        status.append(o.status)
+        message.append(o.message)
+        worker.append(row.worker)
+        k += 1
+    columns = {"trial": numbers, "status": status, "message": message} | dict(zip(study.headings, inputs.T, strict=True)) | metrics
+    return pd.DataFrame(columns), pd.DataFrame({"trial": numbers, "wall_s": wall, "worker": worker, "attempts": attempts})
+
+
+def finish(folder: Path, trials: pd.DataFrame, timing: pd.DataFrame, summary: Mapping[str, Any], parquet: bool) -> None:
+    """The exports; the summary is the last, so that it stands for a complete folder."""
+    write(folder / "trials.csv", lambda file: trials.to_csv(file, index=False, lineterminator="\n"))
+    write(folder / "timing.csv", lambda file: timing.to_csv(file, index=False, lineterminator="\n"))
+    if parquet:
+        write(folder / "trials.parquet", lambda file: trials.to_parquet(file, index=False, compression="zstd"), binary=True)
+    write(folder / "summary.json", json.dumps(summary, indent=2, allow_nan=False) + "\n")
+
+
+def write(path: Path, content: str | Callable[[Any], object], binary: bool = False) -> None:
+    """Whole or not at all. Raises EnvironmentProblem."""
+    partial = path.with_name(f".{path.name}")
+    try:
+        with open(partial, "wb" if binary else "w", encoding=None if binary else "utf-8", newline=None if binary else "") as file:
+            if callable(content):
+                content(file)
+            else:
+                file.write(content)
+        os.replace(partial, path)
+    except OSError as problem:
+        partial.unlink(missing_ok=True)
+        raise EnvironmentProblem(f"{path}: cannot be written: {problem.strerror or problem}; the ledger is valid, continue with --resume") from None
+
+
+def summary(folder: Path) -> dict[str, Any]:
+    """summary.json; {} for a folder that is not complete."""
+    try:
+        content = json.loads((folder / "summary.json").read_text("utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def missing(numbers: Sequence[int], limit: int = 5) -> str:
+    """ "3, 7, 8 and 12 more"."""
+    shown = ", ".join(str(n) for n in numbers[:limit])
+    return shown + (f" and {len(numbers) - limit} more" if len(numbers) > limit else "")

@@ -1,0 +1,150 @@
+"""The folder of a study: its trajectories, its shards, a trial of it again; each from the folder alone."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+import sprain_cosim as sc
+from sprain_cosim import runfolder
+from sprain_cosim.cli import cli
+from sprain_cosim.errors import InputError
+from sprain_cosim.uq.ledger import Ledger
+from sprain_cosim.uq.runner import merge, part, replay
+
+TRIALS = 12
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("folder") / "whole"
+    sc.load_study("study6").run(trials=TRIALS, workers=2, out=out, trajectories=4, parquet=True, command="typed")
+    return out
+
+
+def test_trajectories_are_those_of_the_first_and_of_the_percentiles(whole: Path) -> None:
+    summary = json.loads((whole / "summary.json").read_text())
+    roles = {role: trial for role, trial in summary["trajectories"].items() if role != "first"}
+    assert summary["trajectories"]["first"] == 4
+    kept = {int(p.name.removesuffix(".csv.gz")) for p in (whole / "trajectories").iterdir()}
+    assert kept == {0, 1, 2, 3, *roles.values()}
+    trials = pd.read_csv(whole / "trials.csv")
+    response = trials["peak_subtalar_angle_deg"]
+    assert (roles["min"], roles["max"]) == (response.idxmin(), response.idxmax())
+    assert abs(response[roles["p50"]] - response.quantile(0.5)) == (response - response.quantile(0.5)).abs().min()
+    for trial in kept:  # the record belongs to the row
+        record = runfolder.signals(whole / "trajectories" / f"{trial:06d}.csv.gz")
+        assert np.rad2deg(record["plant.subtalar_angle"].max()) == pytest.approx(response[trial], abs=1e-7)
+
+
+def test_a_trajectory_is_laid_out_as_the_signals_of_a_run(whole: Path, tmp_path: Path) -> None:
+    again = replay(whole, 2)
+    assert again.same
+    assert gzip.decompress(again.outcome.trajectory) == gzip.decompress((whole / "trajectories" / "000002.csv.gz").read_bytes())
+    ran = CliRunner().invoke(cli, ["trial", str(whole), "2", "--out", str(tmp_path / "run"), "--json"])
+    assert ran.exit_code == 0, ran.output
+    assert json.loads(ran.stdout)["reproduced"] is True
+    assert (tmp_path / "run" / "signals.csv").read_bytes() == gzip.decompress((whole / "trajectories" / "000002.csv.gz").read_bytes())
+
+
+def test_a_trial_that_no_longer_gives_its_numbers_is_told(whole: Path, tmp_path: Path) -> None:
+    changed = tmp_path / "changed"
+    shutil.copytree(whole, changed)
+    with Ledger(changed, **_facts(changed)) as ledger:
+        values = np.frombuffer(ledger._database.execute("SELECT metrics FROM trials WHERE trial = 5").fetchone()[0]).copy()
+        values[0] = np.nextafter(values[0], 1e9)
+        ledger._database.execute("UPDATE trials SET metrics = ? WHERE trial = 5", (values.tobytes(),))
+    assert not replay(changed, 5).same
+    ran = CliRunner().invoke(cli, ["trial", str(changed), "5"], standalone_mode=False)
+    assert ran.return_value == 1
+    assert "OTHER numbers" in ran.output
+
+
+def _facts(folder: Path) -> dict:
+    with Ledger.read(folder) as ledger:
+        facts = ledger.facts
+    return {"digest": facts["digest"], "identity": json.loads(facts["identity"]), "description": facts["study"]}
+
+
+def test_no_such_trial_and_a_changed_fmu_are_one_line(whole: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no trial 99; it has 12, number 0 to 11"):
+        replay(whole, 99)
+    brace = tmp_path / "brace.fmu"
+    shutil.copy(sc.load_scenario("incline30_brace").fmus["brace"], brace)
+    sc.load_study("study6").replace_fmu("brace", brace).run(trials=2, workers=1, out=tmp_path / "own")
+    brace.write_bytes(sc.load_scenario("incline30").fmus["plant"].read_bytes())
+    with pytest.raises(InputError, match=r"fmus .brace: .* then, .* now"):
+        replay(tmp_path / "own", 0)
+    brace.unlink()
+    with pytest.raises(InputError, match="which is gone"):
+        replay(tmp_path / "own", 0)
+
+
+def test_manifest_says_with_what(whole: Path) -> None:
+    manifest = json.loads((whole / "manifest.json").read_text())
+    study = sc.load_study("study6")
+    assert manifest["study_digest"] == study.digest
+    assert set(manifest["fmus"]) == {"plant", "controller", "brace"}
+    assert set(manifest["fmus"]["plant"]) == {"file", "sha256"}
+    assert (manifest["seed"], manifest["command"]) == (20211208, "typed")
+    assert {"versions", "platform", "created"} <= set(manifest)
+    assert (whole / "study.toml").read_text() == study.text
+
+
+def test_parquet_holds_the_same_table(whole: Path) -> None:
+    pd.testing.assert_frame_equal(pd.read_parquet(whole / "trials.parquet"), pd.read_csv(whole / "trials.csv", keep_default_na=False), check_exact=True)
+
+
+def test_shards_merge_into_the_whole(whole: Path, tmp_path: Path) -> None:
+    study = sc.load_study("study6")
+    folders = [tmp_path / f"part{k}" for k in (1, 2, 3)]
+    for k in (1, 2):
+        study.run(trials=TRIALS, workers=1, out=folders[k - 1], shard=(k, 3), trajectories=4)
+    with pytest.raises(InputError, match="trials 2, 5, 8, 11 are in none of the folders"):
+        merge(folders[:2], tmp_path / "merged")
+    study.run(trials=TRIALS, workers=1, out=folders[2], shard=(3, 3), trajectories=4)
+    merged = merge(folders, tmp_path / "merged")
+    assert (tmp_path / "merged" / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
+    assert merged.summary["trajectories"] == json.loads((whole / "summary.json").read_text())["trajectories"]
+    for role in ("p5", "max"):
+        assert (tmp_path / "merged" / "trajectories" / f"{merged.summary['trajectories'][role]:06d}.csv.gz").is_file()
+    study.run(trials=TRIALS, seed=1, workers=1, out=tmp_path / "other", shard=(3, 3), trajectories=0)
+    with pytest.raises(InputError, match="another study"):
+        merge([*folders[:2], tmp_path / "other"], tmp_path / "mixed")
+
+
+def test_a_search_has_no_parts_and_a_part_is_written_k_of_n(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="has no parts"):
+        sc.load_study("amv6").run(shard=(1, 2), out=tmp_path / "amv")
+    assert part("2/10") == (2, 10)
+    for wrong in ("0/3", "4/3", "1", "a/b", "1/"):
+        with pytest.raises(InputError, match="K/N"):
+            part(wrong)
+
+
+def test_all_trials_of_a_search_are_recorded(tmp_path: Path) -> None:
+    campaign = sc.load_study("amv6").run(workers=2, out=tmp_path / "amv", trajectories=0)
+    kept = sorted((tmp_path / "amv" / "trajectories").iterdir())
+    assert len(kept) == len(campaign.trials)
+    level = campaign.summary["amv"]["levels"]["95"]["value"]
+    row = campaign.trials.set_index("trial").loc[campaign.summary["trajectories"]["p95"]]
+    assert row["peak_subtalar_angle_deg"] == level
+
+
+def test_a_study_survives_its_way_through_json() -> None:
+    from sprain_cosim.uq.codec import decode, encode
+
+    for name in ("study1", "study6", "amv6"):
+        study = sc.load_study(name)
+        again = decode(json.loads(json.dumps(encode(study))))
+        assert again.digest == study.digest
+        assert np.array_equal(again.sample(), study.sample()) if name != "amv6" else again.levels == study.levels
+    with pytest.raises(InputError, match="not known"):
+        decode({"!": "Popen", "args": ["true"]})
