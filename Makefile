@@ -18,6 +18,7 @@ test: build lint
 
 validate: build
 	$(BIN)/python -m pytest -m "long or not long"
+	$(RUN) validate --out $(OUT)/validation
 
 bench: build
 	$(BIN)/python tools/bench.py

@@ -372,6 +372,47 @@ def build(models: tuple[str, ...]) -> None:
 
 
 @cli.command()
+@click.option("--quick", is_flag=True, help="Smaller studies, no long checks: under two minutes on two cores.")
+@click.option("--list", "listed", is_flag=True, help="List the checks and run none.")
+@click.option("--only", multiple=True, metavar="ID", help="An id, a group (paper) or a pattern (uq-0*); may be given more than once.")
+@click.option("--checks", "folder", type=click.Path(path_type=Path), metavar="FOLDER", help="Your own checks: *.toml files.")
+@click.option("--workers", type=click.IntRange(1), help="Worker processes of the studies (default: one per core).")
+@click.option("--strict", is_flag=True, help="Known gaps and checks that could not run fail the validation too.")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for validation.html, validation.json, junit.xml, credibility.md.")
+@click.option("--junit", type=click.Path(path_type=Path), metavar="FILE", help="JUnit XML.")
+@JSON
+def validate(
+    quick: bool,
+    listed: bool,
+    only: tuple[str, ...],
+    folder: Path | None,
+    workers: int | None,
+    strict: bool,
+    out: Path | None,
+    junit: Path | None,
+    as_json: bool,
+) -> int:
+    """Is this installation right, and is it the model of the paper? Exit code 1 when a check fails."""
+    from .validation import output, suite
+    from .validation.laboratory import Laboratory
+
+    checks = suite.select(suite.suite(folder), only)
+    if listed:
+        for check in checks:
+            click.echo(f"{check.id:14}{'quick' if check.quick else 'full':7}{check.title}")
+        return 0
+    if out is not None:
+        output.check_folder(out)
+    report = suite.run(checks, Laboratory(quick, workers), lambda done: click.echo(suite.line(done), err=as_json), only)
+    if out is not None:
+        output.write(report, out)
+    if junit is not None:
+        output.write_text(junit, output.junit(report))
+    click.echo(output.json_text(report).strip() if as_json else f"\n{suite.summary(report)}" + (f"\nwritten: {out}" if out else ""))
+    return 0 if report.passes(strict) else 1
+
+
+@cli.command()
 @JSON
 def doctor(as_json: bool) -> None:
     """Check this installation: libraries, FMUs, caches, one short landing."""

@@ -156,6 +156,12 @@ class Component:
         few = ", ".join(missing[:3]) + (f" and {len(missing) - 3} more" if len(missing) > 3 else "")
         return f"its library lacks the FMI functions {few}; export it with all functions of {self.capabilities.interface}" if missing else ""
 
+    def complaints(self) -> list[str]:
+        """What fmpy's validation finds wrong with the description; nothing is loaded."""
+        from fmpy.validation import validate_fmu
+
+        return [str(problem) for problem in validate_fmu(str(self.fmu))]
+
     def open(self) -> Instance:
         """Loads the FMU's code and instantiates it. Raises SimulationError or EnvironmentProblem."""
         kind = self.capabilities.fmi_version, self.capabilities.model_exchange

@@ -28,6 +28,7 @@ LEVELS = [
     {"uq"},
     {"doctor"},
     {"brace"},
+    {"validation"},
     {"cli"},
     {"__main__", "__init__"},
 ]

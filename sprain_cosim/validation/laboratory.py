@@ -1,0 +1,127 @@
+"""What checks measure with: landings and studies that are run once and shared, the summary figures, and what this machine has."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import cache, cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import SimulationError
+from ..scenario import PACKAGE, Scenario, Value, load_scenario
+from ..uq.study import Study, load_study
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from ..result import Result
+    from ..uq.runner import Campaign
+
+QUICK_TRIALS = 200  # of each study
+MILLISECOND = 1e-3
+
+
+class Laboratory:
+    """`quick`: smaller studies; `workers` processes for studies; `reference` the folder of trajectories and trials that users do not have."""
+
+    def __init__(self, quick: bool = False, workers: int | None = None, reference: Path | None = None) -> None:
+        self.quick, self.workers = quick, workers
+        self.reference = reference or Path(os.environ.get("SPRAIN_REFERENCE", PACKAGE.parent.parent / "shared" / "reference"))
+        self._runs: dict[Any, Result] = {}
+        self._campaigns: dict[str, Campaign] = {}
+
+    @cached_property
+    def figures(self) -> dict[str, Any]:
+        """Content of figures.toml."""
+        return tomllib.loads((Path(__file__).parent / "figures.toml").read_text("utf-8"))
+
+    def run(
+        self, name: str, overrides: Mapping[str, Value] | None = None, step: str | None = None, scheme: str | None = None, stop: str | None = None
+    ) -> Result:
+        """A shipped scenario with other parameters; the same request is answered from memory. Raises SimulationError when it fails."""
+        key = name, tuple(sorted((overrides or {}).items())), step, scheme, stop
+        if key not in self._runs:
+            self._runs[key] = self.land(scenario(name, overrides), step, scheme, stop)
+        return self._runs[key]
+
+    @staticmethod
+    def land(chosen: Scenario, step: str | None = None, scheme: str | None = None, stop: str | None = None) -> Result:
+        result = chosen.with_master(scheme, step, stop).run()
+        if result.status != "completed":
+            raise SimulationError(result.message)
+        return result
+
+    def campaign(self, name: str) -> Campaign:
+        """A shipped study, with fewer trials in a quick run. A search runs as it is."""
+        if name not in self._campaigns:
+            study = self.study(name)
+            trials = QUICK_TRIALS if self.quick and study.method == "monte-carlo" else None
+            self._campaigns[name] = study.run(trials=trials, workers=self.workers)
+        return self._campaigns[name]
+
+    @staticmethod
+    def study(name: str) -> Study:
+        return load_study(name)
+
+    @cache  # noqa: B019 - lives as long as the laboratory
+    def table(self, name: str) -> pd.DataFrame:
+        """A table of the reference folder."""
+        import pandas as pd
+
+        return pd.read_csv(self.reference / name)
+
+    def missing(self, need: str) -> str:
+        """Why `need` is not there, or ''."""
+        return NEEDS[need](self)
+
+
+def scenario(name: str, overrides: Mapping[str, Value] | None = None) -> Scenario:
+    """A shipped scenario with other parameters; one for the brace adds the paper's brace where the scenario has none."""
+    chosen = load_scenario(name)
+    if any(key.startswith("brace.") for key in overrides or {}) and "brace" not in chosen.fmus:
+        chosen = chosen.replace_fmu("brace", PACKAGE / "_fmus" / "brace_bushing.fmu")
+    for key, value in (overrides or {}).items():
+        chosen = chosen.override(key, value)
+    return chosen
+
+
+def every_millisecond(result: Result) -> Result:
+    """The record at whole milliseconds only, as the reference landings are sampled."""
+    stride = round(MILLISECOND / (result.time[1] - result.time[0]))
+    return replace(result, time=result.time[::stride], values=result.values[::stride])
+
+
+def rms(difference: Any) -> float:
+    return float(np.sqrt(np.mean(np.square(np.asarray(difference, float)))))
+
+
+def _compiler(_: Laboratory) -> str:
+    return "" if shutil.which("gcc") or shutil.which("cc") else "no C compiler (gcc) on this machine"
+
+
+def _reference(laboratory: Laboratory) -> str:
+    there = (laboratory.reference / "landing" / "index.csv").is_file()
+    return "" if there else f"no reference trajectories and trials in {laboratory.reference} (set SPRAIN_REFERENCE)"
+
+
+def _clone(_: Laboratory) -> str:
+    return "" if (PACKAGE.parent / "fmus" / "plant" / "interface.py").is_file() else "needs a clone: the FMUs' sources are not installed"
+
+
+def _module(name: str, extra: str) -> Callable[[Laboratory], str]:
+    return lambda _: "" if importlib.util.find_spec(name) else f"{name} is not installed; pip install 'sprain-cosim[{extra}]'"
+
+
+NEEDS: dict[str, Callable[[Laboratory], str]] = {
+    "compiler": _compiler,
+    "reference": _reference,
+    "clone": _clone,
+    "openturns": _module("openturns", "reliability"),
+}

@@ -1,0 +1,158 @@
+"""A foot (inertia I) and a spring-damper that hold each other, as two components of the master: a split oscillator whose motion is known.
+
+I dw/dt = -k x - kappa x³ - c w - d w, the terms in k, kappa and c from the device, d in the foot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from ..component import Capabilities, Component, Connector
+from ..errors import SimulationError
+from ..master import Master
+from ..result import Result
+from ..system import System, connect
+from ..units import unit
+
+INERTIA = 0.005  # kg·m²
+START = np.array([0.1, 0.0])  # rad, rad/s
+DAMPING = 0.2  # N·m·s/rad in the foot
+UNITS = {"angle": "rad", "velocity": "rad/s", "torque": "N.m", "stiffness": "N.m/rad", "damping": "N.m.s/rad"}
+Numbers = dict[str, float]
+
+
+@dataclass(frozen=True)
+class Device:
+    """k [N·m/rad], c [N·m·s/rad], kappa [N·m/rad³]."""
+
+    stiffness: float
+    damping: float = 0.0
+    cubic: float = 0.0
+
+    def torque(self, angle: Any, velocity: Any) -> Any:
+        return -self.stiffness * angle - self.cubic * angle**3 - self.damping * velocity
+
+
+@dataclass(frozen=True)
+class Part(Component):
+    """A component that lives in this process: `advance(state, inputs, step)` and `output(state, inputs)` in place of a library."""
+
+    advance: Callable[[np.ndarray, Numbers, float], np.ndarray] = lambda state, inputs, step: state
+    output: Callable[[np.ndarray, Numbers], Sequence[float]] = lambda state, inputs: state.tolist()
+
+    def open(self) -> Running:
+        return Running(self)
+
+
+def _part(name: str, inputs: Sequence[str], outputs: Sequence[str], direct: bool, **laws: Any) -> Part:
+    """`direct`: the outputs follow the inputs at once."""
+    connectors = {n: Connector(n, 0, "input", "real", unit(UNITS[n.rpartition("_")[2]])) for n in inputs}
+    connectors |= {n: Connector(n, 0, "output", "real", unit(UNITS[n.rpartition("_")[2]]), depends_on=None if direct else ()) for n in outputs}
+    return Part(name, Path(), "", connectors, Capabilities("2.0", state=True, reusable=True), "", "", "", **laws)
+
+
+class Running:
+    """Implements component.Instance; a part has no parameters, nothing to free, and nothing else to look at."""
+
+    def __init__(self, part: Part) -> None:
+        self.part = part
+        self.reset()
+
+    def bind(self, bus: np.ndarray, inputs: Sequence[str], first_input: int, outputs: Sequence[str], first_output: int, echoing: int) -> None:
+        self.bus, self.names, self.wanted = bus, list(inputs), list(outputs)
+        self.given, self.gives = slice(first_input, first_input + len(inputs)), slice(first_output, first_output + len(outputs))
+
+    def set(self, values: Mapping[str, float]) -> None: ...
+    def start(self, time: float, stop: float) -> None: ...
+    def finish_start(self) -> None: ...
+    def watch(self, names: Sequence[str], seen: np.ndarray) -> None: ...
+    def look(self) -> None: ...
+    def release(self, state: Any) -> None: ...
+    def close(self) -> None: ...
+
+    def reset(self) -> None:
+        self.state, self.inputs = START.copy(), dict.fromkeys(self.part.inputs, 0.0)
+
+    def push(self) -> None:
+        self.inputs.update(zip(self.names, self.bus[self.given].tolist(), strict=True))
+
+    def pull(self) -> None:
+        values = dict(zip(self.part.outputs, self.part.output(self.state, self.inputs), strict=True))
+        self.bus[self.gives] = [values[name] for name in self.wanted]
+
+    pull_states = pull_echoes = pull
+
+    def step(self, time: float, step: float) -> None:
+        self.state = self.part.advance(self.state, self.inputs, step)
+
+    def save(self) -> Any:
+        return self.state.copy()
+
+    def restore(self, state: Any) -> None:
+        self.state = state.copy()
+
+
+@lru_cache(maxsize=256)
+def _transition(k: float, c: float, step: float) -> np.ndarray:
+    """(2, 3): angle, velocity and a constant torque to angle and velocity one step later."""
+    return expm(step * np.array([[0, 1, 0], [-k / INERTIA, -c / INERTIA, 1 / INERTIA], [0, 0, 0]]))[:2]
+
+
+def _foot(damping: float) -> Part:
+    """Solves its own equation exactly over every step, the torque and its hand-over as given at the step's start."""
+
+    def advance(state: np.ndarray, inputs: Numbers, step: float) -> np.ndarray:
+        k, c = inputs["brace_subtalar_stiffness"], inputs["brace_subtalar_damping"]
+        force = inputs["brace_subtalar_torque"] + k * state[0] + c * state[1]
+        return _transition(k, c + damping, step) @ np.array([*state, force])
+
+    inputs = [f"brace_subtalar_{kind}" for kind in ("torque", "stiffness", "damping")]
+    return _part("plant", inputs, ["subtalar_angle", "subtalar_velocity"], False, advance=advance)
+
+
+def _device(device: Device) -> Part:
+    def output(state: np.ndarray, inputs: Numbers) -> Sequence[float]:
+        x, w = inputs["subtalar_angle"], inputs["subtalar_velocity"]
+        return [device.torque(x, w), device.stiffness + 3 * device.cubic * x * x, device.damping]
+
+    outputs = [f"subtalar_{kind}" for kind in ("torque", "stiffness", "damping")]
+    return _part("brace", ["subtalar_angle", "subtalar_velocity"], outputs, True, output=output)
+
+
+def swing(scheme: str, step: float, device: Device, damping: float = DAMPING, stop: float = 0.1) -> Result:
+    """The coupled motion. Raises SimulationError when the run fails."""
+    parts = (_foot(damping), _device(device))
+    result = Master(communication_step=step, stop=stop, scheme=scheme).run(System(parts, connect(parts, {})[0]).open(), {})
+    if result.status != "completed":
+        raise SimulationError(result.message)
+    return result
+
+
+def exact(times: np.ndarray, device: Device, damping: float = DAMPING) -> np.ndarray:
+    """(n,) angle [rad] at the evenly spaced `times`: matrix exponential for a linear device, else an integration with tolerance 1e-11."""
+    if not device.cubic:
+        onward, state, angles = _transition(device.stiffness, device.damping + damping, times[1])[:, :2], START, [START[0]]
+        for _ in times[1:]:
+            state = onward @ state
+            angles.append(state[0])
+        return np.array(angles)
+    return solve_ivp(
+        lambda t, y: [y[1], (device.torque(y[0], y[1]) - damping * y[1]) / INERTIA], (0, times[-1]), START, t_eval=times, rtol=1e-11, atol=1e-13
+    ).y[0]
+
+
+def order(scheme: str, steps: np.ndarray, device: Device) -> float:
+    """Order of convergence of the angle's RMS error over `steps` [s]."""
+    errors = []
+    for h in steps:
+        result = swing(scheme, h, device)
+        errors.append(np.sqrt(np.mean((result["plant.subtalar_angle"] - exact(result.time, device)) ** 2)))
+    return float(np.polyfit(np.log(steps), np.log(errors), 1)[0])

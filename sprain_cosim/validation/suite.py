@@ -1,0 +1,135 @@
+"""The suite: our checks and a user's own, run one after the other; what came of them.
+
+Exit code: a failed check is 1. Known gaps and checks that could not run do not fail a run, are never counted as passed, and stand in every
+output with their reason; `strict` lets them fail it too.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import os
+import platform
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from .. import __version__
+from ..errors import InputError, SprainError, nearest
+from . import code, custom, fmi, paper, plant, uncertainty
+from .check import FAIL, GAP, NOT_RUN, PASS, STATUSES, Check, Outcome, judge
+from .laboratory import Laboratory
+
+Told = Callable[[Outcome], None]
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a run of the suite found."""
+
+    outcomes: tuple[Outcome, ...]
+    quick: bool
+    seconds: float
+    created: str
+    environment: dict[str, str] = field(default_factory=dict)
+
+    def count(self, status: str) -> int:
+        return sum(o.status == status for o in self.outcomes)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        return {status: self.count(status) for status in STATUSES}
+
+    def passes(self, strict: bool = False) -> bool:
+        return not self.count(FAIL) and not (strict and (self.count(GAP) or self.count(NOT_RUN)))
+
+    def as_dict(self) -> dict[str, Any]:
+        rows = [o.status_of(row) for o in self.outcomes for row in o.rows]
+        return {
+            "status": "passed" if self.passes() else "failed",
+            "quick": self.quick,
+            "counts": self.counts,
+            "numbers": {status: rows.count(status) for status in STATUSES[:3]},
+            "seconds": round(self.seconds, 1),
+            "created": self.created,
+            "environment": self.environment,
+            "checks": [o.as_dict() for o in self.outcomes],
+        }
+
+
+def suite(folder: Path | None = None) -> list[Check]:
+    """All checks in the order of their ids' groups; those of a user's `folder` last. Raises InputError for the folder's files."""
+    found = [*code.checks(), *plant.checks(), *uncertainty.checks(), *fmi.checks(), *paper.checks()]
+    return found + (custom.read(folder) if folder is not None else [])
+
+
+def select(checks: Sequence[Check], only: Sequence[str]) -> list[Check]:
+    """Those named: an id, a group such as `paper`, or a pattern such as `uq-0*`. Raises InputError for a name that names none."""
+    if not only:
+        return list(checks)
+    chosen = set()
+    for name in only:
+        matching = {c.id for c in checks if c.group == name or fnmatch.fnmatchcase(c.id, name)}
+        if not matching:
+            raise InputError(f"--only {name}: no check of that id or group{nearest(name, [*(c.id for c in checks), *(c.group for c in checks)])}")
+        chosen |= matching
+    return [c for c in checks if c.id in chosen]
+
+
+def run(checks: Sequence[Check], laboratory: Laboratory, told: Told | None = None, named: Collection[str] = ()) -> Report:
+    """Runs the checks; `told` hears every outcome at once. A quick run leaves long checks out unless their id is among the `named`."""
+    began, outcomes = perf_counter(), []
+    for check in checks:
+        outcomes.append(_outcome(check, laboratory, check.id in named))
+        if told:
+            told(outcomes[-1])
+    return Report(tuple(outcomes), laboratory.quick, perf_counter() - began, datetime.now(UTC).isoformat(timespec="seconds"), environment())
+
+
+def _outcome(check: Check, laboratory: Laboratory, named: bool) -> Outcome:
+    if laboratory.quick and not check.quick and not named:
+        return Outcome(check, NOT_RUN, reason="left out of --quick")
+    lacks = [reason for reason in map(laboratory.missing, check.needs) if reason]
+    if lacks:
+        return Outcome(check, NOT_RUN, reason="; ".join(lacks))
+    began = perf_counter()
+    try:
+        rows = check.measure(laboratory)
+    except SprainError as problem:
+        return Outcome(check, FAIL, reason=f"could not be measured: {problem}", seconds=perf_counter() - began)
+    except Exception as problem:  # one broken check must not hide the others
+        return Outcome(check, FAIL, reason=f"could not be measured: {type(problem).__name__}: {problem}", seconds=perf_counter() - began)
+    return judge(check, rows, perf_counter() - began)
+
+
+def environment() -> dict[str, str]:
+    """Versions and machine that a reader of the report needs."""
+    import numpy
+    import scipy
+
+    return {
+        "sprain-cosim": __version__,
+        "python": platform.python_version(),
+        "numpy": numpy.__version__,
+        "scipy": scipy.__version__,
+        "platform": platform.platform(),
+        "cores": str(os.cpu_count()),
+    }
+
+
+def line(outcome: Outcome) -> str:
+    """One line of a listing."""
+    worst, figure = outcome.worst, ""
+    if worst is not None:
+        figure = f"  {worst.label}: {worst.value:.5g} against {worst.expected:.5g} ± {worst.tolerance:.2g} {worst.unit}".rstrip()
+    text = f"{outcome.status:10} {outcome.check.id:13} {outcome.check.title}  [{outcome.seconds:.1f} s, {len(outcome.rows)} numbers]"
+    detail = outcome.reason if outcome.status != PASS else f"closest to its bound:{figure}"
+    return f"{text}\n{'':25}{detail}"
+
+
+def summary(report: Report) -> str:
+    counts = ", ".join(f"{n} {status}" for status, n in report.counts.items())
+    rows = sum(len(o.rows) for o in report.outcomes)
+    return f"{len(report.outcomes)} checks with {rows} numbers in {report.seconds:.0f} s: {counts}"
