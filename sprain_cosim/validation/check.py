@@ -71,7 +71,7 @@ class Check:
 
     @property
     def group(self) -> str:
-        return self.id.rpartition("-")[0]
+        return self.id.partition("-")[0]
 
 
 @dataclass(frozen=True)
