@@ -16,6 +16,7 @@ from .errors import InputError, SimulationError, SprainError
 
 OUT = click.option("--out", type=click.Path(path_type=Path), help="Folder for signals, summary and figure.")
 JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
+ISOLATE = click.option("--isolate", is_flag=True, help="Every FMU in a process of its own: a crash or a hang ends the run, not this program.")
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -32,6 +33,7 @@ def cli() -> None:
 @click.option("--scheme", help="auto, jacobi, gauss-seidel, gauss-seidel-extrapolated, iterative, impedance.")
 @click.option("--step", metavar='"0.5 ms"', help="Communication step.")
 @click.option("--check-coupling", is_flag=True, help="Run again at half the step and report the change of every metric.")
+@ISOLATE
 @OUT
 @JSON
 def run(
@@ -42,6 +44,7 @@ def run(
     scheme: str | None,
     step: str | None,
     check_coupling: bool,
+    isolate: bool,
     out: Path | None,
     as_json: bool,
 ) -> None:
@@ -56,6 +59,8 @@ def run(
         name, value = _pair(text, "--set", "COMPONENT.PARAMETER=VALUE")
         chosen = chosen.override(name, parse_value(value))
     chosen = chosen.with_master(scheme, step)
+    if isolate:
+        chosen = chosen.isolated()
     for warning in chosen.warnings:
         click.echo(f"warning: {warning}", err=True)
     if out is not None:
@@ -107,6 +112,7 @@ def _print_table(title: str, summary: dict[str, Any], result: Any) -> None:
 @click.option("--workers", type=click.IntRange(1), help="Worker processes (default: one per core).")
 @click.option("--scheduler", metavar="ADDRESS", help="Run on Dask: tcp://host:8786, or local-cluster.")
 @click.option("--shard", metavar="K/N", help="Run the K-th of N parts; `merge` joins them.")
+@ISOLATE
 @click.option("--resume", is_flag=True, help="Continue what --out holds.")
 @click.option("--max-failed", default="1%", show_default=True, help="Share of failed trials that is accepted.")
 @click.option("--trajectories", default="100", show_default=True, metavar="N|all|none", help="Record the first N trials besides percentile and failed ones.")
@@ -126,6 +132,7 @@ def study(
     workers: int | None,
     scheduler: str | None,
     shard: str | None,
+    isolate: bool,
     resume: bool,
     max_failed: str,
     trajectories: str,
@@ -148,6 +155,8 @@ def study(
     for pair in settings:
         name, value = _pair(pair, "--set", "COMPONENT.PARAMETER=VALUE")
         chosen = chosen.override(name, parse_value(value))
+    if isolate:
+        chosen = chosen.isolated()
     if inputs is not None:
         if method not in (None, "table") or trials is not None:
             raise InputError("--inputs: its rows are the trials; leave --method and --trials out")

@@ -21,6 +21,7 @@ from typing import Any, Self
 from .component import Component
 from .coupling import check_scheme
 from .errors import EnvironmentProblem, InputError, SimulationError, nearest
+from .isolated import isolated
 from .mapping import read_component
 from .master import Master
 from .result import Result
@@ -54,7 +55,8 @@ def shipped_fmus() -> list[str]:
 @dataclass(frozen=True)
 class Scenario:
     """`fmus` {component: FMU file} in stepping order, `maps` {component: mapping file}, `parameters` and `connections` as in the file, `source`
-    where it came from."""
+    where it came from. `isolate` names the components that run in a process of their own; those whose
+    modules could clash always do."""
 
     title: str
     fmus: Mapping[str, Path]
@@ -65,6 +67,7 @@ class Scenario:
     warnings: tuple[str, ...] = ()
     dropped: tuple[str, ...] = ()
     maps: Mapping[str, Path] = field(default_factory=dict)
+    isolate: tuple[str, ...] = ()
 
     def override(self, parameter: str, value: Value) -> Self:
         """The same scenario with another value. Raises InputError when it has no such parameter or the value does not fit."""
@@ -88,6 +91,7 @@ class Scenario:
         warning = (f"{name}: {path.name} has no {', '.join(k.partition('.')[2] for k in lost)}; the scenario's value is dropped",) if lost else ()
         return replace(
             self,
+            title=f"{self.title} · {name} = {path.name}",
             fmus={**self.fmus, name: path},
             maps=maps,
             parameters={k: v for k, v in self.parameters.items() if k not in lost},
@@ -117,6 +121,10 @@ class Scenario:
         if stop is not None:
             master = replace(master, stop=quantity(stop, SECOND, "stop"))
         return replace(self, master=master)
+
+    def isolated(self, *names: str) -> Self:
+        """The same with these components (default: all) in a process of their own: a crash or a hang then ends the run, not this process."""
+        return replace(self, isolate=names or tuple(self.fmus))
 
     def recording(self, *patterns: str) -> Self:
         """The same, with these local variables of its FMUs in the result besides inputs and outputs: "plant.*", "plant.*_fibre_length"."""
@@ -148,7 +156,8 @@ class Scenario:
         components, unreadable = list[Component](), list[str]()
         for name, path in self.fmus.items():
             try:
-                components.append(read_component(name, path, self.maps.get(name)))
+                component = read_component(name, path, self.maps.get(name))
+                components.append(isolated(component) if name in self.isolate or component.capabilities.shared_modules else component)
             except InputError as problem:
                 unreadable.append(f"components.{name}: {problem}")
         problems_to_error(self.source, unreadable)

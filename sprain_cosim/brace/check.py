@@ -77,6 +77,8 @@ def check_brace(fmu: Path | str, mapping: Path | str | None = None) -> Report:
         raise InputError(f"{fmu}: {unusable}")
     found = load_mapping(mapping) if mapping is not None else carried(component)
     report = Report(str(fmu), component.capabilities.interface, component.capabilities.tool)
+    if component.capabilities.shared_modules:
+        report.notes.append("its Python modules could clash with another FMU's: a run gives it a process of its own")
     if found is not None:
         component, report.mapping = found.apply(component), found.source
     axes = _contract(component, report)

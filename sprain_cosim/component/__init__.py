@@ -25,6 +25,7 @@ from ..units import Unit, quantity
 from . import library
 
 OWN_TOOL = "sprain-cosim"
+PYTHON_SLAVE = "resources/slavemodule.txt"  # what PythonFMU and PythonFMU3 put into their FMUs
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,8 @@ class Connector:
 @dataclass(frozen=True)
 class Capabilities:
     """What the FMU declares. `fixed_step` [s] is its own step where it cannot take another one; `states` and `event_indicators` count those of
-    an FMI 2 model exchange FMU; `reusable`: its reset is known to work."""
+    an FMI 2 model exchange FMU; `reusable`: its reset is known to work; `shared_modules`: its Python modules have names that another FMU's may
+    have as well, so it needs a process of its own."""
 
     fmi_version: str
     fixed_step: float | None = None
@@ -84,6 +86,7 @@ class Capabilities:
     model_exchange: bool = False
     states: int = 0
     event_indicators: int = 0
+    shared_modules: bool = False
 
     @property
     def interface(self) -> str:
@@ -230,7 +233,7 @@ def _describe(sha256: str, description: bytes, names: tuple[str, ...]) -> tuple[
         raise InputError(f"modelDescription.xml is not valid: {first_line(problem)}") from None
     version = ".".join(md.fmiVersion.split(".")[:2])
     chosen = _interface(md, version)
-    if chosen.needsExecutionTool:
+    if chosen.needsExecutionTool and PYTHON_SLAVE not in names:  # PythonFMU says so of Python itself
         raise InputError(f"needs its authoring tool ({md.generationTool or 'unnamed'}) at run time; export it with the tool's stand-alone option")
     platform = fmpy.platform_tuple if version == "3.0" else fmpy.platform
     binary = f"binaries/{platform}/{chosen.modelIdentifier}{fmpy.sharedLibraryExtension}"
@@ -294,6 +297,7 @@ def _describe(sha256: str, description: bytes, names: tuple[str, ...]) -> tuple[
         md.coSimulation is None,
         md.numberOfContinuousStates,
         md.numberOfEventIndicators,
+        shared_modules=PYTHON_SLAVE in names and tool != OWN_TOOL,
     )
     return connectors, capabilities, chosen.modelIdentifier, md.guid, binary, tuple(warnings)
 

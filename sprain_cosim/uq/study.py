@@ -234,6 +234,10 @@ class Study:
             table[:, k] = columns[name] if name in columns and (gridded or not marginal.is_fixed) else marginal.mean
         return replace(self, method="table", table=table, numbers=tuple(numbers), trials=len(rows), marginals=varied, correlation=None, grid={})
 
+    def isolated(self) -> Self:
+        """The same with every FMU in a process of its own beside its worker."""
+        return replace(self, scenario=self.scenario.isolated())
+
     def with_inputs(self, path: Path) -> Self:
         """Method table: the rows of a CSV file with header `component.parameter [unit]`, an optional column `trial` numbering them.
 
