@@ -350,10 +350,12 @@ def from_csv(table: Path, output: Path | None) -> None:
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="Where figures/ goes (default: the first folder).")
 def plot(folders: tuple[Path, ...], out: Path | None) -> None:
-    """Draw the runs of one or more FOLDERS over each other."""
-    from . import runfolder
+    """Draw what the FOLDERS of runs, studies and comparisons hold, over each other: PNG and SVG, one journal column wide."""
+    from . import folders as results
+    from . import gallery
 
-    click.echo(f"written: {runfolder.plot(folders, out or folders[0])}")
+    for path in gallery.write(results.read_all(folders), out or folders[0]):
+        click.echo(f"written: {path}")
 
 
 @cli.command()

@@ -43,7 +43,7 @@ def check(folder: Path) -> None:
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file; name a folder")
     if folder.is_dir():
-        strangers = sorted(p.name for p in folder.iterdir() if p.name not in (*FILES, "figures"))
+        strangers = sorted(p.name for p in folder.iterdir() if p.name not in (*FILES, "figures", "report.html", "animation.webp"))
         if strangers:
             raise InputError(f"{folder}: holds other files ({', '.join(strangers[:3])}); name a new folder")
 
@@ -56,10 +56,7 @@ def write(folder: Path, scenario: Scenario, result: Result, summary: dict[str, A
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "summary.json").unlink(missing_ok=True)
         _replace(folder / "signals.csv", result.csv().encode())
-        figure = plots.landing([(scenario.title, result)], _note(summary))
-        with open(folder / ".landing.png", "wb") as file:
-            figure.savefig(file, dpi=150, format="png", metadata={"Software": None})
-        os.replace(folder / ".landing.png", folder / "landing.png")
+        _replace(folder / "landing.png", plots.picture(plots.landing([(scenario.title, result)], note([summary])), "png"))
         _replace(folder / "summary.json", (json.dumps(summary, indent=2, allow_nan=False) + "\n").encode())
     except OSError as problem:
         raise EnvironmentProblem(f"{folder}: cannot be written: {problem.strerror or problem}") from None
@@ -69,49 +66,43 @@ def read(folder: Path) -> tuple[dict[str, Any], Result]:
     """Raises InputError when the folder holds no complete run."""
     try:
         head = json.loads((folder / "summary.json").read_text("utf-8"))
-        record = signals(folder / "signals.csv")
     except FileNotFoundError:
         raise InputError(f"{folder}: no complete run in it; make one with `sprain-cosim run SCENARIO --out {folder}`") from None
     except (ValueError, OSError) as problem:
         raise InputError(f"{folder}: cannot be read: {problem}") from None
+    missing = [key for key in ("status", "message", "scheme", "title") if not isinstance(head, dict) or key not in head]
+    if missing:
+        raise InputError(f"{folder}: not a folder of `sprain-cosim run`: summary.json lacks {missing[0]}")
+    record = signals(folder / "signals.csv")
     return head, replace(record, status=head["status"], message=head["message"], scheme=head["scheme"])
 
 
 def signals(source: Path | IO[bytes]) -> Result:
-    """The record of a signals.csv, also of one of a study's trajectories (csv.gz)."""
+    """The record of a signals.csv, also of one of a study's trajectories (csv.gz). Raises InputError when it is none."""
     import pandas as pd
 
-    table = pd.read_csv(source, index_col=0)
-    names, units = zip(*(str(c).removesuffix("]").rsplit(" [", 1) for c in table.columns), strict=True)
-    return Result(
-        time=table.index.to_numpy(float),
-        values=table.to_numpy(float),
-        names=names,
-        units=tuple(None if u == "?" else Unit(u) for u in units),
-        status="completed",
-        message="",
-        scheme="",
-    )
-
-
-def plot(folders: Sequence[Path], out: Path) -> Path:
-    """One figure of all runs, written to `out`/figures/landing.png."""
-    from . import plots
-
-    runs = [read(folder) for folder in folders]
-    figure = plots.landing([(head["title"], result) for head, result in runs], _note(runs[0][0]))
-    target = out / "figures" / "landing.png"
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(target, dpi=150, metadata={"Software": None})
-    except OSError as problem:
-        raise EnvironmentProblem(f"{target}: cannot be written: {problem.strerror or problem}") from None
-    return target
+        table = pd.read_csv(source, index_col=0)
+        names, units = zip(*(str(c).removesuffix("]").rsplit(" [", 1) for c in table.columns), strict=True)
+        time, values = table.index.to_numpy(float), table.to_numpy(float)
+    except FileNotFoundError:
+        raise InputError(f"{source}: no such file; make the run again with --out") from None
+    except (ValueError, EOFError, OSError) as problem:
+        raise InputError(f"{source}: cannot be read: {problem}") from None
+    known = tuple(None if u == "?" else Unit(u) for u in units)
+    return Result(time=time, values=values, names=names, units=known, status="completed", message="", scheme="")
 
 
-def _note(head: dict[str, Any]) -> str:
-    pose = f"initial pose {head['initial_pose']}, " if head["initial_pose"] else ""
-    return f"{head['scenario']}: {pose}{head['scheme']} coupling every {1e3 * head['communication_step_s']:g} ms"
+def note(heads: Sequence[dict[str, Any]]) -> str:
+    """What stands below a figure: initial pose and coupling."""
+
+    def all_of(texts: list[str]) -> str:
+        return " and ".join(dict.fromkeys(texts))
+
+    pose = all_of([head["initial_pose"] for head in heads if head.get("initial_pose")])
+    steps = all_of([f"{1e3 * head['communication_step_s']:g}" for head in heads])
+    coupling = f"{all_of([head['scheme'] for head in heads])} coupling every {steps} ms"
+    return f"{f'Initial pose: {pose}; ' if pose else ''}{coupling}."
 
 
 def _replace(path: Path, data: bytes) -> None:

@@ -218,7 +218,7 @@ def _check(folder: Path, names: Sequence[str], study: bool, resume: bool) -> Non
         raise InputError(f"{folder}: is a file; name a folder with --out")
     if not folder.is_dir():
         return
-    strangers = sorted(p.name for p in folder.iterdir() if p.name not in (*names, "compare.json", "figures"))
+    strangers = sorted(p.name for p in folder.iterdir() if p.name not in (*names, "compare.json", "figures", "report.html", "animation.webp"))
     if strangers:
         raise InputError(f"{folder}: holds other files ({', '.join(strangers[:3])}); name a new folder with --out")
     if study and not resume and any((folder / n).exists() for n in names):

@@ -91,7 +91,7 @@ BAD = [
     (["run", "incline30", "--nonsense"], ["--nonsense"]),
     (["run"], ["SCENARIO"]),
     (["jump"], ["jump"]),
-    (["plot", "nowhere"], ["nowhere", "no complete run"]),
+    (["plot", "nowhere"], ["nowhere", "no such folder"]),
 ]
 
 

@@ -30,6 +30,9 @@ LEVELS = [
     {"doctor"},
     {"brace"},
     {"validation"},
+    {"folders"},
+    {"gallery"},
+    {"report"},
     {"cli"},
     {"__main__", "__init__"},
 ]

@@ -1,0 +1,222 @@
+"""Figures of studies: distributions, the advanced mean value method over Monte Carlo, sensitivities, poses side by side, published against simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from .style import BLUE, FAINT, INK, LINES, PURPLE, SERIES, SKY, SMALL, VERMILION, label, legend_above, line, looks, sheet, shorten, styled
+
+Array = NDArray[np.float64]
+Interval = tuple[float, float, float]  # value, low and high end
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A response of a study: `values` (n,) in the response's unit, or none for a search; `low` and `high` (n,) bounds of the distribution function at the
+    sorted values; `percentiles` {level in %: (value, low, high)}; `published` {level in %: value}; `sensitivity` {parameter: (r, low, high)}."""
+
+    title: str
+    values: Array = field(default_factory=lambda: np.empty(0))
+    low: Array | None = None
+    high: Array | None = None
+    percentiles: Mapping[float, Interval] = field(default_factory=dict)
+    published: Mapping[float, float] = field(default_factory=dict)
+    sensitivity: Mapping[str, Interval] = field(default_factory=dict)
+
+
+@styled
+def cdf(samples: Sequence[Sample], quantity: str, note: str = "") -> Figure:
+    """Distribution functions of `quantity` ("peak subtalar angle [deg], + supination") laid over each other, as Figure 4 of Yoder et al. 2021; circles are
+    published percentiles. One or two samples carry their 95 % bounds."""
+    figure, (axis,) = sheet([6.0], note)
+    entries: list[tuple[Any, str]] = []
+    marked = False
+    for (color, style), sample in zip(looks(len(samples)), samples, strict=True):
+        steps(axis, sample, color, style, len(samples) <= 2)
+        entries.append((line(color, style), sample.title))
+        for level, value in sample.published.items():
+            marked = True
+            axis.plot(value, level / 100, "o", markersize=5, markerfacecolor="none", markeredgecolor=INK, markeredgewidth=0.9, zorder=5)
+    _probability_axis(axis, quantity)
+    if marked:
+        entries.append((line(INK, "none", marker="o", markersize=5, markerfacecolor="none"), "published 5, 50, 95 % (Yoder et al. 2021)"))
+    if len(samples) <= 2 and any(s.low is not None for s in samples):
+        entries.append((line(FAINT, linewidth=5, alpha=0.5), "95 % bounds (Clopper-Pearson)"))
+    legend_above(figure, entries)
+    return figure
+
+
+@styled
+def amv(search: Sample, importance: Mapping[str, Mapping[str, float]], quantity: str, sample: Sample | None = None, note: str = "") -> Figure:
+    """The advanced mean value method over Monte Carlo, as Figure 5 of Yoder et al. 2021: levels of `search` (its `percentiles`) on the distribution of
+    `sample`, and `importance` {level: {parameter: component of the unit vector}} below, + where more of the parameter gives more of the response."""
+    names = sorted({n for row in importance.values() for n in row}, key=lambda n: max(abs(row.get(n, 0.0)) for row in importance.values()))
+    figure, (top, below) = sheet([4.6, 1.2 + 0.58 * len(names)], note)
+    entries: list[tuple[Any, str]] = []
+    if sample is not None and len(sample.values):
+        steps(top, sample, FAINT, "-", True)
+        entries.append((line(FAINT, linewidth=2), f"Monte Carlo, {len(sample.values)} landings, 95 % bounds"))
+    for level, (value, _, _) in search.percentiles.items():
+        top.plot(value, level / 100, "D", color=VERMILION, markersize=5, zorder=5)
+        top.annotate(f"{value:.1f}", (value, level / 100), (-7, 0), textcoords="offset points", fontsize=SMALL, color=VERMILION, va="center", ha="right")
+    for level, value in search.published.items():
+        top.plot(value, level / 100, "o", markersize=6.5, markerfacecolor="none", markeredgecolor=INK, markeredgewidth=0.9, zorder=6)
+    entries.append((line(VERMILION, "none", marker="D"), search.title))
+    if search.published:
+        entries.append((line(INK, "none", marker="o", markersize=6, markerfacecolor="none"), "published (Yoder et al. 2021)"))
+    _probability_axis(top, quantity, True)
+    if sample is None:
+        values = [v for v, _, _ in search.percentiles.values()] + list(search.published.values())
+        width = max(values) - min(values) or 1.0
+        top.set_xlim(min(values) - 0.3 * width, max(values) + 0.4 * width)
+    height = 0.8 / max(len(importance), 1)
+    for j, ((name, row), color) in enumerate(zip(importance.items(), (SKY, BLUE, PURPLE, *SERIES), strict=False)):
+        places = np.arange(len(names)) + 0.4 - height * (j + 0.5)
+        below.barh(places, [row.get(n, 0.0) for n in names], height, color=color)
+        entries.append((line(color, linewidth=4), f"importance at the {name} % level"))
+    _names(below, names)
+    below.set_xlim(-1, 1)
+    below.set_xlabel("importance (unit vector),\n+ raises the response")
+    legend_above(figure, entries)
+    return figure
+
+
+@styled
+def tornado(
+    sensitivity: Mapping[str, Interval], spread: Mapping[str, Interval], title: str, quantity: str, published: Mapping[str, float] | None = None, note: str = ""
+) -> Figure:
+    """Sensitivities of the `quantity` of the study `title`, the largest on top: Pearson's r {parameter: (value, low, high)} with 95 % intervals, circles
+    for `published` ones, and how the response's SD follows the parameter's SD, `spread` (dσ/dσ normalised, likewise)."""
+    names = sorted(sensitivity, key=lambda n: abs(sensitivity[n][0]))
+    panels = [(sensitivity, "Pearson's r, 95 %,\n+ raises it")] + ([(spread, "dSD/dSD, 95 %,\n+ widens it")] if spread else [])
+    figure, axes = sheet([1.2 + 0.6 * len(names)], note, len(panels), sharey=True)
+    for axis, (values, meaning) in zip(axes, panels, strict=True):
+        for k, name in enumerate(names):
+            if name in values:
+                value, low, high = values[name]
+                axis.barh(k, value, 0.62, color=BLUE if value >= 0 else VERMILION, alpha=0.85)
+                axis.plot([low, high], [k, k], color=INK, linewidth=0.9, marker="|", markersize=4)
+        _names(axis, names)
+        axis.set_xlabel(meaning)
+        axis.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+        reach = 1.08 * max([1e-3, *(max(abs(low), abs(high)) for _, low, high in values.values())])
+        axis.set_xlim(-reach, reach)
+        axis.tick_params(axis="y", labelleft=axis is axes[0])
+    entries: list[tuple[Any, str]] = []
+    for name, r in (published or {}).items():
+        if name in names:
+            axes[0].plot(r, names.index(name), "o", markersize=4.5, markerfacecolor="white", markeredgecolor=INK, markeredgewidth=0.9, zorder=5)
+            entries = [(line(INK, "none", marker="o", markersize=4.5, markerfacecolor="white"), "published r (Yoder et al. 2021, Table 2)")]
+    legend_above(figure, [(line(INK, "none"), text) for text in (title, quantity)] + entries)
+    return figure
+
+
+@styled
+def percentiles(samples: Sequence[Sample], quantity: str, note: str = "") -> Figure:
+    """5, 50 and 95 % levels of each sample with their 95 % intervals (thick), the span between them (thin), and published levels as circles."""
+    figure, (axis,) = sheet([1.0 + 1.05 * len(samples)], note)
+    for k, sample in enumerate(samples):
+        color = SERIES[k % len(SERIES)]
+        values = [v for v, _, _ in sample.percentiles.values()]
+        axis.plot([min(values), max(values)], [k, k], color=color, linewidth=0.9)
+        for value, low, high in sample.percentiles.values():
+            axis.plot([low, high], [k, k], color=color, linewidth=4.5, alpha=0.4, solid_capstyle="butt")
+            axis.plot(value, k, "|", color=color, markersize=8, markeredgewidth=1.4)
+        for value in sample.published.values():
+            axis.plot(value, k, "o", markersize=4.5, markerfacecolor="none", markeredgecolor=INK, markeredgewidth=0.9, zorder=5)
+        axis.text(0, k - 0.24, shorten(sample.title, 44), fontsize=SMALL, transform=axis.get_yaxis_transform(), va="bottom")
+        numbers = " / ".join(f"{v:.1f}" for v in values).replace("-", "−")
+        axis.text(1, k - 0.24, numbers, fontsize=SMALL, transform=axis.get_yaxis_transform(), va="bottom", ha="right")
+    axis.set_ylim(len(samples) - 0.5, -0.7)
+    axis.set_yticks([])
+    axis.spines["left"].set_visible(False)
+    axis.grid(axis="x")
+    axis.set_xlabel(quantity)
+    entries = [(line(FAINT, linewidth=4.5, alpha=0.7), "5, 50, 95 % level with 95 % interval")]
+    if any(s.published for s in samples):
+        entries.append((line(INK, "none", marker="o", markerfacecolor="none"), "published (Yoder et al. 2021)"))
+    legend_above(figure, entries)
+    return figure
+
+
+@styled
+def poses(pairs: Sequence[tuple[str, Sample]], quantity: str, note: str = "") -> Figure:
+    """The same study from different initial poses, `pairs` of (pose, sample), side by side: distributions above, Pearson's r with its intervals below."""
+    names = [n for n in pairs[0][1].sensitivity if all(n in s.sensitivity for _, s in pairs)]
+    names.sort(key=lambda n: max(abs(s.sensitivity[n][0]) for _, s in pairs))
+    figure, axes = sheet([4.6, 1.2 + 0.58 * len(names)] if names else [5.2], note)
+    entries: list[tuple[Any, str]] = []
+    for j, ((pose, sample), color, style, marker) in enumerate(zip(pairs, SERIES, LINES, "oDs^", strict=False)):
+        steps(axes[0], sample, color, style, True)
+        entries.append((line(color, style, marker=marker, markersize=4), sample.title if pose in sample.title else f"{pose} pose · {sample.title}"))
+        for level, value in sample.published.items():
+            axes[0].plot(value, level / 100, "o", markersize=5, markerfacecolor="none", markeredgecolor=INK, markeredgewidth=0.9, zorder=5)
+        for k, name in enumerate(names):
+            value, low, high = sample.sensitivity[name]
+            place = k + 0.18 * (len(pairs) - 1) - 0.36 * j
+            axes[1].plot([low, high], [place, place], color=color, linewidth=1.0)
+            axes[1].plot(value, place, marker, color=color, markersize=4)
+    _probability_axis(axes[0], quantity, bool(names))
+    if any(s.published for _, s in pairs):
+        entries.append((line(INK, "none", marker="o", markersize=5, markerfacecolor="none"), "published 5, 50, 95 % (Yoder et al. 2021)"))
+    if names:
+        _names(axes[1], names)
+        axes[1].set_xlabel("Pearson's r, 95 % interval,\n+ raises the response")
+    legend_above(figure, entries)
+    return figure
+
+
+@styled
+def published(studies: Sequence[tuple[str, Array, Array]], note: str = "") -> Figure:
+    """Simulated over published peak subtalar angle, trial by trial: `studies` are (title, published (n,) [deg], simulated (n,) [deg])."""
+    figure, (axis, error) = sheet([5.6, 3.0], note, sharex=True)
+    every = np.concatenate([np.concatenate([p, s]) for _, p, s in studies])
+    ends = [float(every.min()) - 1, float(every.max()) + 1]
+    axis.plot(ends, ends, color=FAINT, linewidth=0.7)
+    entries = []
+    for k, (title, theirs, ours) in enumerate(studies):
+        color = SERIES[k % len(SERIES)]
+        axis.plot(theirs, ours, ".", color=color, markersize=2.5, alpha=0.6, markeredgewidth=0)
+        error.plot(theirs, ours - theirs, ".", color=color, markersize=2.5, alpha=0.6, markeredgewidth=0)
+        rms, bias = float(np.sqrt(np.mean((ours - theirs) ** 2))), float(np.mean(ours - theirs))
+        entries.append((line(color, "none", marker=".", markersize=6), f"{title}: {len(ours)} trials, RMS {rms:.3f}°, bias {bias:+.3f}°"))
+    axis.set_ylabel("simulated [deg]")
+    axis.set_title("peak subtalar angle, + supination")
+    error.axhline(0, color=FAINT, linewidth=0.7)
+    error.set_ylabel("simulated − published [deg]")
+    error.set_xlabel("published peak subtalar angle [deg] (Yoder et al. 2021)")
+    legend_above(figure, entries)
+    return figure
+
+
+def steps(axis: Axes, sample: Sample, color: str, style: Any = "-", bounds: bool = False) -> None:
+    """The empirical distribution function of a sample, with its bounds as a band."""
+    values = np.sort(sample.values)
+    n = len(values)
+    axis.step(np.concatenate([values[:1], values]), np.arange(n + 1) / n, where="post", color=color, linestyle=style)
+    if bounds and sample.low is not None and sample.high is not None:
+        axis.fill_between(values, sample.low, sample.high, step="post", color=color, alpha=0.22, linewidth=0)
+
+
+def _probability_axis(axis: Axes, quantity: str, narrow: bool = False) -> None:
+    axis.set_ylim(-0.02, 1.02)
+    axis.set_yticks([0.05, 0.25, 0.5, 0.75, 0.95], ["5 %", "25 %", "50 %", "75 %", "95 %"])
+    axis.grid()
+    axis.set_ylabel("share of landings below")
+    axis.set_xlabel(quantity.replace(", +", ",\n+") if narrow else quantity)
+
+
+def _names(axis: Axes, names: Sequence[str]) -> None:
+    axis.set_yticks(range(len(names)), [label(n).replace(", ", "\n") for n in names])
+    axis.set_ylim(-0.6, len(names) - 0.4)
+    axis.tick_params(axis="y", length=0)
+    axis.axvline(0, color=FAINT, linewidth=0.6)
+    axis.grid(axis="x")

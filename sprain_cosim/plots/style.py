@@ -1,0 +1,178 @@
+"""How every figure looks: one journal column wide, letters of 7 points or more at that width, colours of Okabe & Ito (2008) that colour-blind readers
+tell apart, and a line style besides wherever a colour carries meaning."""
+
+from __future__ import annotations
+
+import io
+import textwrap
+from collections.abc import Callable, Sequence
+from functools import wraps
+from pathlib import Path
+from typing import Any, ParamSpec
+
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
+
+COLUMN = 8.5 / 2.54  # inches
+SMALL, NORMAL = 7.0, 7.5  # points
+INK, FAINT = "#1f2933", "#9aa5b1"
+MUTED = "#52606d"  # for notes: 6 to 1 against white
+BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, BLACK = "#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#56B4E9", "#000000"
+SERIES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
+SUBTALAR, TALOCRURAL, ANATOMY, BRACE, GROUND = VERMILION, BLUE, GREEN, ORANGE, "#5c677d"
+LINES: tuple[Any, ...] = ("-", (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
+STYLE: Any = {
+    "font.size": NORMAL,
+    "axes.titlesize": NORMAL,
+    "axes.labelsize": NORMAL,
+    "xtick.labelsize": SMALL,
+    "ytick.labelsize": SMALL,
+    "legend.fontsize": SMALL,
+    "legend.frameon": False,
+    "legend.handlelength": 1.8,
+    "legend.borderaxespad": 0.2,
+    "legend.labelspacing": 0.3,
+    "legend.columnspacing": 1.2,
+    "axes.titlelocation": "left",
+    "axes.titlepad": 3.0,
+    "axes.labelpad": 2.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.6,
+    "axes.edgecolor": FAINT,
+    "axes.labelcolor": INK,
+    "axes.titlecolor": INK,
+    "text.color": INK,
+    "text.parse_math": False,  # titles and names come from files
+    "xtick.color": FAINT,
+    "ytick.color": FAINT,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "grid.color": FAINT,
+    "grid.alpha": 0.25,
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 4.0,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "sprain-cosim",
+}
+# what a parameter of the shipped FMUs is called in figures and tables, and the unit it is read in
+PARAMETERS = {
+    "plant.platform_incline": ("platform incline", "deg"),
+    "plant.drop_height": ("drop height", "m"),
+    "plant.contact_modulus": ("contact modulus", "MPa/m"),
+    "plant.contact_dissipation": ("contact dissipation", "s/m"),
+    "plant.contact_friction": ("contact friction", ""),
+    "plant.passive_angle_scale": ("passive ankle angle scale", ""),
+    "plant.ankle_strength_scale": ("ankle muscle strength", ""),
+    "plant.talocrural_angle_at_contact": ("talocrural angle at contact, + dorsiflexion", "deg"),
+    "plant.subtalar_angle_at_contact": ("subtalar angle at contact, + supination", "deg"),
+    "controller.coactivation": ("co-activation", ""),
+    "controller.reflex_gain": ("reflex gain", ""),
+    "controller.reflex_delay": ("reflex delay", "ms"),
+    "brace.angle_scale": ("brace angle scale", ""),
+    "brace.torque_scale": ("brace torque scale", ""),
+}
+RESPONSES = {
+    "peak_subtalar_angle_deg": "peak subtalar angle, + supination",
+    "peak_subtalar_velocity_deg_s": "peak subtalar velocity, + supination",
+    "peak_talocrural_angle_deg": "peak talocrural angle, + dorsiflexion",
+    "peak_inversion_from_neutral_deg": "peak inversion from neutral",
+    "anatomy_subtalar_moment_Nm": "subtalar moment of the anatomy at the peak, + resists supination",
+    "anatomy_jcs_inversion_moment_Nm": "inversion moment of the anatomy at the peak, + resists inversion",
+    "brace_subtalar_moment_Nm": "subtalar moment of the brace at the peak, + resists supination",
+    "peak_vertical_grf_after_impact_N": "peak vertical ground reaction after 5 ms, + up",
+}
+P = ParamSpec("P")
+
+
+def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
+    """Draws in this style, whatever matplotlib's settings are outside."""
+
+    @wraps(draw)
+    def inside(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        with rc_context(STYLE):
+            return draw(*args, **kwargs)
+
+    return inside
+
+
+def sheet(heights: Sequence[float], note: str = "", columns: int = 1, **options: Any) -> tuple[Figure, list[Axes]]:
+    """A figure with one row of `columns` panels of each of the `heights` [cm], and a `note` below."""
+    lines = textwrap.wrap(note, 62)
+    total = sum(heights) + 0.35 * len(lines) + 0.3
+    figure = Figure(figsize=(COLUMN, total / 2.54), layout=ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03, hspace=0.02))
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(len(heights), columns, squeeze=False, height_ratios=list(heights), **options)
+    if note:
+        figure.supxlabel("\n".join(lines), color=MUTED, fontsize=SMALL, ha="left", x=0.01)
+    return figure, list(axes.flat)
+
+
+def grow(figure: Figure, centimetres: float) -> None:
+    """Room for what lies outside the panels, such as a legend."""
+    width, height = figure.get_size_inches()
+    figure.set_size_inches(width, height + centimetres / 2.54)
+
+
+def legend_above(figure: Figure, entries: Sequence[tuple[Any, str]], columns: int = 1) -> None:
+    """A legend over all panels; long names are broken."""
+    names = [textwrap.fill(shorten(name, 110).replace(" %", "\u00a0%"), 52 if columns == 1 else 24, break_on_hyphens=False) for _, name in entries]
+    figure.legend([handle for handle, _ in entries], names, loc="outside upper left", ncols=columns)
+    rows = [sum(n.count("\n") + 1 for n in names[k::columns]) for k in range(columns)]
+    grow(figure, 0.33 * max(rows, default=0) + 0.1)
+
+
+def looks(count: int) -> list[tuple[str, Any]]:
+    """Colour and line style of each series: first all colours, then all again in the next line style; two series differ in both."""
+    if count <= len(LINES):
+        return [(SERIES[k], LINES[k]) for k in range(count)]
+    return [(SERIES[k % len(SERIES)], LINES[k // len(SERIES) % len(LINES)]) for k in range(count)]
+
+
+def line(color: str, style: Any = "-", **options: Any) -> Line2D:
+    return Line2D([], [], color=color, linestyle=style, **options)
+
+
+def band_above(axis: Axes, share: float) -> None:
+    """Leaves `share` of the panel free above the data, for words."""
+    low, high = axis.get_ylim()
+    axis.set_ylim(low, high + share * (high - low))
+
+
+def shorten(text: str, length: int = 60) -> str:
+    return text if len(text) <= length else text[: length - 1].rstrip() + "…"
+
+
+def label(name: str) -> str:
+    """The name of a parameter or response as a reader knows it, without its unit."""
+    if name in RESPONSES:
+        return RESPONSES[name]
+    if name in PARAMETERS:
+        return PARAMETERS[name][0]
+    return name.replace("_", " ")
+
+
+def save(figure: Figure, target: Path) -> list[Path]:
+    """Writes `target`.png (300 dots per inch) and `target`.svg; the same figure gives the same bytes."""
+    written = []
+    for kind in ("png", "svg"):
+        written.append(target.with_name(f"{target.name}.{kind}"))
+        written[-1].write_bytes(picture(figure, kind))
+    return written
+
+
+def picture(figure: Figure, kind: str = "svg") -> bytes:
+    """The figure as a `kind` of file, png or svg."""
+    buffer = io.BytesIO()
+    with rc_context(STYLE):  # ticks are made while drawing
+        figure.savefig(buffer, format=kind, dpi=300, metadata={"Date": None, "Creator": None} if kind == "svg" else {"Software": None})
+    return buffer.getvalue()
