@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LEDGER = "ledger.sqlite"
+PUBLISHED_WITH = {"plant.fmu", "reflex_controller.fmu", "brace_bushing.fmu"}
 
 
 @dataclass(frozen=True)
@@ -78,9 +79,14 @@ class StudyFolder:
 
     @property
     def published(self) -> Mapping[str, Any]:
-        """Published figures of the study file; those of another initial pose than the file's say nothing about this study, and are left out."""
-        asked = self.file.get("parameters", {}).get("plant.initial_pose")
-        return self.file.get("published", {}) if asked in (None, self.pose) else {}
+        """Published figures of the study file; none when the study ran with another pose, device or parameter than the file asks for."""
+        asked = self.file.get("parameters", {})
+        ran = self.manifest.get("identity", {}).get("parameters", asked)
+        same = asked.get("plant.initial_pose", self.pose) == self.pose and all(ran.get(k) == v for k, v in asked.items())
+        varied = {str(c).partition(" [")[0] for c in self.trials.columns if "." in str(c)}
+        devices = {str(fmu.get("file")) for fmu in self.manifest.get("fmus", {}).values()}
+        same = same and varied == set(self.file.get("marginals", {})) and devices <= PUBLISHED_WITH and not self.head.get("dropped")
+        return self.file.get("published", {}) if same else {}
 
     @cached_property
     def manifest(self) -> Mapping[str, Any]:

@@ -187,11 +187,11 @@ def published(studies: Sequence[tuple[str, Array, Array]], note: str = "") -> Fi
         axis.plot(theirs, ours, ".", color=color, markersize=2.5, alpha=0.6, markeredgewidth=0)
         error.plot(theirs, ours - theirs, ".", color=color, markersize=2.5, alpha=0.6, markeredgewidth=0)
         rms, bias = float(np.sqrt(np.mean((ours - theirs) ** 2))), float(np.mean(ours - theirs))
-        entries.append((line(color, "none", marker=".", markersize=6), f"{title}: {len(ours)} trials, RMS {rms:.3f}°, bias {bias:+.3f}°"))
+        entries.append((line(color, "none", marker=".", markersize=6), f"{title}: {len(ours)} trials, RMS {rms:.3f}°, bias {bias:+.3f}°".replace("-", "−")))
     axis.set_ylabel("simulated [deg]")
     axis.set_title("peak subtalar angle, + supination")
     error.axhline(0, color=FAINT, linewidth=0.7)
-    error.set_ylabel("simulated − published [deg]")
+    error.set_title("simulated − published [deg]")
     error.set_xlabel("published peak subtalar angle [deg] (Yoder et al. 2021)")
     legend_above(figure, entries)
     return figure

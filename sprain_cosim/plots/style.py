@@ -100,7 +100,12 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     @wraps(draw)
     def inside(*args: P.args, **kwargs: P.kwargs) -> Figure:
         with rc_context(STYLE):
-            return draw(*args, **kwargs)
+            figure = draw(*args, **kwargs)
+            figure.draw_without_rendering()
+        figure.set_layout_engine("none")  # laid out once, and rounded, so that every file of the figure is the same to the byte
+        for axis in figure.axes:
+            axis.set_position([round(edge, 5) for edge in axis.get_position().bounds])
+        return figure
 
     return inside
 

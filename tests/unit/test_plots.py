@@ -1,0 +1,146 @@
+"""Figures show the data they are given, name units and signs on their axes, and can be read at the width of a journal column."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from sprain_cosim import plots
+from sprain_cosim.plots import Sample
+from sprain_cosim.plots.law import resisting
+from sprain_cosim.plots.literature import BRACES, PASSIVE
+from sprain_cosim.result import Result
+
+TIME = np.linspace(0, 0.15, 61)
+NAMES = (*(signal for _, signal, _ in plots.PANELS), "plant.brace_subtalar_torque", "plant.inversion_angle", "plant.inversion_velocity")
+
+
+def run(seed: int, braced: bool = True) -> Result:
+    rng = np.random.default_rng(seed)
+    values = np.cumsum(rng.normal(0, 0.05, (len(TIME), len(NAMES))), axis=0)
+    names = NAMES if braced else tuple(n for n in NAMES if "brace" not in n)
+    return Result(TIME, values[:, : len(names)], names, (None,) * len(names), "completed", "", "impedance")
+
+
+def sample(seed: int, title: str = "Study $6_{") -> Sample:
+    values = np.random.default_rng(seed).normal(30, 3, 50)
+    levels = {p: (float(np.percentile(values, p)), 28.0, 32.0) for p in (5.0, 50.0, 95.0)}
+    r = {"plant.drop_height": (0.6, 0.5, 0.7), "plant.talocrural_angle_at_contact": (-0.2, -0.3, -0.1)}
+    return Sample(title, values, np.linspace(0, 0.9, 50), np.linspace(0.1, 1, 50), levels, {5.0: 23.2, 50.0: 29.7}, r)
+
+
+QUANTITY = "peak subtalar angle [deg], + supination"
+NOTE = "Initial pose: touching."
+R = sample(1).sensitivity
+FIGURES: dict[str, Callable[[], Figure]] = {
+    "landing": lambda: plots.landing([("a", run(1)), ("no brace", run(2, False))], NOTE),
+    "many landings": lambda: plots.landing([(f"landing {k} with a rather long name of its own", run(k)) for k in range(9)], NOTE),
+    "moment_angle": lambda: plots.moment_angle([("a", run(1)), ("b", run(2))], NOTE),
+    "phase": lambda: plots.phase([("a", np.arange(9.0), np.arange(9.0) * 90)], [("s", np.arange(20.0), np.arange(20.0) * 40)], NOTE),
+    "sharing": lambda: plots.sharing([("a", np.array([5.0]), np.array([60.0])), ("s", np.arange(9.0), np.zeros(9))], NOTE),
+    "fan": lambda: plots.fan([("s", TIME, {signal: np.random.default_rng(1).normal(size=(30, len(TIME))) for _, signal, _ in plots.PANELS})], NOTE),
+    "cdf": lambda: plots.cdf([sample(1), sample(2)], QUANTITY, NOTE),
+    "amv": lambda: plots.amv(
+        sample(1), {"5": {"plant.drop_height": 0.6, "brace.angle_scale": -0.8}, "95": {"plant.drop_height": 1.0}}, QUANTITY, sample(2), NOTE
+    ),
+    "tornado": lambda: plots.tornado(R, R, "s", QUANTITY, {"plant.drop_height": 0.61}, NOTE),
+    "percentiles": lambda: plots.percentiles([sample(1), sample(2)], QUANTITY, NOTE),
+    "poses": lambda: plots.poses([("published", sample(1)), ("touching", sample(2))], QUANTITY, NOTE),
+    "published": lambda: plots.published([("s", np.arange(5.0), np.arange(5.0) + 0.1)], NOTE),
+    "torque_angle": plots.torque_angle,
+}
+
+
+def texts(figure: Figure) -> list[Text]:
+    return [t for t in figure.findobj(Text) if t.get_text() and t.get_visible()]  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_a_figure_fits_a_column_and_can_be_read(name: str, tmp_path: Path) -> None:
+    figure = FIGURES[name]()
+    png, svg = plots.save(figure, tmp_path / "figure")
+    assert figure.get_size_inches()[0] == pytest.approx(8.5 / 2.54)
+    assert min(t.get_fontsize() for t in texts(figure)) >= 7
+    width, height = figure.canvas.get_width_height()
+    outside = {
+        t.get_text()
+        for axis in figure.axes
+        for t in (axis.title, axis._left_title, axis.xaxis.label, axis.yaxis.label)  # type: ignore[attr-defined]
+        if t.get_text() and not (t.get_window_extent().x0 >= -1 and t.get_window_extent().x1 <= width + 1 and t.get_window_extent().y1 <= height + 1)
+    }
+    assert not outside
+    assert svg.read_text("utf-8").startswith("<?xml")
+    assert "<text" in svg.read_text("utf-8"), "letters stay letters"
+    assert plots.picture(FIGURES[name](), "svg") == svg.read_bytes(), "the same figure gives the same bytes"
+    assert png.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_axes_name_units_and_signs_and_the_figure_its_pose(name: str) -> None:
+    figure = FIGURES[name]()
+    words = " ".join(t.get_text() for t in texts(figure))
+    assert re.search(r"\[(deg|N·m|ms|kN|deg/s)\]", words) or name == "tornado"
+    assert "+ " in words
+    assert "initial pose" in words.lower()
+    for axis in figure.axes:
+        said = f"{axis.get_title('left')} {axis.get_xlabel()} {axis.get_ylabel()}"
+        assert re.search(r"\[.+\]|Pearson|dSD|importance", said) or axis.get_shared_x_axes().joined(axis, figure.axes[-1]), said
+
+
+def test_the_data_drawn_are_the_data_given() -> None:
+    runs = [("a", run(1)), ("b", run(2, False))]
+    angles = plots.landing(runs).axes[0]
+    for line, (_, result) in zip(angles.lines, runs, strict=False):
+        np.testing.assert_allclose(line.get_xydata(), np.column_stack([1e3 * TIME, np.degrees(result["plant.subtalar_angle"])]))
+    one = sample(3)
+    (axis,) = plots.cdf([one], QUANTITY).axes
+    x, y = np.asarray(axis.lines[0].get_xydata()).T
+    np.testing.assert_allclose(x[1:], np.sort(one.values))
+    np.testing.assert_allclose(y, np.arange(51) / 50)
+    circles = [tuple(np.asarray(line.get_xydata())[0]) for line in axis.lines[1:] if len(line.get_xdata()) == 1]
+    assert circles == [(23.2, 0.05), (29.7, 0.5)]
+    left = plots.tornado(R, R, "s", QUANTITY).axes[0]
+    assert [bar.get_width() for bar in left.patches] == [-0.2, 0.6], "the largest on top"
+    bars = plots.sharing([("a", np.array([5.0]), np.array([60.0]))]).axes[0].patches
+    assert [bar.get_width() for bar in bars] == [5.0, 60.0]
+    theirs, ours = np.arange(5.0), np.arange(5.0) + 0.25
+    scatter, error = plots.published([("s", theirs, ours)]).axes
+    np.testing.assert_allclose(scatter.lines[1].get_xydata(), np.column_stack([theirs, ours]))
+    np.testing.assert_allclose(error.lines[0].get_ydata(), 0.25)
+    signals = {"plant.subtalar_angle": np.random.default_rng(1).normal(size=(40, len(TIME)))}
+    median = plots.fan([("s", TIME, signals)]).axes[0].lines[0]
+    np.testing.assert_allclose(median.get_ydata(), np.degrees(np.median(signals["plant.subtalar_angle"], axis=0)))
+
+
+def test_the_force_of_a_start_inside_the_floor_does_not_hide_the_rest() -> None:
+    result = run(1)
+    values = result.values.copy()
+    force = result.index["plant.ground_force_y"]
+    values[:, force] = 1000.0
+    values[0, force] = 41_000.0
+    axis = plots.landing([("a", Result(TIME, values, NAMES, result.units, "completed", "", ""))]).axes[-1]
+    assert axis.get_ylim()[1] < 2
+    assert "cut off: 41 kN in the first 5 ms" in [t.get_text() for t in axis.texts]
+
+
+def test_the_laws_drawn_are_those_of_the_fmus() -> None:
+    from fmus.brace_bushing.slave import POLYNOMIALS
+
+    assert tuple(PASSIVE.values()) == tuple(tuple(p) for p in POLYNOMIALS)
+    assert resisting("rotation_x", np.array([0.2]))[0] == pytest.approx(0.2 * (9.52095038 + 0.2 * (-29.57608094 + 0.2 * 169.01588105)))
+    for axis, (_, scale) in zip(plots.torque_angle().axes, (("", 1.0), *BRACES.items()), strict=True):
+        assert len(axis.lines) >= 3, scale
+    x_axis = plots.torque_angle().axes[0]
+    degrees, torque = np.asarray(x_axis.lines[2].get_xydata()).T
+    np.testing.assert_allclose(torque, resisting("rotation_x", np.radians(degrees), 2.4))
+
+
+def test_names_of_files_are_no_formulas() -> None:
+    figure = plots.cdf([sample(1, "$\\frac{a}{ & <b>")], QUANTITY)
+    assert b"&lt;b&gt;" in plots.picture(figure, "svg")
