@@ -104,7 +104,8 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
             figure.draw_without_rendering()
         figure.set_layout_engine("none")  # laid out once, and rounded, so that every file of the figure is the same to the byte
         for axis in figure.axes:
-            axis.set_position([round(edge, 5) for edge in axis.get_position().bounds])
+            left, bottom, width, height = (round(float(edge), 5) for edge in axis.get_position().bounds)
+            axis.set_position((left, bottom, width, height))
         return figure
 
     return inside

@@ -1,0 +1,97 @@
+"""plot: folders of every kind, and folders that are none."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from .test_run import call, refused
+
+STUDY = ("study", "study6", "--trials", "24", "--workers", "1", "--progress", "none", "--out")
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run, two studies that differ in their initial pose, and an AMV study of the same question."""
+    folder = tmp_path_factory.mktemp("results")
+    assert call("run", "incline30_brace", "--out", str(folder / "run")).returncode == 0
+    assert call(*STUDY, str(folder / "study")).returncode == 0
+    assert call(*STUDY, str(folder / "touching"), "--set", "plant.initial_pose=touching").returncode == 0
+    assert call("study", "amv6", "--workers", "1", "--progress", "none", "--out", str(folder / "amv")).returncode == 0
+    return folder
+
+
+def test_figures_of_all_kinds_together(results: Path, tmp_path: Path) -> None:
+    before = {p: p.stat().st_mtime_ns for p in results.rglob("*") if p.is_file()}
+    outcome = call("plot", *(str(results / n) for n in ("study", "touching", "amv", "run")), "--out", str(tmp_path))
+    assert outcome.returncode == 0, outcome.stderr
+    names = {p.stem for p in (tmp_path / "figures").iterdir()}
+    assert {"landing", "moment_angle", "cdf", "percentiles", "poses", "amv", "tornado_study", "tornado_touching", "phase", "sharing", "torque_angle"} <= names
+    assert all((tmp_path / "figures" / f"{n}.{kind}").stat().st_size > 3000 for n in names for kind in ("png", "svg"))
+    assert {p: p.stat().st_mtime_ns for p in results.rglob("*") if p.is_file()} == before
+    shown = (tmp_path / "figures" / "amv.svg").read_text("utf-8")
+    assert "Monte Carlo, 24 landings" in shown
+    assert "Initial pose: published" in shown
+
+
+def test_figures_go_into_the_first_folder(results: Path) -> None:
+    assert call("plot", str(results / "amv")).returncode == 0
+    assert (results / "amv" / "figures" / "amv.svg").is_file()
+
+
+def spoil(folder: Path, kind: str) -> list[str]:
+    """A folder that is not what it should be, and words of the answer."""
+    folder.mkdir()
+    if kind == "empty":
+        return ["holds no run, study or comparison"]
+    if kind == "unfinished":
+        (folder / "ledger.sqlite").write_bytes(b"")
+        return ["not finished", "--resume"]
+    if kind == "not JSON":
+        (folder / "trials.csv").write_text("trial,status\n")
+        (folder / "summary.json").write_text("{")
+        return ["summary.json", "cannot be read"]
+    if kind == "a list":
+        (folder / "trials.csv").write_text("trial,status\n")
+        (folder / "summary.json").write_text("[]")
+        return ["one JSON object"]
+    if kind == "something else":
+        (folder / "trials.csv").write_text("patient,age\n")
+        (folder / "summary.json").write_text("{}")
+        return ["not a folder of `sprain-cosim study`"]
+    if kind == "a run without signals":
+        (folder / "summary.json").write_text(json.dumps({"status": "completed", "message": "", "scheme": "jacobi", "title": "x"}))
+        return ["signals.csv", "no such file"]
+    if kind == "broken signals":
+        (folder / "summary.json").write_text(json.dumps({"status": "completed", "message": "", "scheme": "jacobi", "title": "x"}))
+        (folder / "signals.csv").write_text("time [s],plant.a\n0,x\n")
+        return ["signals.csv", "cannot be read"]
+    (folder / "compare.json").write_text('{"braces": {"soft": {}}}')
+    return ["none of their folders"]
+
+
+@pytest.mark.parametrize("command", ["plot"])
+@pytest.mark.parametrize(
+    "kind", ["empty", "unfinished", "not JSON", "a list", "something else", "a run without signals", "broken signals", "comparison without members"]
+)
+def test_wrong_folders_end_in_one_line(command: str, kind: str, tmp_path: Path) -> None:
+    words = spoil(tmp_path / "x", kind)
+    refused(call(command, str(tmp_path / "x")), 2, *words)
+    assert not (tmp_path / "x" / "figures").exists()
+
+
+@pytest.mark.parametrize("command", ["plot"])
+def test_missing_folders_and_files_in_their_place(command: str, tmp_path: Path) -> None:
+    refused(call(command, str(tmp_path / "nowhere")), 2, "no such folder")
+    (tmp_path / "file").write_text("x")
+    refused(call(command, str(tmp_path / "file")), 2, "is a file")
+    refused(call(command), 2, "Missing argument")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root writes everywhere")
+def test_a_folder_that_cannot_be_written(results: Path, tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    refused(call("plot", str(results / "run"), "--out", str(tmp_path / "x")), 4, "cannot be written")
