@@ -32,6 +32,7 @@ def cli() -> None:
 @click.option("--set", "settings", multiple=True, metavar="COMPONENT.PARAMETER=VALUE", help='Such as plant.drop_height="0.35 m".')
 @click.option("--scheme", help="auto, jacobi, gauss-seidel, gauss-seidel-extrapolated, iterative, impedance.")
 @click.option("--step", metavar='"0.5 ms"', help="Communication step.")
+@click.option("--identify", type=click.IntRange(0), metavar="N", help="Find undeclared stiffness and damping anew every N steps (0: at the start only).")
 @click.option("--check-coupling", is_flag=True, help="Run again at half the step and report the change of every metric.")
 @ISOLATE
 @OUT
@@ -43,6 +44,7 @@ def run(
     settings: tuple[str, ...],
     scheme: str | None,
     step: str | None,
+    identify: int | None,
     check_coupling: bool,
     isolate: bool,
     out: Path | None,
@@ -58,7 +60,7 @@ def run(
     for text in settings:
         name, value = _pair(text, "--set", "COMPONENT.PARAMETER=VALUE")
         chosen = chosen.override(name, parse_value(value))
-    chosen = chosen.with_master(scheme, step)
+    chosen = chosen.with_master(scheme, step, identify=identify)
     if isolate:
         chosen = chosen.isolated()
     for warning in chosen.warnings:

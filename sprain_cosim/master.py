@@ -19,7 +19,7 @@ from time import perf_counter
 
 import numpy as np
 
-from .coupling import exchange, residual, scheme, verdict
+from .coupling import begin, exchange, residual
 from .errors import InputError, SimulationError
 from .result import Result
 from .system import Assembly
@@ -28,7 +28,8 @@ from .system import Assembly
 @dataclass(frozen=True)
 class Master:
     """Times in s. `guard`: refuse a run whose coupling would be unstable, before it starts. `record`: patterns of local variables to record
-    besides the connectors, such as "plant.*"; they cost nothing when left out."""
+    besides the connectors, such as "plant.*"; they cost nothing when left out. `identify`: number of steps after which stiffness and damping that a
+    device does not declare are found anew; 0: at the start only."""
 
     communication_step: float = 5e-4
     stop: float = 0.150
@@ -36,6 +37,7 @@ class Master:
     scheme: str = "auto"
     guard: bool = True
     record: tuple[str, ...] = ()
+    identify: int = 1
 
     @property
     def steps(self) -> int:
@@ -63,22 +65,17 @@ class Master:
         record = np.empty((n + 1, len(assembly.names)))
         more, their_units = assembly.watch(self.record) if self.record else ([], [])
         seen = np.empty((n + 1, len(more)))
-        step, reason = scheme(self.scheme, assembly.system)
-        done, message, warning = 0, "", ""
+        coupling, done, message = None, 0, ""
         try:
-            step.start(assembly)
             assembly.start(parameters, self.start, self.stop)
-            if self.guard:
-                level, said = verdict(step.name, assembly, h, n)
-                if level == "refusal":
-                    raise InputError(said)
-                warning = said
+            coupling = begin(self.scheme, assembly, h, n, self.identify, self.guard)
+            scheme = coupling.scheme
             record[0] = assembly.record
             if more:
                 seen[0] = assembly.look()
             done = 1
             for k in range(n):
-                step.step(assembly, self.start + k * h, h)
+                scheme.step(assembly, self.start + k * h, h)
                 record[k + 1] = assembly.record
                 if more:
                     seen[k + 1] = assembly.look()
@@ -92,10 +89,10 @@ class Master:
             units=(*assembly.units, *their_units),
             status="failed" if message else "completed",
             message=message,
-            scheme=step.name,
-            scheme_reason=reason,
-            warning=warning,
-            coupling_error=None if message else residual(step, exchange(assembly, record)),
+            scheme=coupling.scheme.name if coupling else self.scheme,
+            scheme_reason=coupling.reason if coupling else "",
+            warning=coupling.warning if coupling else "",
+            coupling_error=None if message or not coupling else residual(coupling.scheme, exchange(assembly, record)),
             parameters=dict(parameters),
             wall=perf_counter() - began,
         )

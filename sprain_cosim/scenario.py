@@ -7,6 +7,7 @@ title = "..."
 [parameters]  "component.parameter" = "0.30 m"    a number only where the parameter has no dimension
 [connections] "input" = "output"      left out, devices connect themselves (system.py)
 [master] communication_step = "0.5 ms", stop = "150 ms", scheme = "auto"
+         identify = 1                 steps after which undeclared stiffness and damping are found anew; 0: at the start only
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from .units import quantity, unit
 PACKAGE = Path(__file__).parent
 ROLES = ("plant", "controller", "brace")
 KEYS = ("base", "title", "components", "parameters", "connections", "master")
-MASTER_KEYS = ("communication_step", "scheme", "stop")
+MASTER_KEYS = ("communication_step", "scheme", "stop", "identify")
 SECOND = unit("s")
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
@@ -110,9 +111,9 @@ class Scenario:
             connections={t: s for t, s in self.connections.items() if name not in (t.partition(".")[0], s.partition(".")[0])},
         )
 
-    def with_master(self, scheme: str | None = None, communication_step: str | None = None, stop: str | None = None) -> Self:
+    def with_master(self, scheme: str | None = None, communication_step: str | None = None, stop: str | None = None, identify: int | None = None) -> Self:
         """Other settings of the master; times as "0.5 ms". Raises InputError."""
-        master = self.master
+        master = self.master if identify is None else replace(self.master, identify=identify)
         if scheme is not None:
             check_scheme(scheme)
             master = replace(master, scheme=scheme)
@@ -292,6 +293,8 @@ def _read(path: Path) -> dict[str, Any]:
         check_scheme(master.get("scheme", "auto"))
     except InputError as problem:
         problems.append(f"master: {problem}")
+    if not (isinstance(master.get("identify", 1), int) and master.get("identify", 1) >= 0):
+        problems.append(f"master.identify = {master['identify']!r}: must be a whole number of steps, 0 or more")
     for key in ("communication_step", "stop"):
         if key in master:
             try:

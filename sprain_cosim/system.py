@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
+from functools import cached_property
 
 import numpy as np
 
@@ -100,8 +101,37 @@ class System:
         """Targets of the stiffness and damping connections."""
         return [target for target in self.connections if target.endswith(HANDED_OVER)]
 
+    @cached_property
+    def torques(self) -> dict[str, str]:
+        """{axis: the output that gives the torque about it} for all torques of devices on the plant."""
+        plant = self.component("plant")
+        outputs = plant.outputs if plant else {}
+        axes = {target.removeprefix("plant.brace_").removesuffix("_torque"): source for target, source in self.connections.items()}
+        return {a: s for a, s in axes.items() if f"plant.brace_{a}_torque" in self.connections and {f"{a}_angle", f"{a}_velocity"} <= set(outputs)}
+
+    @cached_property
+    def undeclared(self) -> dict[str, tuple[str, str]]:
+        """{input of the plant: (torque, the plant's output it may depend on)} for stiffness and damping that the plant could use and the device
+        does not declare. Declared about an axis without cross terms means that there are none."""
+        plant = self.component("plant")
+        found: dict[str, tuple[str, str]] = {}
+        for kind, moved in (("stiffness", "angle"), ("damping", "velocity")):
+            for axis, torque in self.torques.items():
+                device = torque.partition(".")[0]
+                for other in self.torques:
+                    reads = any(s == f"plant.{other}_{moved}" and t.startswith(f"{device}.") for t, s in self.connections.items())
+                    name = impedance_input(axis, other, kind)
+                    if impedance_input(axis, axis, kind) not in self.connections and reads and plant and name.partition(".")[2] in plant.inputs:
+                        found[name] = torque, f"plant.{other}_{moved}"
+        return found
+
     def open(self) -> Assembly:
         return Assembly(self)
+
+
+def impedance_input(axis: str, other: str, kind: str) -> str:
+    """The plant's input for -d(torque about `axis`)/d(angle or velocity of `other`); `kind` is stiffness or damping."""
+    return f"plant.brace_{axis}_{kind}" if axis == other else f"plant.brace_{axis}_{other}_{kind}"
 
 
 def connect(components: Sequence[Component], explicit: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
@@ -155,10 +185,12 @@ class Member:
         self.name, self.component, self.instance = component.name, component, instance
         self.inputs, self.outputs = inputs, outputs
         self.given, self.gives = bus[inputs], bus[outputs]
-        self.sources = np.zeros(0, dtype=np.intp)
+        self.sources = self.connected = self.unconnected = np.zeros(0, dtype=np.intp)
         self.scaled = False
         self.factor = self.offset = np.zeros(0)
         self.echoes = self.late = self.sent = False
+        self.spare: Instance | None = None  # a second instance, for experiments
+        self.spare_bus = np.zeros(0)
 
 
 class Assembly:
@@ -172,7 +204,7 @@ class Assembly:
         self.units: list[Unit | None] = []
         lists = []
         for c in system.components:
-            inputs = [n for n in c.inputs if f"{c.name}.{n}" in system.connections]
+            inputs = [n for n in c.inputs if f"{c.name}.{n}" in system.connections or f"{c.name}.{n}" in system.undeclared]
             echo = {n: o.depends_on is None or not set(inputs).isdisjoint(o.depends_on) for n, o in c.outputs.items() if o.scalar_number}
             outputs = sorted(echo, key=echo.__getitem__)
             lists.append((c, inputs, outputs, sum(echo.values()) if inputs else 0))
@@ -180,10 +212,14 @@ class Assembly:
             for n in [*inputs, *outputs]:
                 self.names.append(f"{component.name}.{n}")
                 self.units.append(component.connectors[n].unit)
-        self.bus = np.zeros(len(self.names) + 1)  # the last slot stays 0: the source of what is not handed over
-        self.record = self.bus[:-1]
+        zero = len(self.names)  # this slot stays 0: the source of what is not handed over; after it stand the values found by identification [SI]
+        self.bus = np.zeros(zero + 1 + len(system.undeclared))
+        self.record = self.bus[:zero]
         self.index = {name: k for k, name in enumerate(self.names)}
+        self.identified = {name: k for k, name in enumerate(system.undeclared, zero + 1)}
         self.members: list[Member] = []
+        self.parameters: Mapping[str, float] = {}
+        self.time, self.stop = 0.0, math.inf
         self._started = False
         try:
             at = 0
@@ -197,20 +233,22 @@ class Assembly:
         except BaseException:
             self.close()
             raise
+        for member in self.members:
+            names = self.names[member.inputs]
+            sources = [system.connections.get(name) for name in names]
+            member.connected = np.array([self.index[s] if s else self.identified[n] for n, s in zip(names, sources, strict=True)], dtype=np.intp)
+            member.unconnected = np.where([n.endswith(HANDED_OVER) for n in names], zero, member.connected).astype(np.intp)
+            links = [_link(system.find(s).unit if s else None, system.find(n).unit) for n, s in zip(names, sources, strict=True)]
+            member.factor, member.offset = np.array([f for f, _ in links]), np.array([b for _, b in links])
+            member.scaled = any(link != (1.0, 0.0) for link in links)
         self.hand_over(False)
 
     def hand_over(self, on: bool) -> None:
         """Connects stiffness and damping, or feeds zeros in their place."""
         for member in self.members:
-            names = self.names[member.inputs]
-            sources = [self.system.connections[name] for name in names]
-            member.sources = np.array(
-                [self.index[s] if on or not n.endswith(HANDED_OVER) else len(self.names) for n, s in zip(names, sources, strict=True)], dtype=np.intp
-            )
+            member.sources = member.connected if on else member.unconnected
             member.late = bool((member.sources[member.sources < len(self.names)] >= member.outputs.stop).any())
-            links = [_link(self.system.find(s).unit, self.system.find(n).unit) for n, s in zip(names, sources, strict=True)]
-            member.factor, member.offset = np.array([f for f, _ in links]), np.array([b for _, b in links])
-            member.scaled = any(link != (1.0, 0.0) for link in links)
+            member.sent = False
 
     def watch(self, patterns: Sequence[str]) -> tuple[list[str], list[Unit | None]]:
         """Local variables to fetch with `look`, by patterns such as "plant.*_force": their names and units."""
@@ -258,10 +296,11 @@ class Assembly:
             for member in self.members:
                 member.instance.reset()
         self._started = True
+        self.parameters, self.time, self.stop = parameters, time, stop
+        self.hand_over(False)
         self.bus[:] = 0.0
         for member in self.members:
-            prefix = f"{member.name}."
-            member.instance.set({n.removeprefix(prefix): v for n, v in parameters.items() if n.startswith(prefix)})
+            member.instance.set(self.parameters_of(member))
         for member in self.members:
             member.instance.start(time, stop)
         self.agree()
@@ -270,6 +309,10 @@ class Assembly:
         for member in self.members:
             member.instance.pull()
         self.agree()
+
+    def parameters_of(self, member: Member) -> dict[str, float]:
+        prefix = f"{member.name}."
+        return {n.removeprefix(prefix): v for n, v in self.parameters.items() if n.startswith(prefix)}
 
     def agree(self) -> None:
         """Exchanges until nothing changes: solves the direct feed-through between components by substitution."""
@@ -323,6 +366,8 @@ class Assembly:
     def close(self) -> None:
         for member in self.members:
             member.instance.close()
+            if member.spare is not None:
+                member.spare.close()
         self.members = []
 
 

@@ -88,6 +88,7 @@ class FakeInstance:
         self.state = self.component.law(self.state, self.inputs, time, step)
 
     def save(self) -> Any:
+        assert self.component.capabilities.state
         return self.state
 
     def restore(self, state: Any) -> None:

@@ -76,7 +76,7 @@ class Connector:
 class Capabilities:
     """What the FMU declares. `fixed_step` [s] is its own step where it cannot take another one; `states` and `event_indicators` count those of
     an FMI 2 model exchange FMU; `reusable`: its reset is known to work; `shared_modules`: its Python modules have names that another FMU's may
-    have as well, so it needs a process of its own."""
+    have as well, so it needs a process of its own; `single`: one instance per process; `variable_step`: its communication step may change during a run."""
 
     fmi_version: str
     fixed_step: float | None = None
@@ -87,6 +87,8 @@ class Capabilities:
     states: int = 0
     event_indicators: int = 0
     shared_modules: bool = False
+    single: bool = False
+    variable_step: bool = True
 
     @property
     def interface(self) -> str:
@@ -298,6 +300,8 @@ def _describe(sha256: str, description: bytes, names: tuple[str, ...]) -> tuple[
         md.numberOfContinuousStates,
         md.numberOfEventIndicators,
         shared_modules=PYTHON_SLAVE in names and tool != OWN_TOOL,
+        single=bool(getattr(chosen, "canBeInstantiatedOnlyOncePerProcess", False)),
+        variable_step=md.coSimulation is None or bool(md.coSimulation.canHandleVariableCommunicationStepSize),
     )
     return connectors, capabilities, chosen.modelIdentifier, md.guid, binary, tuple(warnings)
 

@@ -2,29 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 from ..errors import InputError, nearest
-from ..system import Assembly, System
+from ..system import Assembly
 from .energy import Exchange, exchange, residual
 from .extrapolated import Extrapolated
 from .gauss_seidel import GaussSeidel
-from .guard import verdict
+from .guard import WARNING, growth, verdict
+from .identify import Found, Identification
 from .impedance import Impedance
 from .iterative import Iterative
 from .jacobi import Jacobi
 
-__all__ = ["SCHEMES", "Scheme", "check_scheme", "exchange", "residual", "scheme", "verdict"]
+__all__ = ["SCHEMES", "Coupling", "Scheme", "begin", "check_scheme", "exchange", "residual"]
 
 
 class Scheme(Protocol):
-    """`start` runs once before initialisation. `step` takes the assembly from consistent values at `time` to consistent values at
+    """`start` runs once, on an assembly that has started. `step` takes the assembly from consistent values at `time` to consistent values at
     `time + step` [s], inputs transferred. `applied` says which torque it let the plant apply over each step, `lag`
-    by how many steps a recorded device torque is behind. A scheme may keep memory of a run;
+    by how many steps a recorded device torque is behind. `order` of convergence. A scheme may keep memory of a run;
     every run makes a new one."""
 
     name: str
     lag: int
+    order: int
 
     def start(self, assembly: Assembly) -> None: ...
 
@@ -33,7 +36,7 @@ class Scheme(Protocol):
     def applied(self, exchange: Exchange) -> Exchange.Torques: ...
 
 
-SCHEMES: dict[str, type[Scheme]] = {s.name: s for s in (Jacobi, GaussSeidel, Extrapolated, Iterative, Impedance)}
+SCHEMES = (Jacobi.name, GaussSeidel.name, Extrapolated.name, Iterative.name, Impedance.name)
 
 
 def check_scheme(name: str) -> None:
@@ -43,12 +46,61 @@ def check_scheme(name: str) -> None:
         raise InputError(f"scheme {name!r} is unknown{nearest(name, known)}")
 
 
-def scheme(name: str, system: System) -> tuple[Scheme, str]:
-    """The scheme of that name and why it was taken. `auto`: impedance hand-over where a device declares stiffness or damping, else Gauss-Seidel."""
+@dataclass(frozen=True)
+class Coupling:
+    """The scheme of one run, why it was taken, and what has to be said before the run."""
+
+    scheme: Scheme
+    reason: str
+    warning: str
+
+
+def begin(name: str, assembly: Assembly, step: float, steps: int, identify: int = 1, guard: bool = True) -> Coupling:
+    """Chooses and starts the scheme of an assembly that has started, for `steps` steps of `step` [s]; `identify`: after how many steps
+    stiffness and damping are found anew. Raises InputError for a scheme that the system cannot run or, with `guard`, that would be unstable."""
     check_scheme(name)
-    if name != "auto":
-        return SCHEMES[name](), "asked for"
-    handed_over = system.handed_over
-    if handed_over:
-        return Impedance(), f"the device declares {', '.join(sorted({system.connections[t] for t in handed_over}))}"
-    return GaussSeidel(), "no device declares stiffness or damping"
+    unable = [m.name for m in assembly.members if not m.component.capabilities.state]
+    if name == Iterative.name and unable:
+        raise InputError(f"scheme iterative: {', '.join(unable)} cannot save and restore its state; use auto, impedance or gauss-seidel")
+    probing = guard or name in ("auto", Impedance.name)
+    identification = Identification(assembly, step) if probing else None
+    found = identification.found if identification else None
+    reason = "asked for"
+    if name == "auto":
+        name, reason = _choose(found, not unable, step, steps)
+    elif name == Impedance.name:
+        reason = f"asked for; {_handed_over(found)}"
+    warnings = []
+    if guard:
+        others = [Impedance.name] if unable else [Impedance.name, Iterative.name]
+        level, said = verdict(name, found, step, steps, others)
+        if level == "refusal":
+            raise InputError(said)
+        warnings = [said, found.doubt if found else ""]
+    plain: dict[str, type[Scheme]] = {s.name: s for s in (Jacobi, GaussSeidel, Extrapolated, Iterative)}
+    scheme: Scheme = plain[name]() if name in plain else Impedance(identification or Identification(assembly, step), identify)
+    scheme.start(assembly)
+    return Coupling(scheme, reason, "; ".join(w for w in warnings if w))
+
+
+def _choose(found: Found | None, states: bool, step: float, steps: int) -> tuple[str, str]:
+    """Impedance hand-over wherever something can be handed over; else Gauss-Seidel, if it is stable; else iteration, if all can repeat a step."""
+    if found is None:
+        return GaussSeidel.name, "no device gives the plant a torque"
+    if found.declared or found.identified:
+        return Impedance.name, f"{_handed_over(found)}; {found.size()} at the start"
+    why = "stiffness and damping are neither declared nor to be found"
+    if found.inertia is not None and growth(GaussSeidel.name, found, step, steps) > WARNING:
+        if states:
+            return Iterative.name, f"{why}, and gauss-seidel would not be stable: {found.size()} at the start"
+        return GaussSeidel.name, f"{why}, and no iteration: not every component saves its state"
+    return GaussSeidel.name, why
+
+
+def _handed_over(found: Found | None) -> str:
+    if found is None or not (found.declared or found.identified):
+        return "nothing to hand over"
+    parts = [f"the device declares {', '.join(found.declared)}"] if found.declared else []
+    if found.identified:
+        parts.append(f"found by finite differences: {', '.join(found.identified)}")
+    return "; ".join(parts)

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..system import Assembly
+from ..system import Assembly, impedance_input
 
 TORQUE = "_torque"
 
@@ -52,11 +52,7 @@ def exchange(assembly: Assembly, values: NDArray[np.float64]) -> Exchange | None
         raw = values[:, assembly.index[name]]
         return raw if unit is None else unit.factor * raw + unit.offset
 
-    axes = []
-    for target in system.connections:
-        stem = target.removeprefix("plant.brace_").removesuffix(TORQUE)
-        if target == f"plant.brace_{stem}{TORQUE}" and f"plant.{stem}_angle" in assembly.index and f"plant.{stem}_velocity" in assembly.index:
-            axes.append(stem)
+    axes = list(system.torques)
     if not axes:
         return None
     n, d = len(values), len(axes)
@@ -64,8 +60,8 @@ def exchange(assembly: Assembly, values: NDArray[np.float64]) -> Exchange | None
     for kind, matrix in matrices.items():
         for i, a in enumerate(axes):
             for j, b in enumerate(axes):
-                name = f"plant.brace_{a}_{kind}" if a == b else f"plant.brace_{a}_{b}_{kind}"
-                if name in system.connections:
+                name = impedance_input(a, b, kind)
+                if name in assembly.index:
                     matrix[:, i, j] = column(name)
     torque, angle, velocity = (
         np.stack([column(name.format(a)) for a in axes], axis=1) for name in ("plant.brace_{}_torque", "plant.{}_angle", "plant.{}_velocity")

@@ -12,9 +12,9 @@ from .energy import TORQUE, Exchange
 class Extrapolated:
     name = "gauss-seidel-extrapolated"
     lag = 0
+    order = 2
 
     def start(self, assembly: Assembly) -> None:
-        assembly.hand_over(False)
         self._slots = assembly.slots(lambda name: name.endswith(TORQUE))
         self._before: np.ndarray | None = None
 

@@ -1,5 +1,6 @@
 """Gauss-Seidel with the devices' stiffness and damping handed to the plant, which applies torque - K d(angle) - C d(velocity) within its own
-steps. Exact for a device that is linear in angle and velocity, second order for others, and free of the delay that destabilises a held torque."""
+steps. Exact for a device that is linear in angle and velocity, second order for others, and free of the delay that destabilises a held torque.
+What a device does not declare is found by finite differences (identify.py)."""
 
 from __future__ import annotations
 
@@ -8,13 +9,30 @@ import numpy as np
 from ..system import Assembly
 from .energy import Exchange
 from .gauss_seidel import GaussSeidel
+from .identify import Identification
 
 
 class Impedance(GaussSeidel):
+    """`every` steps the identification is done anew; 0: at the start only."""
+
     name = "impedance"
+    order = 2
+
+    def __init__(self, identification: Identification, every: int = 1) -> None:
+        self._identification, self._every = identification, every
+        self._count = 0
 
     def start(self, assembly: Assembly) -> None:
         assembly.hand_over(True)
+        assembly.agree()
+        self._plant = next((m for m in assembly.members if m.name == "plant"), None)
+
+    def step(self, assembly: Assembly, time: float, step: float) -> None:
+        super().step(assembly, time, step)
+        self._count += 1
+        again = self._every and self._count % self._every == 0 and time + 2 * step <= assembly.stop + 1e-9 * step
+        if again and self._identification.update(time + step, step) and self._plant:
+            assembly.transfer(self._plant)
 
     def applied(self, exchange: Exchange) -> Exchange.Torques:
         """The mean of a torque that starts at the device's and changes with K and C over the step."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import InputError, SimulationError
+from ..errors import SimulationError
 from ..system import Assembly
 from .energy import TORQUE, Exchange
 
@@ -16,12 +16,9 @@ MAX_ITERATIONS = 50
 class Iterative:
     name = "iterative"
     lag = 0
+    order = 2
 
     def start(self, assembly: Assembly) -> None:
-        unable = [m.name for m in assembly.members if not m.component.capabilities.state]
-        if unable:
-            raise InputError(f"scheme iterative: {', '.join(unable)} cannot save and restore its state; use auto, impedance or gauss-seidel")
-        assembly.hand_over(False)
         self._slots = assembly.slots(lambda name: name.endswith(TORQUE))
         self._before: np.ndarray | None = None
 

@@ -9,9 +9,10 @@ from .energy import Exchange
 class Jacobi:
     name = "jacobi"
     lag = 1
+    order = 1
 
     def start(self, assembly: Assembly) -> None:
-        assembly.hand_over(False)
+        pass
 
     def step(self, assembly: Assembly, time: float, step: float) -> None:
         for member in assembly.members:
