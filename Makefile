@@ -4,7 +4,7 @@ BIN := .venv/bin
 RUN := $(BIN)/sprain-cosim
 OUT ?= out
 
-.PHONY: bench demo test validate lint build lock clean
+.PHONY: bench demo docs test validate lint build lock clean
 
 demo: build
 	$(RUN) run incline30 --out $(OUT)/incline30
@@ -19,6 +19,10 @@ test: build lint
 validate: build
 	$(BIN)/python -m pytest -m "long or not long"
 	$(RUN) validate --out $(OUT)/validation
+
+docs: build
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo "written: build/site/index.html"
 
 bench: build
 	$(BIN)/python tools/bench.py
@@ -40,7 +44,7 @@ build: .venv/installed
 
 # needs uv; writes the versions and hashes of everything that `make` installs
 lock:
-	uv pip compile --quiet --universal --python-version 3.11 --extra dev --extra distributed --extra parquet --generate-hashes \
+	uv pip compile --quiet --universal --python-version 3.11 --extra dev --extra distributed --extra parquet --extra docs --generate-hashes \
 	  --no-emit-index-url --no-emit-find-links --no-header --no-annotate pyproject.toml -o requirements.txt
 
 clean:

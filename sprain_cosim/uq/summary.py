@@ -176,7 +176,7 @@ def text(study: Study, summary: Mapping[str, Any]) -> str:
             p = s["pearson"]
             lines.append(
                 f"  {key:32}{p['value']:10.2f}{_interval(p['low'], p['high']):>20}{_number(shown):>12}"
-                f"{s['dsd_dmean']:12.2f}{s['dsd_dsd']:9.2f}{s['standard_error']['dsd_dsd']:7.2f}"
+                f"{_fixed(s['dsd_dmean']):>12}{_fixed(s['dsd_dsd']):>9}{_fixed(s['standard_error']['dsd_dsd']):>7}"
             )
     if summary["responses"]:
         lines += ["", f"{'metric (mean ± SD)':48}{'here':>20}{'published':>16}"]
@@ -209,6 +209,11 @@ def _search_lines(study: Study, found: Mapping[str, Any]) -> list[str]:
 
 def _interval(low: float | None, high: float | None) -> str:
     return "" if low is None or high is None else f"{low:.2f} ... {high:.2f}"
+
+
+def _fixed(value: float | None) -> str:
+    """Two decimals; '-' for a factor that is not defined, such as those of a uniform input."""
+    return "-" if value is None else f"{value:.2f}"
 
 
 def _number(value: Any) -> str:
