@@ -11,9 +11,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from ..brace.check import check_brace
+from ..brace.new import build, new
 from ..component import Component
 from ..export import build_fmu
-from ..scenario import PACKAGE, shipped_fmus
+from ..scenario import PACKAGE, load_scenario, shipped_fmus
 from .check import Check, Row
 from .laboratory import Laboratory, scenario
 
@@ -154,6 +155,18 @@ def rebuilt(_: Laboratory) -> list[Row]:
     return rows
 
 
+def compiled(laboratory: Laboratory) -> list[Row]:
+    """The template in C is the paper's brace: built here, it must fit and give the landing of ours in Python."""
+    with TemporaryDirectory() as folder:
+        project = Path(folder) / "compiled"
+        new(project, "c")
+        fmu = build(project, Path(folder) / "compiled.fmu")
+        problems = float(len(check_brace(fmu).problems))
+        run = laboratory.land(load_scenario("incline30_brace").replace_fmu("brace", fmu))
+    ours = laboratory.run("incline30_brace", {"brace.angle_scale": run.parameters["brace.angle_scale"]})
+    return [Row("problems of the contract", problems, 0, 0), Row("peak subtalar angle", run.metrics[PEAK], ours.metrics[PEAK], 1e-9, "deg")]
+
+
 BITS = "to the bit: nothing random, the same operations in the same order"
 
 
@@ -167,4 +180,5 @@ def checks() -> Sequence[Check]:
         Check("fmi-06", "Communication steps are honoured", "the integrator's own error, 0.1 deg (numerics-01)", "the plant at tolerance 1e-5", honoured_steps),
         Check("fmi-07", "Our braces fit the brace contract", "none is allowed", "docs/brace-contract.md", contract),
         Check("fmi-08", "Building an FMU again gives the same bytes", "to the byte", "by construction", rebuilt, needs=("clone",)),
+        Check("fmi-09", "The paper's brace compiled from C", "rounding of the same formula", "brace_bushing, in Python", compiled, needs=("compiler",)),
     ]

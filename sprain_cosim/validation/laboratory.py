@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..brace.new import COMPILERS
 from ..errors import SimulationError
 from ..scenario import PACKAGE, Scenario, Value, load_scenario
 from ..uq.study import Study, load_study
@@ -103,7 +104,7 @@ def rms(difference: Any) -> float:
 
 
 def _compiler(_: Laboratory) -> str:
-    return "" if shutil.which("gcc") or shutil.which("cc") else "no C compiler (gcc) on this machine"
+    return "" if any(map(shutil.which, COMPILERS)) else f"no C compiler ({', '.join(COMPILERS)}) on this machine"
 
 
 def _reference(laboratory: Laboratory) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from ..errors import EnvironmentProblem, InputError
-from .check import FAIL, GAP, NOT_RUN, Outcome
+from .check import FAIL, GAP, NOT_RUN, PASS, Outcome
 from .credibility import LABELS, NOTE, markdown, sections
 from .suite import Report, line, summary
 
@@ -24,7 +24,7 @@ table { border-collapse: collapse; width: 100%; font-size: .9rem }
 th, td { text-align: left; padding: .3rem .5rem; border-bottom: 1px solid #d8dee4; vertical-align: top }
 td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap }
 .tag { color: #fff; border-radius: .3rem; padding: .05rem .4rem; font-size: .8rem; white-space: nowrap }
-details > summary { cursor: pointer } .why { color: #57606a; font-size: .85rem } .scroll { overflow-x: auto }
+details > summary { cursor: pointer; padding: .15rem 0 } td.id { white-space: nowrap } .why { color: #57606a; font-size: .85rem } .scroll { overflow-x: auto }
 .tiles { display: flex; flex-wrap: wrap; gap: .6rem; margin: 1rem 0 } .tile { border: 1px solid #d8dee4; border-radius: .4rem; padding: .4rem .8rem }
 .tile b { font-size: 1.4rem; display: block }
 @media print { details { break-inside: avoid } .tag { border: 1px solid #000; color: #000; background: none !important } }
@@ -101,7 +101,8 @@ def junit(report: Report) -> str:
 def page(report: Report) -> str:
     """One HTML file without network: verdict first, then every check with its numbers, then the credibility report."""
     esc = html.escape
-    verdict = "Validation passed" if report.passes() else "Validation failed"
+    failed = report.count(FAIL)
+    verdict = f"Validation failed: {failed} {'check' if failed == 1 else 'checks'}" if failed else f"No check failed, {report.count(PASS)} passed"
     kind = "quick run" if report.quick else "full run"
     tiles = "".join(f'<div class="tile"><b style="color:{COLOURS[s]}">{n}</b>{s}</div>' for s, n in report.counts.items())
     facts = " · ".join(f"{esc(k)} {esc(v)}" for k, v in report.environment.items())
@@ -147,7 +148,7 @@ def _tag(status: str) -> str:
 
 def _brief(outcome: Outcome) -> str:
     title, reason = html.escape(outcome.check.title), html.escape(outcome.reason)
-    return f"<tr><td>{_tag(outcome.status)}</td><td>{outcome.check.id}</td><td>{title}<br><span class='why'>{reason}</span></td></tr>"
+    return f"<tr><td>{_tag(outcome.status)}</td><td class='id'>{outcome.check.id}</td><td>{title}<br><span class='why'>{reason}</span></td></tr>"
 
 
 def _details(outcome: Outcome) -> str:

@@ -87,6 +87,7 @@ def test_what_is_written(report: suite.Report, tmp_path: Path) -> None:
     assert [[e.tag for e in case] for case in root.iter("testcase")] == [[], ["skipped"], ["skipped"], ["skipped"]]
     page = (tmp_path / "v" / "validation.html").read_text()
     assert "a &lt;title&gt; &amp; more" in page
+    assert "<h1>No check failed, 1 passed</h1>" in page
     assert not re.search(r"(src|href)=|https?://|@import|url\(", page), "self-contained"
     text = (tmp_path / "v" / "credibility.md").read_text()
     assert (
@@ -107,7 +108,7 @@ def test_a_failure_reaches_every_output() -> None:
     report = suite.run([check("unit-01", OUTSIDE)], Laboratory())
     assert json.loads(output.json_text(report))["status"] == "failed"
     assert "<failure" in output.junit(report)
-    assert "Validation failed" in output.page(report)
+    assert "<h1>Validation failed: 1 check</h1>" in output.page(report)
 
 
 def test_the_suite_is_numbered_and_says_why() -> None:
