@@ -1,0 +1,94 @@
+"""The body that is drawn: a plant's FMU carries it as extra/sprain-cosim/skeleton.json, and its coordinates give the pose."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+
+FILE = "extra/sprain-cosim/skeleton.json"
+Pose = dict[str, tuple[np.ndarray, np.ndarray]]  # {body: (origin (3,) [m], orientation (3, 3))} in the ground's frame
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """`bodies` from the root to the ends, each with the movements of its joint; `volumes` are round cones (part, body, ends, radii)."""
+
+    content: Mapping[str, Any]
+
+    @classmethod
+    def read(cls, fmu: Path) -> Skeleton:
+        """Raises InputError for a plant without a drawing."""
+        try:
+            with zipfile.ZipFile(fmu) as archive:
+                return cls(json.loads(archive.read(FILE)))
+        except KeyError:
+            raise InputError(f"{fmu}: has no {FILE}, so its landing cannot be drawn") from None
+        except (OSError, ValueError, zipfile.BadZipFile) as problem:
+            raise InputError(f"{fmu}: its {FILE} cannot be read: {problem}") from None
+
+    @cached_property
+    def coordinates(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(m["coordinate"] for body in self.content["bodies"] for m in body["movements"]))
+
+    def pose(self, coordinates: Mapping[str, float]) -> Pose:
+        """From the coordinates [rad, m] to the place of every body."""
+        placed: Pose = {"ground": (np.zeros(3), np.eye(3))}
+        for body in self.content["bodies"]:
+            origin, turn = placed[body["parent"]]
+            joint, local = np.array(body["at_parent"], float), np.eye(3)
+            for movement in body["movements"]:
+                value, axis = coordinates[movement["coordinate"]], np.array(movement["axis"], float)
+                if "values" in movement:
+                    value = float(np.interp(value, *movement["values"]))
+                if movement["motion"] == "translation":
+                    joint = joint + value * axis
+                else:
+                    local = local @ rotation(axis, value)
+            turn_here = turn @ local
+            placed[body["name"]] = (origin + turn @ joint - turn_here @ np.array(body["at_child"], float), turn_here)
+        return placed
+
+    def point(self, name: str, pose: Pose) -> np.ndarray:
+        """(3,) [m] of a named landmark: knee, ankle."""
+        given = self.content["points"][name]
+        origin, turn = pose[given["body"]]
+        return origin + turn @ np.array(given["at"])
+
+    @cached_property
+    def parts(self) -> list[str]:
+        return [v["part"] for v in self.content["volumes"]]
+
+    def volumes(self, pose: Pose) -> np.ndarray:
+        """(n, 8): both ends [m] in the ground's frame and the radii there, one row for each of `parts`."""
+        rows = np.empty((len(self._ends), 8))
+        rows[:, 6:] = [v["radii"] for v in self.content["volumes"]]
+        for body, members in self._members.items():
+            origin, turn = pose[body]
+            rows[members, :3] = origin + self._ends[members, :3] @ turn.T
+            rows[members, 3:6] = origin + self._ends[members, 3:] @ turn.T
+        return rows
+
+    @cached_property
+    def _ends(self) -> np.ndarray:
+        return np.array([[*v["from"], *v["to"]] for v in self.content["volumes"]])
+
+    @cached_property
+    def _members(self) -> dict[str, np.ndarray]:
+        of_body = [v["body"] for v in self.content["volumes"]]
+        return {body: np.array([k for k, b in enumerate(of_body) if b == body]) for body in dict.fromkeys(of_body)}
+
+
+def rotation(axis: np.ndarray, angle: float) -> np.ndarray:
+    """(3, 3) rotation by `angle` [rad] about `axis` (Rodrigues)."""
+    x, y, z = axis / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross

@@ -1,0 +1,345 @@
+"""The picture around the views: what stands still is drawn once, what moves is drawn over it frame by frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
+
+from ..errors import InputError
+from ..plots import ANATOMY, BRACE, DEGREES, FAINT, GROUND, INK, SUBTALAR, TALOCRURAL
+from ..trajectory import Trajectory
+from .skeleton import Pose, Skeleton
+from .solid import PAPER, Camera
+
+MOST = 4
+RUNS = ("#1b6ca8", "#d9822b", "#2a9d8f", "#a23b72")
+COLOURS = {"brace": (0.94, 0.71, 0.33), "shirt": (0.30, 0.45, 0.62), "shorts": (0.20, 0.26, 0.36), "skin": (0.86, 0.68, 0.56), "foot": (0.86, 0.68, 0.56), "sole": (0.78, 0.60, 0.48)}
+PLATFORM, HALF = np.array([0.68, 0.735, 0.79]), np.array([0.24, 0.018, 0.24])  # colour, half extents [m]
+X, Y, Z = np.eye(3)
+EDGE, HEAD, GAP, CHART, FOOT = 14, 58, 12, 196, 28  # px
+IMPACT = 0.005  # s; the force arrow's scale leaves out the first contact, which may be five times larger in the published pose
+
+
+@dataclass(frozen=True)
+class View:
+    """`low` and `high` of the picture above the platform's pivot [m], its middle `at` [m] to the right of it; `torques`: shows the moments as arcs."""
+
+    title: str
+    right: np.ndarray
+    low: float
+    high: float
+    at: float
+    width: int
+    whole: bool = True
+    torques: bool = False
+
+
+WHOLE, SIDE = View("from behind", Z, -0.19, 1.97, -0.06, 250), View("from the right side", X, -0.19, 1.97, -0.03, 314)
+CLOSE = View("ankle from behind", Z, -0.15, 0.47, -0.01, 412, whole=False, torques=True)
+
+
+def _views(count: int) -> tuple[tuple[View, ...], int]:
+    if count == 1:
+        return (WHOLE, SIDE, CLOSE), 440
+    if count == 2:
+        return (View(CLOSE.title, Z, -0.15, 0.47, -0.01, 360, False, True), View(SIDE.title, X, -0.19, 1.97, -0.03, 236)), 416
+    return (View(CLOSE.title, Z, -0.15, 0.47, -0.01, 322, False, True),), 380
+
+
+class Stage:
+    """`frames(times)` yields pictures (height, width, 3) uint8 of the landings side by side, all at the same time after contact [s]."""
+
+    def __init__(self, runs: Sequence[Trajectory], slow: float) -> None:
+        if not 1 <= len(runs) <= MOST:
+            raise InputError(f"{len(runs)} landings: up to {MOST} can be shown side by side")
+        self.runs, self.slow = runs, slow
+        self.actors = [_Actor(run) for run in runs]
+        views, tall = _views(len(runs))
+        block = sum(v.width for v in views) + GAP * (len(views) - 1)
+        self.width = 2 * EDGE + len(runs) * block + (len(runs) - 1) * 2 * GAP
+        self.height = HEAD + tall + GAP + CHART + FOOT
+        self.width += self.width % 2  # video wants even sizes
+        self.height += self.height % 2
+        self.figure = Figure(figsize=(self.width / 100, self.height / 100), dpi=100, facecolor="white")
+        self.canvas = FigureCanvasAgg(self.figure)
+        self.page = self._page(self.figure)
+        self.labels = Figure(figsize=self.figure.get_size_inches(), dpi=100, facecolor="none")  # what stands still in front of the views
+        FigureCanvasAgg(self.labels)
+        self.front = self._page(self.labels)
+        self.clock = self._text(self.width - EDGE, 20, "", 15, INK, ha="right", weight="bold", moving=True)
+        self._text(self.width - EDGE, 41, f"slowed {slow:g} times", 9, FAINT, ha="right")
+        self._head(block)
+        top = max(float(a["plant.ground_force"][a.run.result.time > IMPACT].max(initial=1.0)) for a in self.actors)
+        moment = max(float(np.abs(a[f"plant.{who}_subtalar_moment"]).max(initial=1.0)) for a in self.actors for who in ("anatomy", "brace"))
+        self.panels = []
+        for n, actor in enumerate(self.actors):
+            left = EDGE + n * (block + 2 * GAP)
+            for view in views:
+                self.panels.append(_Panel(self, actor, view, left, HEAD, tall, 0.40 * tall / top, 150.0 / max(moment, 20.0)))
+                left += view.width + GAP
+        self.charts = self._charts(HEAD + tall + GAP)
+
+    def frames(self, times: np.ndarray) -> Iterator[np.ndarray]:
+        for actor in self.actors:
+            actor.prepare(times)
+        self.canvas.draw()
+        still = self.canvas.copy_from_bbox(self.figure.bbox)
+        self.labels.canvas.draw()
+        for panel in self.panels:
+            panel.take_labels(np.asarray(self.labels.canvas.buffer_rgba()))  # type: ignore[attr-defined]
+        for k, t in enumerate(times):
+            self.canvas.restore_region(still)
+            pixels = np.asarray(self.canvas.buffer_rgba())
+            for panel in self.panels:
+                panel.paint(pixels, k)
+            self.clock.set_text(f"{1e3 * t:5.1f} ms")
+            moving: list[Artist] = [self.clock, *(artist for panel in self.panels for artist in panel.move(k))]
+            for chart in self.charts:
+                moving += chart.move(t)
+            for artist in moving:
+                self.figure.draw_artist(artist)
+            yield np.asarray(self.canvas.buffer_rgba())[..., :3].copy()
+
+    # ---- what stands still
+
+    def _page(self, figure: Figure) -> Axes:
+        """All of a figure in pixels, y downwards."""
+        page = figure.add_axes((0, 0, 1, 1), xlim=(0, self.width), ylim=(self.height, 0))
+        page.axis("off")
+        return page
+
+    def label(self, x: float, y: float, text: str, size: float, colour: str) -> None:
+        self.front.text(x, y, text, fontsize=size * 0.72, color=colour, va="center")
+
+    def _text(self, x: float, y: float, text: str, size: float, colour: str, moving: bool = False, **more: str) -> Artist:
+        return self.page.text(x, y, text, fontsize=size * 0.72, color=colour, va="center", animated=moving, **more)  # type: ignore[arg-type]
+
+    def _head(self, block: int) -> None:
+        for n, run in enumerate(self.runs):
+            left = EDGE + n * (block + 2 * GAP)
+            room = block - (120 if n == len(self.runs) - 1 else 0)
+            many = len(self.runs) > 1
+            if many:
+                self.page.plot([left, left + 22], [20, 20], color=RUNS[n], linewidth=3.5, solid_capstyle="round")
+            said = f"initial pose {run.pose}" if run.pose else ""
+            self._text(left + (30 if many else 0), 20, _short(run.title, room / 8.6), 14, INK, weight="bold")
+            self._text(left + (30 if many else 0), 41, _short(", ".join(p for p in (said, run.label) if p), room / 5.6), 9, FAINT)
+        self._text(EDGE, self.height - 13, "force on the foot at the centre of pressure; moments about the subtalar axis, + resists supination; parallel projection", 9, FAINT)
+
+    def _charts(self, top: int) -> list[_Chart]:
+        many = len(self.runs) > 1
+        charts = []
+        names = ["Subtalar angle [deg], + supination" if many else "Ankle angle [deg]", "Subtalar moment [N·m]", "Vertical ground force [kN]"]
+        width = (self.width - 2 * EDGE) / 3
+        for n, name in enumerate(names):
+            box = (EDGE + n * width + 34, top + 26, width - 52, CHART - 26 - 36)
+            axes = self.figure.add_axes((box[0] / self.width, 1 - (box[1] + box[3]) / self.height, box[2] / self.width, box[3] / self.height))
+            axes.set_title(name, loc="left", fontsize=7.4, color=INK)
+            axes.spines[["top", "right"]].set_visible(False)
+            axes.spines[["left", "bottom"]].set_color(FAINT)
+            axes.tick_params(colors=INK, labelsize=6.6, length=2.5, pad=2)
+            axes.set_xlabel("time after contact [ms]", fontsize=6.8, color=INK, labelpad=1)
+            axes.axhline(0, color=FAINT, linewidth=0.6)
+            charts.append(_Chart(axes))
+        for n, actor in enumerate(self.actors):
+            ms = 1e3 * actor.run.result.time
+            lines = [
+                (0, DEGREES * actor["plant.subtalar_angle"], SUBTALAR, "subtalar, + supination", "-"),
+                (0, DEGREES * actor["plant.talocrural_angle"], TALOCRURAL, "talocrural, + dorsiflexion", "-"),
+                (1, actor["plant.anatomy_subtalar_moment"], ANATOMY, "anatomy", (0, (3, 1.5)) if many else "-"),
+                (1, actor["plant.brace_subtalar_moment"], BRACE, "brace", "-"),
+                (2, actor["plant.ground_force_y"] / 1e3, GROUND, "", "-"),
+            ]
+            for where, values, colour, label, style in lines:
+                if (many and colour == TALOCRURAL) or (colour == BRACE and not actor.braced):
+                    continue
+                charts[where].add(ms, values, RUNS[n] if many else colour, "" if many else label, style)
+        ends = max(1e3 * run.result.time[-1] for run in self.runs)
+        for where, chart in enumerate(charts):
+            chart.axes.set_xlim(0, ends)
+            if where == 2:
+                high = max(float(a["plant.ground_force_y"][a.run.result.time > IMPACT].max(initial=1.0)) for a in self.actors) / 1e3
+                chart.axes.set_ylim(-0.06 * high, 1.15 * high)
+            chart.legend(many and where == 1)
+        return charts
+
+
+class _Actor:
+    """A landing: its signals, and the pose at each time of the film."""
+
+    def __init__(self, run: Trajectory) -> None:
+        self.run, self.skeleton = run, Skeleton.read(run.plant)
+        run.need(self.skeleton.coordinates, "a drawing")
+        self.braced = any(n.startswith("plant.brace_") and n.endswith("_torque") for n in run.result.index)
+        self.incline = run.parameter(self.skeleton.content["platform"]["incline"])
+        self.pivot = np.array(self.skeleton.content["platform"]["pivot"])
+        sine, cosine = math.sin(self.incline), math.cos(self.incline)
+        self.turn = np.array([[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]])
+        self.colours = np.array([_colour(part) for part in self.skeleton.parts])
+        worn = np.array([self.braced or part != "brace" for part in self.skeleton.parts])
+        self.whole, self.near = worn, worn & np.array([not part.startswith("left") and part not in ("shirt", "shorts") for part in self.skeleton.parts])
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """(n,) a signal of the record; zeros where the record has none."""
+        result = self.run.result
+        return result[name] if name in result.index else np.zeros(len(result.time))
+
+    def at(self, name: str, k: int) -> float:
+        return float(np.interp(self.times[k], self.run.result.time, self[name]))
+
+    def prepare(self, times: np.ndarray) -> None:
+        self.times = np.minimum(times, self.run.result.time[-1])
+        self.poses: list[Pose] = []
+        for k in range(len(times)):
+            self.poses.append(self.skeleton.pose({c: self.at(f"plant.{c}", k) for c in self.skeleton.coordinates}))
+        self.volumes = [self.skeleton.volumes(pose) for pose in self.poses]
+
+
+class _Panel:
+    """One view of one landing: the picture, the force arrow, the arcs of the moments, figures in a corner."""
+
+    def __init__(self, stage: Stage, actor: _Actor, view: View, left: int, top: int, tall: int, reach: float, degrees: float) -> None:
+        self.stage, self.actor, self.view, self.left, self.top, self.tall = stage, actor, view, left, top, tall
+        self.reach, self.degrees = reach, degrees  # px/N and degrees of arc per N.m
+        middle = actor.pivot + view.at * view.right
+        middle[1] = 0.5 * (view.low + view.high)
+        self.camera = Camera(view.right, Y, middle, tall / (view.high - view.low), view.width, tall)
+        page = stage.page
+        page.add_patch(Polygon([(left - 1, top - 1), (left + view.width, top - 1), (left + view.width, top + tall), (left - 1, top + tall)], fc=PAPER, ec="#d5dbe1", lw=1))
+        grey = "#5b6770"
+        metres = 0.2 if view.whole else 0.1
+        bar, y = metres * self.camera.scale, top + (33 if view.whole else tall - 47)
+        stage.label(left + 9, top + (16 if view.whole else tall - 13), view.title, 9.5, grey)
+        stage.front.plot([left + 9, left + 9 + bar], [y, y], color=grey, lw=1.6, solid_capstyle="butt")
+        stage.label(left + 14 + bar, y, f"{metres:g} m", 8.5, grey)
+        self.arrow = page.add_patch(Polygon(np.zeros((7, 2)), closed=True, fc="#3d4852", ec="white", lw=0.8, alpha=0.92, animated=True))
+        self.arcs, self.figures = [], []
+        if view.torques:
+            for radius, name, colour in ((58, "anatomy", ANATOMY), (76, "brace", BRACE)):
+                if name == "brace" and not actor.braced:
+                    continue
+                line = page.plot([], [], color=colour, lw=4.2, animated=True, solid_capstyle="butt")[0]
+                head = page.add_patch(Polygon(np.zeros((3, 2)), closed=True, fc=colour, ec="none", animated=True))
+                self.arcs.append((radius, f"plant.{name}_subtalar_moment", line, head))
+            rows = [("subtalar", "plant.subtalar_angle", DEGREES, "°", SUBTALAR), ("brace", "plant.brace_subtalar_moment", 1.0, " N·m", "#b97714")]
+            rows += [("anatomy", "plant.anatomy_subtalar_moment", 1.0, " N·m", "#1f7f74"), ("ground", "plant.ground_force", 1e-3, " kN", "#3d4852")]
+            for n, (name, signal, factor, unit, colour) in enumerate(row for row in rows if row[0] != "brace" or actor.braced):
+                y = top + 17 + 17 * n
+                stage.label(left + 9, y, name, 10.5, colour)
+                text = stage._text(left + 136, y, "", 11.5, colour, ha="right", weight="bold", moving=True)
+                self.figures.append((text, signal, factor, unit))
+            stage.label(left + 9, top + tall - 29, f"platform tilted {DEGREES * actor.incline:.0f}°", 9.5, grey)
+
+    def paint(self, pixels: np.ndarray, k: int) -> None:
+        actor = self.actor
+        chosen = actor.whole if self.view.whole else actor.near
+        volumes, colours = actor.volumes[k][chosen], actor.colours[chosen]
+        picture = self.camera.picture(volumes, colours, actor.pivot - HALF[1] * actor.turn[1], actor.turn, HALF, PLATFORM)
+        picture[self.inked] = (1 - self.ink[:, 3:]) * picture[self.inked] + 255 * self.ink[:, 3:] * self.ink[:, :3]
+        pixels[self.top : self.top + self.tall, self.left : self.left + self.view.width, :3] = picture
+
+    def take_labels(self, page: np.ndarray) -> None:
+        mine = page[self.top : self.top + self.tall, self.left : self.left + self.view.width]
+        self.inked = np.nonzero(mine[..., 3])
+        self.ink = mine[self.inked] / 255.0
+
+    def move(self, k: int) -> list[Artist]:
+        actor, shown = self.actor, list[Artist]()
+        force = np.array([actor.at(f"plant.ground_force_{c}", k) for c in "xyz"])
+        if np.linalg.norm(force) * self.reach > 4 and actor.at("plant.in_contact", k) > 0.5 and "plant.ground_point_x" in actor.run.result.index:
+            start = self._pixel(np.array([actor.at(f"plant.ground_point_{c}", k) for c in "xyz"]))
+            way = self.reach * np.array([force @ self.view.right, -force[1]])
+            longest = 0.72 * self.tall
+            way *= min(1.0, longest / max(float(np.linalg.norm(way)), 1e-9))
+            self.arrow.set_xy(_arrow(start, start + way))
+            shown.append(self.arrow)
+        middle = self._pixel(actor.skeleton.point("ankle", actor.poses[k]))
+        for radius, signal, line, head in self.arcs:
+            turn = float(np.clip(self.degrees * actor.at(signal, k), -170.0, 170.0))
+            if abs(turn) < 3.0:
+                continue
+            angles = np.radians(np.linspace(-40.0, -40.0 + turn, 40))
+            line.set_data(middle[0] + radius * np.cos(angles), middle[1] - radius * np.sin(angles))
+            tip, sign = angles[-1], math.copysign(1.0, turn)
+            ahead = tip + sign * 13 / radius
+            ends = [(radius - 8, tip), (radius + 8, tip), (radius, ahead)]
+            head.set_xy([(middle[0] + r * math.cos(a), middle[1] - r * math.sin(a)) for r, a in ends])
+            shown += [line, head]
+        for text, signal, factor, unit in self.figures:
+            text.set_text(f"{_plain(factor * actor.at(signal, k))}{unit}")  # type: ignore[attr-defined]
+            shown.append(text)
+        return shown
+
+    def _pixel(self, point: np.ndarray) -> np.ndarray:
+        return self.camera.project(point) + (self.left, self.top)
+
+
+class _Chart:
+    """Curves over time [ms]: faint as a whole, strong up to now, with a dot."""
+
+    def __init__(self, axes: Axes) -> None:
+        self.axes = axes
+        self.curves: list[tuple[np.ndarray, np.ndarray, Line2D, Line2D]] = []
+        self.labels: list[tuple[str, str]] = []
+        self.now = axes.axvline(0, color=INK, linewidth=0.7, alpha=0.5, animated=True)
+
+    def add(self, ms: np.ndarray, values: np.ndarray, colour: str, label: str, style: object) -> None:
+        self.axes.plot(ms, values, color=colour, linewidth=1.0, alpha=0.28, linestyle=style)  # type: ignore[arg-type]
+        line = self.axes.plot([], [], color=colour, linewidth=1.7, animated=True, linestyle=style)[0]  # type: ignore[arg-type]
+        dot = self.axes.plot([], [], "o", color=colour, markersize=4, markeredgecolor="white", markeredgewidth=0.6, animated=True)[0]
+        self.curves.append((ms, values, line, dot))
+        if label:
+            self.labels.append((label, colour))
+
+    def legend(self, by_style: bool) -> None:
+        if by_style:
+            handles = [Line2D([], [], color=INK, linestyle=s, linewidth=1.4) for s in ("-", (0, (3, 1.5)))]
+            self.axes.legend(handles, ["brace", "anatomy"], frameon=False, fontsize=6.6, loc="upper right", labelcolor=INK, handlelength=2.0)
+        elif len(self.labels) > 1:
+            handles = [Line2D([], [], color=c, linewidth=2) for _, c in self.labels]
+            self.axes.legend(handles, [name for name, _ in self.labels], frameon=False, fontsize=6.6, loc="best", labelcolor="linecolor", handlelength=1.1)
+
+    def move(self, time: float) -> list[Artist]:
+        now = 1e3 * time
+        shown: list[Artist] = [self.now]
+        self.now.set_xdata([now, now])
+        for ms, values, line, dot in self.curves:
+            count = int(np.searchsorted(ms, now, "right"))
+            here = min(now, ms[-1])
+            value = float(np.interp(here, ms, values))
+            line.set_data(np.append(ms[:count], here), np.append(values[:count], value))
+            dot.set_data([here], [value])
+            shown += [line, dot]
+        return shown
+
+
+def _colour(part: str) -> np.ndarray:
+    colour = np.array(COLOURS[part.removeprefix("left ")])
+    return 0.75 * colour + 0.25 * PAPER if part in ("left skin", "left foot") else colour
+
+
+def _arrow(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(7, 2) outline of an arrow."""
+    length = float(np.linalg.norm(end - start))
+    along = (end - start) / max(length, 1e-9)
+    side = np.array([-along[1], along[0]])
+    neck = end - along * min(16.0, 0.6 * length)
+    return np.array([start + 2.6 * side, neck + 2.6 * side, neck + 8 * side, end, neck - 8 * side, neck - 2.6 * side, start - 2.6 * side])
+
+
+def _plain(value: float) -> str:
+    """One decimal, a proper minus, no -0.0."""
+    return f"{value:.1f}".replace("-0.0", "0.0").replace("-", "−")
+
+
+def _short(text: str, room: float) -> str:
+    return text if len(text) <= room else text[: int(room) - 1].rstrip() + "…"
