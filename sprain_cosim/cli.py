@@ -360,6 +360,44 @@ def plot(folders: tuple[Path, ...], out: Path | None) -> None:
         click.echo(f"written: {path}")
 
 
+TRIAL = click.option("--trial", metavar="N|worst|pXX", help="Of a study: a number, the largest first response, a percentile of it (default p50).")
+
+
+@cli.command()
+@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
+@TRIAL
+@click.option("--slow", type=float, default=30.0, show_default=True, help="How many times slower than real time.")
+@click.option("--out", type=click.Path(path_type=Path), help="File: .webp, .gif, .mp4, or .png for one picture (default: animation.webp in the first folder).")
+def animate(folders: tuple[Path, ...], trial: str | None, slow: float, out: Path | None) -> None:
+    """Show the landings of up to four FOLDERS side by side in slow motion."""
+    from .animate import animate as draw
+    from .trajectory import load
+
+    target = out or folders[0] / "animation.webp"
+    runs = [load(folder, trial) for folder in folders]
+    for run in runs:
+        click.echo(run.label, err=True)
+    count = draw(runs, target, slow)
+    click.echo(f"written: {target} ({count} picture{'s' if count > 1 else ''}, {target.stat().st_size / 1e6:.1f} MB)")
+
+
+@cli.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@TRIAL
+@click.option("--format", "kind", type=click.Choice(["sto", "mot", "csv", "parquet"]), help="Default: by the ending of the file.")
+@click.option(
+    "--content", type=click.Choice(["coordinates", "states", "forces", "ground", "signals"]), help="Default: states in .sto, coordinates in .mot, else signals."
+)
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="File to write.")
+def export(folder: Path, trial: str | None, kind: str | None, content: str | None, output: Path) -> None:
+    """Write the landing in FOLDER for other tools: OpenSim .sto and .mot, CSV, Parquet."""
+    from .storage import write
+    from .trajectory import load
+
+    rows, columns = write(load(folder, trial), output, kind, content)
+    click.echo(f"written: {output} ({rows} rows, {columns} columns and time)")
+
+
 @cli.command()
 @JSON
 def scenarios(as_json: bool) -> None:

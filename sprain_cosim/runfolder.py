@@ -43,7 +43,7 @@ def check(folder: Path) -> None:
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file; name a folder")
     if folder.is_dir():
-        strangers = sorted(p.name for p in folder.iterdir() if p.name not in (*FILES, "figures", "report.html", "animation.webp"))
+        strangers = sorted(p.name for p in folder.iterdir() if p.name not in (*FILES, "figures", "report.html") and p.stem != "animation")
         if strangers:
             raise InputError(f"{folder}: holds other files ({', '.join(strangers[:3])}); name a new folder")
 

@@ -111,7 +111,9 @@ def drawing(skeleton: Skeleton) -> dict[str, Any]:
     volumes = []
     for body, part, start, r_start, end, r_end in [*VOLUMES, *sole()]:
         carrier, a = place(body, start)
-        volumes.append({"body": carrier, "part": "left " + part if body.endswith("_l") else part, "from": a, "to": place(body, end)[1], "radii": rounded([r_start, r_end])})
+        volumes.append(
+            {"body": carrier, "part": "left " + part if body.endswith("_l") else part, "from": a, "to": place(body, end)[1], "radii": rounded([r_start, r_end])}
+        )
     axis = next(vector(row, "axis", "") for row in table("joints") if row["body"] == "calcn_r")
     return {
         "unit": "m and rad; X anterior, Y up, Z right",

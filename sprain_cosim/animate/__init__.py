@@ -69,7 +69,9 @@ def _video(frames: Iterator[np.ndarray], count: int, out: Path) -> None:
     except ImportError:
         raise EnvironmentProblem("MP4 needs the extra [video]: pip install 'sprain-cosim[video]'; .webp needs nothing") from None
     first = next(frames)
-    writer = imageio_ffmpeg.write_frames(str(out), first.shape[1::-1], fps=RATE, codec="libx264", quality=None, output_params=["-crf", "20"], macro_block_size=2)
+    writer = imageio_ffmpeg.write_frames(
+        str(out), first.shape[1::-1], fps=RATE, codec="libx264", quality=None, output_params=["-crf", "20"], macro_block_size=2
+    )
     writer.send(None)
     try:
         writer.send(np.ascontiguousarray(first))

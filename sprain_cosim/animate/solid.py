@@ -133,7 +133,13 @@ def _draw(volumes, colours, box, box_axes, half, box_colour, scale, light, verti
 
     # what may throw a shadow: the volumes near the box, seen along the vertical
     across = np.array([vertical[1], -vertical[0], 0.0])  # the camera is level: its x axis is horizontal
-    away = np.array([across[1] * vertical[2] - across[2] * vertical[1], across[2] * vertical[0] - across[0] * vertical[2], across[0] * vertical[1] - across[1] * vertical[0]])
+    away = np.array(
+        [
+            across[1] * vertical[2] - across[2] * vertical[1],
+            across[2] * vertical[0] - across[0] * vertical[2],
+            across[0] * vertical[1] - across[1] * vertical[0],
+        ]
+    )
     casters = np.empty((volumes.shape[0], 8))
     count = 0
     for n in range(volumes.shape[0]):

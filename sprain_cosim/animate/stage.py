@@ -22,7 +22,14 @@ from .solid import PAPER, Camera
 
 MOST = 4
 RUNS = ("#1b6ca8", "#d9822b", "#2a9d8f", "#a23b72")
-COLOURS = {"brace": (0.94, 0.71, 0.33), "shirt": (0.30, 0.45, 0.62), "shorts": (0.20, 0.26, 0.36), "skin": (0.86, 0.68, 0.56), "foot": (0.86, 0.68, 0.56), "sole": (0.78, 0.60, 0.48)}
+COLOURS = {
+    "brace": (0.94, 0.71, 0.33),
+    "shirt": (0.30, 0.45, 0.62),
+    "shorts": (0.20, 0.26, 0.36),
+    "skin": (0.86, 0.68, 0.56),
+    "foot": (0.86, 0.68, 0.56),
+    "sole": (0.78, 0.60, 0.48),
+}
 PLATFORM, HALF = np.array([0.68, 0.735, 0.79]), np.array([0.24, 0.018, 0.24])  # colour, half extents [m]
 X, Y, Z = np.eye(3)
 EDGE, HEAD, GAP, CHART, FOOT = 14, 58, 12, 196, 28  # px
@@ -133,7 +140,13 @@ class Stage:
             said = f"initial pose {run.pose}" if run.pose else ""
             self._text(left + (30 if many else 0), 20, _short(run.title, room / 8.6), 14, INK, weight="bold")
             self._text(left + (30 if many else 0), 41, _short(", ".join(p for p in (said, run.label) if p), room / 5.6), 9, FAINT)
-        self._text(EDGE, self.height - 13, "force on the foot at the centre of pressure; moments about the subtalar axis, + resists supination; parallel projection", 9, FAINT)
+        self._text(
+            EDGE,
+            self.height - 13,
+            "force on the foot at the centre of pressure; moments about the subtalar axis, + resists supination; parallel projection",
+            9,
+            FAINT,
+        )
 
     def _charts(self, top: int) -> list[_Chart]:
         many = len(self.runs) > 1
@@ -214,7 +227,9 @@ class _Panel:
         middle[1] = 0.5 * (view.low + view.high)
         self.camera = Camera(view.right, Y, middle, tall / (view.high - view.low), view.width, tall)
         page = stage.page
-        page.add_patch(Polygon([(left - 1, top - 1), (left + view.width, top - 1), (left + view.width, top + tall), (left - 1, top + tall)], fc=PAPER, ec="#d5dbe1", lw=1))
+        page.add_patch(
+            Polygon([(left - 1, top - 1), (left + view.width, top - 1), (left + view.width, top + tall), (left - 1, top + tall)], fc=PAPER, ec="#d5dbe1", lw=1)
+        )
         grey = "#5b6770"
         metres = 0.2 if view.whole else 0.1
         bar, y = metres * self.camera.scale, top + (33 if view.whole else tall - 47)

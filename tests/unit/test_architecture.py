@@ -33,6 +33,8 @@ LEVELS = [
     {"folders"},
     {"gallery"},
     {"report"},
+    {"trajectory"},
+    {"animate", "storage", "reproduce"},
     {"cli"},
     {"__main__", "__init__"},
 ]
