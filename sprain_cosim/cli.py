@@ -228,6 +228,22 @@ def trial(folder: Path, number: int, out: Path | None, as_json: bool) -> int:
     return 0 if again.same else 1
 
 
+@cli.command()
+@click.argument("manifest", type=click.Path(path_type=Path))
+@click.option("--workers", type=click.IntRange(1), help="Worker processes (default: one per core).")
+@click.option("--progress", type=click.Choice(["auto", "plain", "json", "none"]), default="auto", show_default=True)
+@click.option("--out", type=click.Path(path_type=Path), help="Folder of the repetition (default: the study's folder with -again).")
+@JSON
+def reproduce(manifest: Path, workers: int | None, progress: str, out: Path | None, as_json: bool) -> int:
+    """Run the study of a MANIFEST again: exit code 0 identical, 1 not, and which trial is the first that differs."""
+    from .reproduce import reproduce as again
+    from .uq.progress import reporter
+
+    done = again(manifest, out, workers, reporter(progress))
+    click.echo(json.dumps(done.as_dict(), allow_nan=False) if as_json else done.text())
+    return 0 if done.identical else 1
+
+
 def _without_resume(arguments: list[str]) -> list[str]:
     import shlex
 
@@ -366,7 +382,7 @@ TRIAL = click.option("--trial", metavar="N|worst|pXX", help="Of a study: a numbe
 @cli.command()
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
 @TRIAL
-@click.option("--slow", type=float, default=30.0, show_default=True, help="How many times slower than real time.")
+@click.option("--slow", type=float, default=20.0, show_default=True, help="How many times slower than real time.")
 @click.option("--out", type=click.Path(path_type=Path), help="File: .webp, .gif, .mp4, or .png for one picture (default: animation.webp in the first folder).")
 def animate(folders: tuple[Path, ...], trial: str | None, slow: float, out: Path | None) -> None:
     """Show the landings of up to four FOLDERS side by side in slow motion."""

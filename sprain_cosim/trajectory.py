@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,12 +16,14 @@ from .component import Component, Connector
 from .errors import EnvironmentProblem, InputError, SimulationError
 from .result import Result
 from .scenario import Scenario, fmu_path
-from .units import Unit, quantity
+from .units import quantity
+from .uq import studyfolder
+from .uq.ledger import Ledger
+from .uq.study import Study
+from .uq.trajectory import file as recorded
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from .uq.study import Study
 
 AGREEMENT = 1e-6  # relative; a trial simulated again gives its recorded response within this, or its FMUs are not those of the record
 
@@ -52,9 +54,8 @@ class Trajectory:
         """Raises InputError when signals of the plant are missing."""
         missing = [name for name in names if f"plant.{name}" not in self.result.index]
         if missing:
-            raise InputError(
-                f"{self.label}: its record has no {', '.join(missing[:3])}{' ...' if len(missing) > 3 else ''}, which {what} needs; run it again with this version"
-            )
+            some = ", ".join(missing[:3]) + (" ..." if len(missing) > 3 else "")
+            raise InputError(f"{self.label}: its record has no {some}, which {what} needs; run it again with this version")
 
 
 def load(folder: Path, trial: str | None = None) -> Trajectory:
@@ -104,20 +105,18 @@ def pick(trials: pd.DataFrame, response: str, which: str, place: str) -> tuple[i
 def _of_study(folder: Path, which: str) -> Trajectory:
     import pandas as pd
 
-    from .uq.study import load_study
-
-    study = load_study(folder / "study.toml")
+    with Ledger.read(folder) as ledger:
+        study = studyfolder.load(folder, ledger)
     try:
         trials = pd.read_csv(folder / "trials.csv")
     except (ValueError, OSError) as problem:
         raise InputError(f"{folder / 'trials.csv'}: cannot be read: {problem}") from None
     number, said = pick(trials, study.responses[0], which, str(folder))
     row = trials[trials["trial"] == number].iloc[0]
-    values = _inputs(study.scenario, row)
-    recorded = folder / "trajectories" / f"{number:06d}.csv.gz"
-    result = _recorded(recorded, row) if recorded.is_file() else None
+    what, values = f"{folder}, trial {number}", _inputs(study.scenario, row)
+    result = _recorded(recorded(folder, number), row)
     if result is None or "plant.pelvis_tx" not in result.index:
-        result = _again(study, values, row, f"{folder}, trial {number}")
+        result = _again(study, values, row, what)
     return Trajectory(f"{folder}, {said}", study.title, study.scenario.initial_pose(), result, values, study.scenario.fmus["plant"])
 
 
@@ -136,19 +135,18 @@ def _in_own_unit(connector: Connector, value: float, unit: str) -> float:
     return value if connector.unit is None or unit in ("", connector.unit.name) else quantity(f"{value!r} {unit}", connector.unit, connector.name)
 
 
-def _recorded(path: Path, row: pd.Series) -> Result:
-    import pandas as pd
-
+def _recorded(path: Path, row: pd.Series) -> Result | None:
+    if not path.is_file():
+        return None
     try:
-        table = pd.read_csv(path, index_col=0)
+        return replace(runfolder.signals(path), status=str(row["status"]), message=str(row["message"]))
     except (ValueError, OSError, EOFError) as problem:
         raise InputError(f"{path}: cannot be read: {problem}") from None
-    names, units = zip(*(str(c).removesuffix("]").rsplit(" [", 1) for c in table.columns), strict=True)
-    known = tuple(None if u == "?" else Unit(u) for u in units)
-    return Result(table.index.to_numpy(float), table.to_numpy(float), names, known, str(row["status"]), str(row["message"]), "")
 
 
 def _again(study: Study, values: dict[str, float], row: pd.Series, what: str) -> Result:
+    if row["status"] not in ("completed", "failed"):
+        raise InputError(f"{what}: {row['status']}: {row['message']}; there is nothing to show")
     with study.scenario.recording("plant.*").open() as session:
         result = session.run(values)
     if len(result.time) < 2:

@@ -19,7 +19,7 @@ from fmus.plant.model import Skeleton, load_skeleton, table, vector  # noqa: E40
 from fmus.plant.plant import PLATFORM_PIVOT  # noqa: E402
 
 TARGET = ROOT / "fmus" / "plant" / "extra" / "sprain-cosim" / "skeleton.json"
-ANGLES = np.radians(np.arange(-120.0, 12.0, 2.0))  # the knee's translations are linear between these, within 0.01 mm
+ANGLES = np.radians(np.arange(-120.0, 11.0, 1.0))  # the knee's translations are linear between these, within 0.01 mm
 SLICE, THICKNESS = 0.008, 0.011  # m, of the sole
 
 # body of the table, part, then from and to in its frame [m] with the radius at each

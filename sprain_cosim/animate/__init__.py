@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -18,7 +19,7 @@ QUALITY = 78
 FORMATS = (".webp", ".mp4", ".gif", ".png")
 
 
-def animate(runs: Sequence[Trajectory], out: Path, slow: float = 30.0, progress: Callable[[float], None] | None = None) -> int:
+def animate(runs: Sequence[Trajectory], out: Path, slow: float = 20.0, progress: Callable[[float], None] | None = None) -> int:
     """Writes the landings side by side, slowed `slow` times, to `out` (.webp, .mp4, .gif; .png: the instant of the largest subtalar angle). Returns the
     number of pictures. Raises InputError, EnvironmentProblem."""
     kind = out.suffix.lower()
@@ -47,7 +48,8 @@ def animate(runs: Sequence[Trajectory], out: Path, slow: float = 30.0, progress:
     except OSError as problem:
         raise EnvironmentProblem(f"{out}: cannot be written: {problem.strerror or problem}") from None
     finally:
-        partial.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)
     return len(times)
 
 
@@ -59,7 +61,7 @@ def _pictures(frames: Iterator[np.ndarray], count: int, out: Path) -> None:
         first.save(out)
         return
     milliseconds = [round(1e3 / RATE)] * (count - 1) + [round(1e3 * HOLD)]
-    more = {"quality": QUALITY, "method": 2, "minimize_size": False} if out.suffix.lower() == ".webp" else {"optimize": False}
+    more = {"quality": QUALITY, "method": 4, "minimize_size": False} if out.suffix.lower() == ".webp" else {"optimize": False}
     first.save(out, save_all=True, append_images=rest, duration=milliseconds, loop=0, **more)
 
 

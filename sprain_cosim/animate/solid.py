@@ -40,8 +40,8 @@ class Camera:
         return np.stack([self.width / 2 + self.scale * seen[..., 0], self.height / 2 - self.scale * seen[..., 1]], axis=-1)
 
     def picture(self, volumes: np.ndarray, colours: np.ndarray, box: np.ndarray, turn: np.ndarray, half: np.ndarray, box_colour: np.ndarray) -> np.ndarray:
-        """(height, width, 3) uint8: `volumes` (n, 8) as Skeleton.volumes with `colours` (n, 3) of 0...1, and a box with its middle at `box` (3,), axes the rows of
-        `turn` (3, 3), half extents `half` (3,) [m]."""
+        """(height, width, 3) uint8: `volumes` (n, 8) as Skeleton.volumes in `colours` (n, 3) of 0...1, and a box: its middle `box` (3,) [m], its axes the rows
+        of `turn` (3, 3), half extents `half` (3,) [m], `box_colour` (3,)."""
         t = self.turn
         seen = np.empty_like(volumes)
         seen[:, :3], seen[:, 3:6], seen[:, 6:] = (volumes[:, :3] - self.centre) @ t.T, (volumes[:, 3:6] - self.centre) @ t.T, volumes[:, 6:]

@@ -13,6 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
+from matplotlib.text import Text
 
 from ..errors import InputError
 from ..plots import ANATOMY, BRACE, DEGREES, FAINT, GROUND, INK, SUBTALAR, TALOCRURAL
@@ -79,7 +80,7 @@ class Stage:
         self.figure = Figure(figsize=(self.width / 100, self.height / 100), dpi=100, facecolor="white")
         self.canvas = FigureCanvasAgg(self.figure)
         self.page = self._page(self.figure)
-        self.labels = Figure(figsize=self.figure.get_size_inches(), dpi=100, facecolor="none")  # what stands still in front of the views
+        self.labels = Figure(figsize=(self.width / 100, self.height / 100), dpi=100, facecolor="none")  # what stands still in front of the views
         FigureCanvasAgg(self.labels)
         self.front = self._page(self.labels)
         self.clock = self._text(self.width - EDGE, 20, "", 15, INK, ha="right", weight="bold", moving=True)
@@ -127,7 +128,7 @@ class Stage:
     def label(self, x: float, y: float, text: str, size: float, colour: str) -> None:
         self.front.text(x, y, text, fontsize=size * 0.72, color=colour, va="center")
 
-    def _text(self, x: float, y: float, text: str, size: float, colour: str, moving: bool = False, **more: str) -> Artist:
+    def _text(self, x: float, y: float, text: str, size: float, colour: str, moving: bool = False, **more: str) -> Text:
         return self.page.text(x, y, text, fontsize=size * 0.72, color=colour, va="center", animated=moving, **more)  # type: ignore[arg-type]
 
     def _head(self, block: int) -> None:
@@ -236,14 +237,17 @@ class _Panel:
         stage.label(left + 9, top + (16 if view.whole else tall - 13), view.title, 9.5, grey)
         stage.front.plot([left + 9, left + 9 + bar], [y, y], color=grey, lw=1.6, solid_capstyle="butt")
         stage.label(left + 14 + bar, y, f"{metres:g} m", 8.5, grey)
-        self.arrow = page.add_patch(Polygon(np.zeros((7, 2)), closed=True, fc="#3d4852", ec="white", lw=0.8, alpha=0.92, animated=True))
-        self.arcs, self.figures = [], []
+        self.arrow = Polygon(np.zeros((7, 2)), closed=True, fc="#3d4852", ec="white", lw=0.8, alpha=0.92, animated=True)
+        page.add_patch(self.arrow)
+        self.arcs: list[tuple[int, str, Line2D, Polygon]] = []
+        self.figures: list[tuple[Text, str, float, str]] = []
         if view.torques:
             for radius, name, colour in ((58, "anatomy", ANATOMY), (76, "brace", BRACE)):
                 if name == "brace" and not actor.braced:
                     continue
                 line = page.plot([], [], color=colour, lw=4.2, animated=True, solid_capstyle="butt")[0]
-                head = page.add_patch(Polygon(np.zeros((3, 2)), closed=True, fc=colour, ec="none", animated=True))
+                head = Polygon(np.zeros((3, 2)), closed=True, fc=colour, ec="none", animated=True)
+                page.add_patch(head)
                 self.arcs.append((radius, f"plant.{name}_subtalar_moment", line, head))
             rows = [("subtalar", "plant.subtalar_angle", DEGREES, "°", SUBTALAR), ("brace", "plant.brace_subtalar_moment", 1.0, " N·m", "#b97714")]
             rows += [("anatomy", "plant.anatomy_subtalar_moment", 1.0, " N·m", "#1f7f74"), ("ground", "plant.ground_force", 1e-3, " kN", "#3d4852")]
@@ -290,12 +294,12 @@ class _Panel:
             head.set_xy([(middle[0] + r * math.cos(a), middle[1] - r * math.sin(a)) for r, a in ends])
             shown += [line, head]
         for text, signal, factor, unit in self.figures:
-            text.set_text(f"{_plain(factor * actor.at(signal, k))}{unit}")  # type: ignore[attr-defined]
+            text.set_text(f"{_plain(factor * actor.at(signal, k))}{unit}")
             shown.append(text)
         return shown
 
     def _pixel(self, point: np.ndarray) -> np.ndarray:
-        return self.camera.project(point) + (self.left, self.top)
+        return self.camera.project(point) + np.array([self.left, self.top])
 
 
 class _Chart:
@@ -308,8 +312,8 @@ class _Chart:
         self.now = axes.axvline(0, color=INK, linewidth=0.7, alpha=0.5, animated=True)
 
     def add(self, ms: np.ndarray, values: np.ndarray, colour: str, label: str, style: object) -> None:
-        self.axes.plot(ms, values, color=colour, linewidth=1.0, alpha=0.28, linestyle=style)  # type: ignore[arg-type]
-        line = self.axes.plot([], [], color=colour, linewidth=1.7, animated=True, linestyle=style)[0]  # type: ignore[arg-type]
+        self.axes.plot(ms, values, color=colour, linewidth=1.0, alpha=0.28, linestyle=style)
+        line = self.axes.plot([], [], color=colour, linewidth=1.7, animated=True, linestyle=style)[0]
         dot = self.axes.plot([], [], "o", color=colour, markersize=4, markeredgecolor="white", markeredgewidth=0.6, animated=True)[0]
         self.curves.append((ms, values, line, dot))
         if label:

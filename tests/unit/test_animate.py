@@ -1,0 +1,199 @@
+"""What is drawn: the pose against MuJoCo's, the ray caster against geometry, films of a short landing."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from sprain_cosim.animate import HOLD, RATE, animate
+from sprain_cosim.animate.skeleton import Skeleton
+from sprain_cosim.animate.solid import PAPER, Camera
+from sprain_cosim.animate.stage import Stage
+from sprain_cosim.errors import EnvironmentProblem, InputError
+from sprain_cosim.scenario import fmu_path, load_scenario
+from sprain_cosim.trajectory import Trajectory
+
+X, Y, Z = np.eye(3)
+PLANT = fmu_path("plant", Path.cwd(), "plant")
+AWAY = np.array([0.0, -9.0, 0.0])  # the box, out of sight
+
+
+@pytest.fixture(scope="module")
+def braced() -> Trajectory:
+    chosen = load_scenario("incline30_brace").with_master(stop="48 ms").recording("plant.*")
+    return Trajectory("braced", chosen.title, chosen.initial_pose(), chosen.run(), {"plant.platform_incline": np.pi / 6}, PLANT)
+
+
+def test_pose_is_that_of_mujoco() -> None:
+    from tests.direct import plant
+
+    mine, theirs = Skeleton.read(PLANT), plant()
+    assert list(mine.coordinates) == theirs.skeleton.coordinates
+    random = np.random.default_rng(4)
+    for _ in range(30):
+        q = theirs.skeleton.initial()[0] + random.uniform(-0.4, 0.4, 15)
+        q[9] = random.uniform(-2.0, 0.1)
+        theirs.state["q"], theirs.state["valid"] = q, 0
+        theirs.observe()
+        pose = mine.pose(dict(zip(mine.coordinates, q, strict=True)))
+        for k, name in enumerate(theirs.skeleton.names, 1):
+            if name == "patella_r":
+                continue
+            assert np.abs(pose[name][0] - theirs._mj_data.xpos[k]).max() < 1e-5  # the knee's splines are tabulated every degree
+            assert np.abs(pose[name][1] - theirs._mj_data.xmat[k].reshape(3, 3)).max() < 1e-12
+
+
+def test_drawing_is_made_from_the_tables() -> None:
+    tools = str(Path(__file__).parents[2] / "tools")
+    sys.path.insert(0, tools)
+    try:
+        from make_skeleton import drawing
+    finally:
+        sys.path.remove(tools)
+    from fmus.plant.model import load_skeleton
+
+    assert json.loads(json.dumps(drawing(load_skeleton()))) == Skeleton.read(PLANT).content
+
+
+def test_sole_touches_the_platform_when_the_contact_does(braced: Trajectory) -> None:
+    skeleton, result = Skeleton.read(PLANT), braced.result
+    lowest = []
+    normal = np.array([0.0, np.cos(np.pi / 6), np.sin(np.pi / 6)])
+    for k in (0, int(np.argmax(result["plant.ground_force"]))):
+        volumes = skeleton.volumes(skeleton.pose({c: float(result[f"plant.{c}"][k]) for c in skeleton.coordinates}))
+        foot = volumes[[part == "sole" for part in skeleton.parts]]
+        ends = np.vstack([foot[:, :3], foot[:, 3:6]]) - np.array([-0.2, 0.015, 0.35])
+        lowest.append(float((ends @ normal - np.tile(foot[:, 6], 2)).min()))
+    assert abs(lowest[0]) < 0.006  # the touching pose: its deepest facet lies in the plane
+    assert -0.025 < lowest[1] < 0.0  # at 9 kN the sole is some millimetres deep
+
+
+def picture(volumes: list[list[float]], colours: list[list[float]], scale: float = 100.0, box: np.ndarray = AWAY, turn: np.ndarray | None = None) -> np.ndarray:
+    camera = Camera(X, Y, np.zeros(3), scale, 200, 160)
+    return camera.picture(np.array(volumes), np.array(colours), box, np.eye(3) if turn is None else turn, np.array([0.6, 0.2, 0.6]), np.array([0.6, 0.6, 0.6]))
+
+
+def drawn(image: np.ndarray) -> np.ndarray:
+    """Pixels that are covered by half or more."""
+    off = np.abs(image.astype(float) - 255 * PAPER).max(axis=2)
+    return off > 0.5 * np.median(off[off > 6])
+
+
+def test_silhouettes_are_those_of_geometry() -> None:
+    ball = drawn(picture([[0.1, 0.2, 0.0, 0.1, 0.2, 0.0, 0.5, 0.5]], [[0.8, 0.3, 0.2]]))
+    assert ball.sum() == pytest.approx(np.pi * 50**2, rel=0.02)
+    rows, columns = np.nonzero(ball)
+    assert (columns.mean(), rows.mean()) == pytest.approx((110 - 0.5, 60 - 0.5), abs=0.3)
+    # a cone with round ends of 0.3 and 0.1 over 1.0: outline of two circles and their common tangents
+    cone = drawn(picture([[-0.5, 0.0, 0.0, 0.5, 0.0, 0.0, 0.3, 0.1]], [[0.8, 0.3, 0.2]]))
+    lean = np.arcsin(0.2)
+    area = np.cos(lean) * (0.3 + 0.1) + (np.pi / 2 + lean) * 0.3**2 + (np.pi / 2 - lean) * 0.1**2
+    assert cone.sum() == pytest.approx(1e4 * area, rel=0.02)
+    assert np.array_equal(cone, drawn(picture([[0.5, 0.0, 0.0, -0.5, 0.0, 0.0, 0.1, 0.3]], [[0.8, 0.3, 0.2]])))
+
+
+def test_the_nearer_volume_hides_the_other_and_the_box_is_tilted() -> None:
+    red, blue = [0.9, 0.1, 0.1], [0.1, 0.1, 0.9]
+    back, front = [0.0, 0.0, -0.5, 0.0, 0.0, -0.5, 0.3, 0.3], [0.0, 0.0, 0.5, 0.0, 0.0, 0.5, 0.3, 0.3]
+    for order in ([back, front], [front, back]):
+        image = picture(order, [red if v is back else blue for v in order])
+        assert image[80, 100, 2] > 2 * image[80, 100, 0]
+    tilt = np.radians(20.0)
+    turn = np.array([[np.cos(tilt), np.sin(tilt), 0.0], [-np.sin(tilt), np.cos(tilt), 0.0], [0.0, 0.0, 1.0]])
+    plank = drawn(picture([[9.0, 9.0, 0.0, 9.0, 9.0, 0.0, 0.1, 0.1]], [red], box=np.zeros(3), turn=turn))
+    rows, columns = np.nonzero(plank)
+    spread = np.linalg.eigh(np.cov(columns, -rows))[1][:, 1]
+    assert np.degrees(np.arctan(spread[1] / spread[0])) == pytest.approx(20.0, abs=0.5)
+    assert plank.sum() == pytest.approx(1.2 * 0.4 * 1e4, rel=0.02)
+
+
+def test_projection_agrees_with_the_picture() -> None:
+    camera = Camera(Z, Y, np.array([0.3, 0.1, -0.2]), 90.0, 200, 160)
+    ball = np.array([[0.0, 0.3, 0.1, 0.0, 0.3, 0.1, 0.05, 0.05]])
+    image = camera.picture(ball, np.array([[0.1, 0.1, 0.1]]), AWAY, np.eye(3), np.full(3, 0.01), np.zeros(3))
+    rows, columns = np.nonzero(drawn(image))
+    assert camera.project(ball[0, :3]) == pytest.approx((columns.mean() + 0.5, rows.mean() + 0.5), abs=0.3)
+
+
+def test_film_of_two_landings_in_step(braced: Trajectory, tmp_path: Path) -> None:
+    short = replace(braced, label="short", result=replace(braced.result, time=braced.result.time[:41], values=braced.result.values[:41]))
+    target = tmp_path / "film.webp"
+    count = animate([braced, short], target, slow=10.0)
+    assert count == int(0.048 * 10 * RATE) + 1
+    film = Image.open(target)
+    assert film.n_frames == count
+    durations = []
+    for k in range(count):
+        film.seek(k)
+        film.load()
+        durations.append(film.info["duration"])
+    assert sum(durations) == pytest.approx(1e3 * ((count - 1) / RATE + HOLD))
+    assert sum(durations[:-1]) == pytest.approx(10 * 48, abs=1e3 / RATE)
+    assert target.stat().st_size < 1_000_000
+    assert [p.name for p in tmp_path.iterdir()] == ["film.webp"]
+
+
+def test_pictures_move_and_show_force_and_moment(braced: Trajectory) -> None:
+    stage = Stage([braced], 30.0)
+    peak = float(braced.result.time[np.argmax(braced.result["plant.ground_force"])])
+    first, last = stage.frames(np.array([0.0, peak]))
+    assert first.shape == last.shape == (stage.height, stage.width, 3)
+    close = stage.panels[-1]
+    inside = (slice(close.top, close.top + close.tall), slice(close.left, close.left + close.view.width))
+    assert (np.abs(first[inside].astype(int) - last[inside]).max(axis=2) > 20).mean() > 0.05
+    arrow = np.array([0x3D, 0x48, 0x52])
+    dark = [(np.abs(image[inside].astype(int) - arrow).max(axis=2) < 24).sum() for image in (first, last)]
+    assert dark[1] > dark[0] + 400  # 9 kN against none
+    force = np.array([float(np.interp(peak, braced.result.time, braced.result[f"plant.ground_force_{k}"])) for k in "xyz"])
+    outline = close.arrow.get_xy()
+    assert np.linalg.norm(outline[3] - 0.5 * (outline[0] + outline[6])) == pytest.approx(close.reach * np.hypot(force[1], force[2]), rel=0.01)
+
+
+def test_without_a_brace_no_brace_is_drawn(braced: Trajectory) -> None:
+    result = braced.result
+    kept = [k for k, name in enumerate(result.names) if not (name.startswith("plant.brace_") and name.endswith("_torque"))]
+    names, units = (tuple(values[k] for k in kept) for values in (result.names, result.units))
+    bare = replace(braced, result=replace(result, names=names, units=units, values=result.values[:, kept]))
+    with_one, without = (next(Stage([run], 30.0).frames(np.array([0.02]))) for run in (braced, bare))
+    yellow = [((i[..., 0] > 120) & (i[..., 2] < 0.5 * i[..., 0]) & (i[..., 1] > 0.6 * i[..., 0])).sum() for i in (with_one, without)]
+    assert yellow[0] > 2000
+    assert yellow[1] < 200
+
+
+def test_what_cannot_be_drawn_says_why(braced: Trajectory, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"film.avi: ends in .avi"):
+        animate([braced], tmp_path / "film.avi")
+    with pytest.raises(InputError, match="5 landings: up to 4"):
+        animate([braced] * 5, tmp_path / "film.webp")
+    with pytest.raises(InputError, match="slowed 0 times"):
+        animate([braced], tmp_path / "film.webp", slow=0.0)
+    plain = load_scenario("incline30").with_master(stop="2 ms").run()
+    with pytest.raises(InputError, match=r"old: its record has no pelvis_tx, .* run it again"):
+        animate([replace(braced, label="old", result=plain)], tmp_path / "film.webp")
+    with pytest.raises(InputError, match="cannot be drawn"):
+        Skeleton.read(fmu_path("brace_bushing", Path.cwd(), "brace"))
+    (tmp_path / "file").write_text("")
+    with pytest.raises(EnvironmentProblem, match="cannot be written"):
+        animate([braced], tmp_path / "file" / "film.png")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file"]
+
+
+def test_video_without_its_extra_says_how(braced: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(EnvironmentProblem, match=r"\[video\]"):
+        animate([braced], tmp_path / "film.mp4")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_video(braced: Trajectory, tmp_path: Path) -> None:
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    assert animate([braced], tmp_path / "film.mp4", slow=5.0) == 7
+    count, seconds = ffmpeg.count_frames_and_secs(str(tmp_path / "film.mp4"))
+    assert count == 7 + round(HOLD * RATE)
+    assert seconds == pytest.approx(count / RATE, abs=0.05)
