@@ -15,6 +15,7 @@ import hashlib
 import importlib.util
 import io
 import os
+import platform
 import shutil
 import subprocess
 import sys
@@ -29,6 +30,12 @@ from xml.etree import ElementTree as ET
 
 from .errors import EnvironmentProblem, InputError, nearest
 
+LIBRARIES = {  # (system, machine): folder of FMI 2.0 and ending of a shared library
+    ("Linux", "x86_64"): ("linux64", ".so"),
+    ("Linux", "aarch64"): ("aarch64-linux", ".so"),
+    ("Darwin", "x86_64"): ("darwin64", ".dylib"),
+    ("Darwin", "arm64"): ("darwin64", ".dylib"),
+}
 BASE_UNITS: dict[str, dict[str, int]] = {
     "1": {},
     "rad": {"rad": 1},
@@ -251,11 +258,10 @@ def _binaries(name: str, source: Path) -> dict[str, bytes]:
     binaries = {}
     for library in sorted(folder.glob("*/*pythonfmu-export.*")):
         binaries[f"binaries/{library.parent.name}/{name}{library.suffix}"] = library.read_bytes()
-    own = _compiled(source) if source.is_file() and os.name == "posix" else None
-    if own is not None:
-        import fmpy
-
-        binaries[f"binaries/{fmpy.platform}/{name}{fmpy.sharedLibraryExtension}"] = own
+    place = LIBRARIES.get((platform.system(), platform.machine()))
+    own = _compiled(source) if source.is_file() and place else None
+    if own is not None and place:
+        binaries[f"binaries/{place[0]}/{name}{place[1]}"] = own
     return binaries
 
 

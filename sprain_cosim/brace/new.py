@@ -13,19 +13,13 @@ import tempfile
 from pathlib import Path
 
 from ..errors import EnvironmentProblem, InputError
-from ..export import build_fmu, pack
+from ..export import LIBRARIES, build_fmu, pack
 
 PACKAGE = Path(__file__).parent.parent
 LANGUAGES = {"python": ("interface.py", "slave.py"), "c": ("brace.c", "modelDescription.xml", "CMakeLists.txt")}
 HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
 COMPILERS = ("cc", "gcc", "clang")
-LIBRARIES = {  # (system, machine): folder of FMI 2.0 and ending of a shared library
-    ("Linux", "x86_64"): ("linux64", ".so"),
-    ("Linux", "aarch64"): ("aarch64-linux", ".so"),
-    ("Darwin", "x86_64"): ("darwin64", ".dylib"),
-    ("Darwin", "arm64"): ("darwin64", ".dylib"),
-}
 
 
 def new(folder: Path, language: str) -> list[Path]:
