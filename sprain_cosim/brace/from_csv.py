@@ -4,6 +4,7 @@ angle [deg], subtalar_resistance [N.m]                                 one curve
 angle [deg], subtalar_torque_loading [N.m], subtalar_torque_unloading [N.m]     two branches, in the contract's sign
 
 `resistance` is minus `torque`. Rows by rising angle; a cell may be left empty where an axis was not measured. Any unit of the right dimension.
+Between the rows the FMU takes the shape-preserving cubic, outside the table it goes straight on with the end slope (fmus/brace_table/README.md).
 """
 
 from __future__ import annotations
@@ -62,18 +63,25 @@ def from_csv(table: Path, target: Path, template: Path) -> dict[str, tuple[float
 def read_table(path: Path) -> dict[str, dict[str, list[list[float]]]]:
     """{axis: {loading, unloading: rows of angle [rad], torque [N.m] in the contract's sign, slope [N.m/rad]}}. Raises InputError."""
     try:
-        rows = list(csv.reader(io.StringIO(path.read_text("utf-8-sig"))))
+        reader = csv.reader(io.StringIO(path.read_text("utf-8-sig")))
+        lines = [(reader.line_num, cells) for cells in reader if any(c.strip() for c in cells)]
     except UnicodeDecodeError:
         raise InputError(f"{path}: is not UTF-8 text") from None
     except OSError as problem:
         raise InputError(f"{path}: cannot be read: {problem.strerror}") from None
-    rows = [r for r in rows if any(c.strip() for c in r)]
-    if len(rows) < 4:
+    if len(lines) < 4:
         raise InputError(f"{path}: needs a header and at least three rows")
-    columns, angle = _header(path, rows[0])
-    numbers = _numbers(path, rows)
+    header, numbered = lines[0][1], [number for number, _ in lines[1:]]
+    if len(header) == 1 and (";" in header[0] or "\t" in header[0]):
+        raise InputError(f"{path}: cells are separated by {'semicolons' if ';' in header[0] else 'tabs'}; save it with commas, and points in the numbers")
+    columns, angle = _header(path, header)
+    numbers = _numbers(path, header, lines[1:])
     x = angle.factor * numbers[:, 0]
-    problems = [f"row {k + 2}: angle {numbers[k, 0]:g} does not rise (row {k + 1} has {numbers[k - 1, 0]:g})" for k in range(1, len(x)) if not x[k] > x[k - 1]]
+    problems = [
+        f"row {numbered[k]}, column 1 (angle): {numbers[k, 0]:g} does not rise (row {numbered[k - 1]} has {numbers[k - 1, 0]:g})"
+        for k in range(1, len(x))
+        if not x[k] > x[k - 1]
+    ]
     problems_to_error(str(path), problems[:5])
     found: dict[str, dict[str, tuple[np.ndarray, np.ndarray]]] = {}
     for place, (name, own) in columns.items():
@@ -97,12 +105,12 @@ def read_table(path: Path) -> dict[str, dict[str, list[list[float]]]]:
                     f"name it {name.replace('torque', 'resistance')} if it is positive against the motion"
                 )
         if len(branches) == 2 and not problems:
-            at = np.linspace(max(b[0][0] for b in branches.values()), min(b[0][-1] for b in branches.values()), 200)
-            loading, unloading = (np.abs(PchipInterpolator(*branches[b])(at)) for b in ("loading", "unloading"))
+            between = np.linspace(max(b[0][0] for b in branches.values()), min(b[0][-1] for b in branches.values()), 200)
+            loading, unloading = (np.abs(PchipInterpolator(*branches[b])(between)) for b in ("loading", "unloading"))
             worst = int(np.argmax(unloading - loading))
             if unloading[worst] > loading[worst] + 0.02 * max(loading.max(), 1e-9):
                 problems.append(
-                    f"{axis}: unloading resists more than loading at {at[worst] / angle.factor:.3g} {angle.name}: "
+                    f"{axis}: unloading resists more than loading at {between[worst] / angle.factor:.3g} {angle.name}: "
                     "such a brace would give energy; are the columns swapped?"
                 )
     problems_to_error(str(path), problems)
@@ -153,20 +161,21 @@ def _header(path: Path, cells: list[str]) -> tuple[dict[int, tuple[str, Unit]], 
     return columns, angle
 
 
-def _numbers(path: Path, rows: list[list[str]]) -> np.ndarray:
-    width, problems = len(rows[0]), []
-    numbers = np.full((len(rows) - 1, width), np.nan)
-    for k, row in enumerate(rows[1:]):
-        if len(row) != width:
-            problems.append(f"row {k + 2}: {len(row)} cells, the header has {width}")
+def _numbers(path: Path, header: list[str], lines: list[tuple[int, list[str]]]) -> np.ndarray:
+    """(n, columns), NaN for an empty cell; `lines` (n,) of row number in the file and cells."""
+    numbers, problems = np.full((len(lines), len(header)), np.nan), []
+    for k, (at, row) in enumerate(lines):
+        if len(row) != len(header):
+            problems.append(f"row {at}: {len(row)} cells, the header has {len(header)}")
             continue
         for j, cell in enumerate(row):
+            place = f"row {at}, column {j + 1} ({header[j].strip()}): {cell.strip()!r}"
             try:
                 numbers[k, j] = float(cell) if cell.strip() or j == 0 else np.nan
             except ValueError:
-                problems.append(f"row {k + 2}, column {j + 1} ({rows[0][j].strip()}): {cell.strip()!r} is not a number")
+                problems.append(f"{place} is not a number")
                 continue
             if np.isinf(numbers[k, j]) or (cell.strip() and np.isnan(numbers[k, j])):
-                problems.append(f"row {k + 2}, column {j + 1} ({rows[0][j].strip()}): {cell.strip()!r} is not finite")
+                problems.append(f"{place} is not finite")
     problems_to_error(str(path), problems[:5])
     return numbers

@@ -150,11 +150,31 @@ def test_from_csv(tmp_path: Path) -> None:
     assert Component.read("b", fmu).guid != Component.read("b", fmu_path("brace_table", Path.cwd(), "")).guid
 
 
+def test_from_csv_gives_back_what_was_measured(tmp_path: Path) -> None:
+    """Two axes in other units, each with its own angles, blank lines between: every measured torque comes out of the FMU, in the contract's sign."""
+    rows = [(-0.5, 9000.0, None), (-0.2, 2000.0, 2.5), (0.0, 0.0, 0.1), (0.15, None, -2.0), (0.4, -5000.0, -9.5), (0.6, -9000.0, None)]
+    text = "\n\n".join(f"{x},{'' if t is None else t},{'' if s is None else s}" for x, t, s in rows)
+    (tmp_path / "shell.csv").write_text(f"angle [rad], talocrural_torque [N.mm], subtalar_torque [N.m]\n{text}\n")
+    spans = from_csv(tmp_path / "shell.csv", tmp_path / "shell.fmu", fmu_path("brace_table", Path.cwd(), ""))
+    assert spans == {"talocrural": (-0.5, 0.6), "subtalar": (-0.2, 0.4)}
+    device = bench(tmp_path / "shell.fmu", "talocrural", "subtalar")
+    for x, t, s in rows:
+        talocrural, subtalar = device.step(np.array([x, x]), np.zeros(2), 1e-3)
+        if t is not None:
+            assert talocrural == pytest.approx(1e-3 * t, rel=1e-12, abs=1e-12)
+        if s is not None:
+            assert subtalar == pytest.approx(s, rel=1e-12)
+    device.close()
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
+        ((",", ";"), "separated by semicolons; save it with commas"),
+        (("\n10,12,8", "\n\n\n10,zwölf,8"), r"row 7, column 2 .*'zwölf' is not a number"),
+        (("0,0,0", ",0,0"), r"row 4, column 1 \(angle \[deg\]\): '' is not a number"),
         (("10,12,8", "10,zwölf,8"), r"row 5, column 2 \(subtalar_resistance_loading \[lbf.in\]\): 'zwölf' is not a number"),
-        (("10,12,8", "-12,12,8"), r"row 5: angle -12 does not rise"),
+        (("10,12,8", "-12,12,8"), r"row 5, column 1 \(angle\): -12 does not rise \(row 4 has 0\)"),
         (("10,12,8", "10,12"), r"row 5: 2 cells, the header has 3"),
         (("10,12,8", "10,nan,8"), r"row 5, column 2 .*not finite"),
         (("angle [deg]", "angle"), r"column 1 'angle': must read name \[unit\]"),

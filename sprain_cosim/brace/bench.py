@@ -1,0 +1,132 @@
+"""One brace on one plant, in a child process: a landing that leaves its folder, and postures in which the brace is held.
+
+The child opens the scenario it is sent and answers until the line closes, so that a device that crashes or hangs ends the child alone.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .. import runfolder
+from ..errors import EnvironmentProblem, InputError, SimulationError, SprainError
+from ..isolation import Child, Gone, Limits, listen
+from ..scenario import Scenario
+from .probe import own_step
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+POSTURES = {  # of ordinary motion: (axis, angle [deg]), the other axis at 0
+    **{f"plantarflexion_{d}deg": ("talocrural", -float(d)) for d in (5, 10)},
+    **{f"dorsiflexion_{d}deg": ("talocrural", float(d)) for d in (5, 10)},
+    **{f"supination_{d}deg": ("subtalar", float(d)) for d in (5, 10)},
+}
+HOLD = 0.1  # s, after which a held posture counts as static
+
+
+class Bench:
+    """One child process with the scenario, started when first asked. Raises SimulationError when the child ends or reports an error."""
+
+    def __init__(self, scenario: Scenario, limits: Limits) -> None:
+        self.scenario, self.limits = scenario, limits
+        self._child: Child | None = None
+
+    def land(self, folder: Path) -> pd.DataFrame:
+        """The landing as a table of one row; leaves the run's folder."""
+        import pandas as pd
+
+        reply = self._ask({"land": str(folder)})
+        if reply["status"] != "completed":
+            raise SimulationError(reply["message"])
+        return pd.DataFrame([{"trial": 0, "status": reply["status"], "message": "", **reply["metrics"]}])
+
+    def hold(self, values: Mapping[str, float] | None = None) -> dict[str, float] | None:
+        """{posture: N.m that resist it}, with parameter `values` on top of the scenario's; None where the plant cannot be put into postures."""
+        found = self._ask({"hold": POSTURES, "values": values or {}})["hold"]
+        return found or None
+
+    def _ask(self, request: dict[str, Any]) -> dict[str, Any]:
+        try:
+            if self._child is None:
+                self._child = Child(self.limits, "sprain_cosim.brace.bench")
+                self._child.open(self.scenario, self.limits.start)
+            reply = self._child.ask(request, self.limits.trial)
+        except Gone as gone:
+            said = self._child.log().splitlines() if self._child else []
+            raise SimulationError(f"the process {gone}{f'; it said: {said[-1].strip()}' if said else ''}") from None
+        if "error" in reply:
+            raise {2: InputError, 4: EnvironmentProblem}.get(reply["code"], SimulationError)(reply["error"])
+        return reply
+
+    def close(self) -> None:
+        if self._child is not None:
+            self._child.close()
+            self._child = None
+
+    def __enter__(self) -> Bench:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def land(scenario: Scenario, folder: Path) -> dict[str, Any]:
+    """One landing, its folder written; the summary."""
+    (folder / "summary.json").unlink(missing_ok=True)
+    result = scenario.run()
+    summary = runfolder.summary(scenario, result)
+    if result.status == "completed":
+        runfolder.write(folder, scenario, result, summary)
+    return summary
+
+
+def hold(scenario: Scenario, postures: Mapping[str, tuple[str, float]], values: Mapping[str, float]) -> dict[str, float]:
+    """{posture: moment [N.m] of the brace about the posture's axis, positive when it resists}: foot and leg at rest in the posture, the device
+    alone stepped for HOLD. Empty where the plant has no such parameters or outputs."""
+    system = scenario.system()
+    plant = system.component("plant")
+    wanted = [f"{axis}_{kind}_at_contact" for axis in ("talocrural", "subtalar") for kind in ("angle", "velocity")]
+    if plant is None or not all(n in plant.parameters for n in wanted) or not all(f"brace_{a}_moment" in plant.outputs for a in ("talocrural", "subtalar")):
+        return {}
+    out = {}
+    assembly = system.open()
+    try:
+        device = next(m for m in assembly.members if m.name == "brace")
+        h = own_step(device.component)
+        for posture, (axis, degrees) in postures.items():
+            still = {f"plant.{n}": 0.0 for n in wanted}
+            connector = plant.parameters[f"{axis}_angle_at_contact"]
+            angle = math.radians(degrees)
+            still[f"plant.{axis}_angle_at_contact"] = connector.unit.from_base(angle) if connector.unit else angle
+            assembly.start({**system.parameters, **values, **still}, 0.0, scenario.master.stop)
+            for k in range(max(1, round(HOLD / h))):
+                assembly.transfer(device)
+                assembly.advance(device, k * h, h, whole=True)
+            assembly.agree()
+            out[posture] = math.copysign(1.0, degrees) * assembly.si(f"plant.brace_{axis}_moment")
+    finally:
+        assembly.close()
+    return out
+
+
+def serve(*arguments: int) -> None:
+    """The child: answers requests to land or to hold until the line closes."""
+    scenario, requests, answer = listen(*arguments)
+    if scenario is None:
+        return
+    answer({})
+    for request in requests:
+        try:
+            answer(land(scenario, Path(request["land"])) if "land" in request else {"hold": hold(scenario, request["hold"], request["values"])})
+        except SprainError as problem:
+            answer({"error": str(problem), "code": problem.exit_code})
+
+
+if __name__ == "__main__":
+    serve(*(int(argument) for argument in sys.argv[1:5]))
+    os._exit(0)
