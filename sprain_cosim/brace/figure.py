@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 # Okabe & Ito's colours for every kind of colour vision; identity is told by label and line style as well
 COLOURS = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-LINES = ("-", (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
+LINES = ("-", (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)), (0, (10, 2)), (0, (4, 1.2, 1.2, 1.2, 1.2, 1.2)), (0, (2.5, 2.5)))
 ANATOMY, BRACE = "#E69F00", "#0072B2"
 MOTIONS = {"plantarflexion": "#56B4E9", "dorsiflexion": "#009E73", "supination": "#CC79A7"}
 WIDTH, HEIGHT, PER_BRACE = 7.2, 4.4, 0.34  # inches
@@ -97,6 +97,7 @@ def _changes(axis: Axes, data: Mapping[str, Any], names: list[str]) -> None:
             )  # fmt: skip
     axis.axvline(0, color=FAINT, linewidth=0.8, zorder=0)
     _named(axis, names)
+    axis.locator_params(axis="x", nbins=6)
     interval = ", 95 % interval" if data["kind"] == "study" and data["method"] in ("monte-carlo", "table") else ""
     _frame(axis, f"Change of the peak against none{interval}", "[deg], − less than without a brace", "")
     if names:
@@ -118,7 +119,8 @@ def _moments(axis: Axes, data: Mapping[str, Any], names: list[str]) -> None:
                       textcoords="offset points", va="center", fontsize=7.5, color=INK)  # fmt: skip
     _named(axis, names)
     _frame(axis, "Who resists at the peak", "moment about the subtalar axis [N·m], + resists supination", "")
-    axis.margins(x=0.28)
+    axis.locator_params(axis="x", nbins=6)
+    axis.margins(x=0.34)
     if axis.dataLim.x0 >= 0:
         axis.set_xlim(left=0)
     axis.set_ylim(len(names) - 0.5 + 0.45, -0.6)

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from ..component import Component, Instance
 from ..contract import MAX_VELOCITY_DEG_S, RANGE_DEG, plain
@@ -116,6 +115,8 @@ def own_step(component: Component) -> float:
 
 def landing(axes: tuple[str, ...], h: float) -> tuple[np.ndarray, np.ndarray]:
     """Angles and velocities (n, axes) every h over 150 ms: the landing on the 30 degree slope of this project's plant, without a brace."""
+    from scipy.interpolate import PchipInterpolator  # costs every child 0.9 s
+
     with (Path(__file__).parent / "landing.csv").open() as file:
         rows = list(csv.DictReader(file))
     time = np.array([float(r["time_s"]) for r in rows])
