@@ -349,6 +349,7 @@ def _small(value: float) -> str:
 
 
 def _write(comparison: Comparison, study: bool) -> None:
+    from ..plots import save
     from .figure import figure
 
     folder = comparison.out
@@ -359,7 +360,6 @@ def _write(comparison: Comparison, study: bool) -> None:
         partial = folder / ".compare.json"
         partial.write_text(json.dumps(comparison.data, indent=2, allow_nan=False) + "\n", "utf-8")
         os.replace(partial, folder / "compare.json")
-        drawn.savefig(folder / "figures" / "compare.png", dpi=200, metadata={"Software": None})
-        drawn.savefig(folder / "figures" / "compare.svg", metadata={"Date": None, "Creator": None})
+        save(drawn, folder / "figures" / "compare")
     except OSError as problem:
         raise EnvironmentProblem(f"{folder}: cannot be written: {problem.strerror or problem}") from None

@@ -94,8 +94,21 @@ def test_a_crash_costs_its_own_column(landing) -> None:
     held = json.loads((landing.out / "compare.json").read_text())
     assert held == landing.data
     assert sorted(p.name for p in landing.out.iterdir()) == ["compare.json", "figures", "linear", "none", "stiff"]
-    assert (landing.out / "figures" / "compare.png").read_bytes().startswith(b"\x89PNG")
-    assert "bad" in (landing.out / "figures" / "compare.svg").read_text()
+
+
+def test_the_figure_has_units_signs_and_a_column_s_width(landing) -> None:
+    drawn = (landing.out / "figures" / "compare.svg").read_text()
+    for words in (
+        "[deg], + supination",
+        "[deg], − less than",
+        "[N·m], + resists supination",
+        "[N·m], + resists the motion",
+        "time after contact [ms]",
+        "Failed: bad",
+    ):
+        assert words in drawn
+    picture = (landing.out / "figures" / "compare.png").read_bytes()
+    assert int.from_bytes(picture[16:20]) == pytest.approx(8.5 / 2.54 * 300, abs=1)
 
 
 def test_rows_of_a_study_are_the_same_landings(study, tmp_path: Path) -> None:
