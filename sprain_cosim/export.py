@@ -32,7 +32,7 @@ from .errors import EnvironmentProblem, InputError, nearest
 
 LIBRARIES = {  # (system, machine): folder of FMI 2.0 and ending of a shared library
     ("Linux", "x86_64"): ("linux64", ".so"),
-    ("Linux", "aarch64"): ("aarch64-linux", ".so"),
+    ("Linux", "aarch64"): ("linux64", ".so"),
     ("Darwin", "x86_64"): ("darwin64", ".dylib"),
     ("Darwin", "arm64"): ("darwin64", ".dylib"),
 }
