@@ -120,23 +120,24 @@ def correlations(laboratory: Laboratory) -> list[Row]:
 
 
 def _cells(laboratory: Laboratory) -> list[tuple[str, str, np.ndarray, float, float]]:
+    """Study, metric, our trials, and mean and SD as the paper prints them (an int: without a decimal)."""
     cells = []
     for name in STUDIES:
         trials, table = _trials(laboratory, name), laboratory.study(name).published["metrics"]
-        cells += [(name, key, trials[key].to_numpy(float), float(mean), float(sd)) for key, (mean, sd) in table.items()]
+        cells += [(name, key, trials[key].to_numpy(float), mean, sd) for key, (mean, sd) in table.items()]
     return cells
 
 
-def _last_digit(key: str) -> float:
-    """Half a unit of the last digit of Table 3: one decimal for moments, whole degrees otherwise."""
-    return 0.05 if key.endswith("_Nm") else 0.5
+def _last_digit(printed: float) -> float:
+    """Half a unit of the last digit that Table 3 prints."""
+    return 0.5 if isinstance(printed, int) else 0.05
 
 
 def means(laboratory: Laboratory) -> list[Row]:
     cells = _cells(laboratory)
     z = _z(2 * len(cells))
     return [
-        Row(f"{name}, {key}", float(y.mean()), mean, z * float(y.std(ddof=1)) * _of_difference(len(y)) + _last_digit(key), _unit(key))
+        Row(f"{name}, {key}", float(y.mean()), mean, z * float(y.std(ddof=1)) * _of_difference(len(y)) + _last_digit(mean), _unit(key))
         for name, key, y, mean, _ in cells
     ]
 
@@ -144,7 +145,7 @@ def means(laboratory: Laboratory) -> list[Row]:
 def deviations(laboratory: Laboratory) -> list[Row]:
     cells = _cells(laboratory)
     z = _z(2 * len(cells))
-    return [Row(f"{name}, {key}", float(y.std(ddof=1)), sd, z * _sd_error(y) + _last_digit(key), _unit(key)) for name, key, y, _, sd in cells]
+    return [Row(f"{name}, {key}", float(y.std(ddof=1)), sd, z * _sd_error(y) + _last_digit(sd), _unit(key)) for name, key, y, _, sd in cells]
 
 
 def _unit(key: str) -> str:
