@@ -21,7 +21,9 @@ from .errors import InputError, SimulationError, nearest
 from .units import Unit
 
 HANDED_OVER = ("_stiffness", "_damping")
-MAX_ROUNDS = 50
+MAX_ROUNDS = 20
+SETTLED = 1e-12  # relative to the larger of 1 and the value
+FAR = 1e9
 
 
 @dataclass(frozen=True)
@@ -315,8 +317,11 @@ class Assembly:
         return {n.removeprefix(prefix): v for n, v in self.parameters.items() if n.startswith(prefix)}
 
     def agree(self) -> None:
-        """Exchanges until nothing changes: solves the direct feed-through between components by substitution."""
-        before = self.bus.copy()
+        """Exchanges until nothing changes: direct feed-through between components is solved by substitution and, where it runs in a loop that this
+        does not settle, by Newton's method. Raises SimulationError, naming the connections of the loop."""
+        start, before = self.bus.copy(), self.bus.copy()
+        ever = np.zeros(len(self.bus), dtype=bool)
+        largest, growing = math.inf, 0
         for _ in range(MAX_ROUNDS):
             for member in self.members:
                 self.transfer(member)
@@ -324,16 +329,71 @@ class Assembly:
                 member.instance.pull()
             for member in self.members:
                 self.transfer(member)
-            changed = np.abs(self.bus - before) > 1e-12 * np.maximum(1.0, np.abs(before))
-            if not changed.any():
+            change = np.abs(self.bus - before) / np.maximum(1.0, np.abs(before))
+            moving = ~(change <= SETTLED)
+            if not moving.any():
                 return
-            if not np.isfinite(self.bus).all():
-                bad = [n for n, v in zip(self.names, self.record, strict=True) if not math.isfinite(v)]
-                first = next((n for n in bad if n not in self.system.connections), bad[0])
-                raise SimulationError(f"{first} is not finite at the start")
+            if not growing:
+                self._check_finite()
+            ever |= moving
+            growing = growing + 1 if not change.max() < largest else 0
+            if growing == 3:
+                break
+            largest = change.max()
             before[:] = self.bus
-        loop = ", ".join(name for name, moving in zip(self.names, changed, strict=False) if moving)
-        raise SimulationError(f"the values at the start do not settle in {MAX_ROUNDS} rounds; they keep changing at {loop}")
+        self._solve(start, np.array([k for m in self.members for k in range(m.inputs.start, m.inputs.stop) if ever[k]], dtype=np.intp))
+
+    def _solve(self, start: np.ndarray, loop: np.ndarray) -> None:
+        """Newton's method with damped steps for the inputs at `loop` that equal the outputs which follow from them."""
+        owners = [next(m for m in self.members if m.inputs.start <= k < m.inputs.stop) for k in loop]
+        self.bus[:] = start
+        z = self.bus[loop].copy()
+        gap = self._gap(z, loop, self.members)
+        for _ in range(MAX_ROUNDS):
+            self._check_finite()
+            scale = np.maximum(1.0, np.abs(z))
+            if scale.max() > FAR:  # a solution at infinity is none
+                break
+            if np.abs(gap / scale).max(initial=0.0) <= SETTLED:
+                return
+            slope = np.empty((len(loop), len(loop)))
+            for k, owner in enumerate(owners):
+                moved = z.copy()
+                moved[k] += 1e-6 * scale[k]
+                slope[:, k] = (self._gap(moved, loop, [owner]) - gap) / (1e-6 * scale[k])
+                self._gap(z, loop, [owner])
+            step = np.linalg.lstsq(slope, gap, rcond=None)[0]
+            for share in 0.5 ** np.arange(12):
+                tried = self._gap(z - share * step, loop, self.members)
+                if np.isfinite(tried).all() and np.abs(tried / scale).max() < np.abs(gap / scale).max():
+                    break
+            else:
+                if np.abs(gap / scale).max() <= 1e3 * SETTLED:  # as near as the rounding of the components allows
+                    self._gap(z, loop, self.members)
+                    return
+                break
+            z, gap = z - share * step, tried
+        names = [self.names[k] for k, open_ in zip(loop, np.abs(gap) > SETTLED * np.maximum(1.0, np.abs(z)), strict=True) if open_]
+        ends = ", ".join(f"{name} = {self.system.connections.get(name, 'what was identified')}" for name in names)
+        raise SimulationError(f"the values at the start do not settle; no solution found for the loop through {ends}")
+
+    def _gap(self, inputs: np.ndarray, loop: np.ndarray, changed: Iterable[Member]) -> np.ndarray:
+        """`inputs` minus what the outputs that follow from them give; only `changed` members are asked again. The inputs stay on the bus."""
+        self.bus[loop] = inputs
+        for member in changed:
+            member.instance.push()
+            member.instance.pull()
+        for member in self.members:
+            self.transfer(member)
+        gap = inputs - self.bus[loop]
+        self.bus[loop] = inputs
+        return gap
+
+    def _check_finite(self) -> None:
+        if not np.isfinite(self.bus).all():
+            bad = [n for n, v in zip(self.names, self.record, strict=True) if not math.isfinite(v)]
+            first = next((n for n in bad if n not in self.system.connections), bad[0])
+            raise SimulationError(f"{first} is not finite at the start")
 
     def advance(self, member: Member, time: float, step: float, whole: bool = False) -> None:
         """One member takes its step with the inputs that stand on the bus. Outputs that settle() fetches again are left out unless `whole`.

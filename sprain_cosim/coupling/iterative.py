@@ -1,5 +1,6 @@
 """Every step is repeated, from saved states, until the torque that the plant felt is the mean of the devices' torques at both ends of the step: second
-order, whatever the device. Relaxation after Aitken. A step that does not settle ends the run."""
+order, whatever the device. Quasi-Newton relaxation (Broyden's update, kept from step to step; with one torque it is the secant method). A step that
+does not settle ends the run."""
 
 from __future__ import annotations
 
@@ -21,13 +22,14 @@ class Iterative:
     def start(self, assembly: Assembly) -> None:
         self._slots = assembly.slots(lambda name: name.endswith(TORQUE))
         self._before: np.ndarray | None = None
+        self._slope = -np.eye(len(self._slots))  # d(gap)/d(guess); this start is plain substitution
 
     def step(self, assembly: Assembly, time: float, step: float) -> None:
         bus, slots = assembly.bus, self._slots
         now, start = bus[slots].copy(), bus.copy()
         guess = now if self._before is None else 2.0 * now - self._before
         states = [(member, member.instance.save()) for member in assembly.members]
-        relaxation, last = 1.0, None
+        last: tuple[np.ndarray, np.ndarray] | None = None
         try:
             for k in range(MAX_ITERATIONS):
                 if k:
@@ -46,9 +48,10 @@ class Iterative:
                 if np.abs(gap).max(initial=0.0) <= TOLERANCE * (1.0 + np.abs(bus[slots]).max(initial=0.0)):
                     self._before = now
                     return
-                if last is not None and (change := gap - last) @ change > 0.0:
-                    relaxation = float(np.clip(-relaxation * (last @ change) / (change @ change), 0.05, 2.0))
-                guess, last = guess + relaxation * gap, gap
+                if last is not None and (moved := guess - last[0]).any():
+                    self._slope += np.outer(gap - last[1] - self._slope @ moved, moved) / (moved @ moved)
+                last = guess, gap
+                guess = guess - np.linalg.lstsq(self._slope, gap, rcond=None)[0]
         finally:
             for member, state in states:
                 member.instance.release(state)
