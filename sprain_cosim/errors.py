@@ -3,6 +3,8 @@
 SprainError                exit code
 ├── InputError             2   bad input: file, option, archive, unit
 ├── SimulationError        3   a simulation failed: NaN, FMI error, crash, timeout
+│   ├── SimulationStopped      an FMU asked to end it
+│   └── StepDiscarded          an FMU refused a step that can be tried again in parts, from a saved state
 └── EnvironmentProblem     4   the machine: missing library, full disk, no permission
 """
 
@@ -28,6 +30,14 @@ class SimulationError(SprainError):
     """A run could not be finished."""
 
     exit_code = 3
+
+
+class SimulationStopped(SimulationError):
+    """An FMU asked to end the run before its stop time."""
+
+
+class StepDiscarded(SimulationError):
+    """An FMU refused a step; a run with `careful` instances can take it in parts."""
 
 
 class EnvironmentProblem(SprainError):

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 
 from .component import Component, Instance
-from .errors import EnvironmentProblem, InputError, SimulationError, SprainError
+from .errors import EnvironmentProblem, InputError, SimulationError, SimulationStopped, SprainError, StepDiscarded
 from .isolation import Child, Gone, Limits, listen
 
 START_LIMIT, STEP_LIMIT = 120.0, 10.0  # s of wall time: opening and initialising; any other call
 CLOSE_LIMIT = 1.0
-ERRORS: dict[str, type[SprainError]] = {kind.__name__: kind for kind in (SimulationError, EnvironmentProblem, InputError)}
+ERRORS: dict[str, type[SprainError]] = {kind.__name__: kind for kind in (SimulationError, SimulationStopped, StepDiscarded, EnvironmentProblem, InputError)}
 
 
 class Isolated(Component):
@@ -98,6 +98,9 @@ class Proxy:
 
     def look(self) -> None:
         self._seen[:] = self._call("look")
+
+    def careful(self) -> None:
+        self._call("careful")
 
     def save(self) -> Any:
         return self._call("save")

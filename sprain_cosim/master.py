@@ -6,8 +6,9 @@
         record k + 1
 
 Failure policy: a scheme that would be unstable with this device is refused before the first step (InputError). An FMI error or a value that
-is not finite ends the run with status `failed` and a message that names component, call or variable, and time; what was recorded until then
-stays in the result. A short record is never `completed`.
+is not finite ends the run with status `failed` and a message that names component, call or variable, and time; an FMU that asks to end the run ends
+it with status `stopped`. What was recorded until then stays in the result; a short record is never `completed`. When an FMU refuses a step and can
+save its state, the run begins again with a state saved before each step, and refused steps are taken in parts.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from time import perf_counter
 import numpy as np
 
 from .coupling import begin, exchange, residual
-from .errors import InputError, SimulationError
+from .errors import InputError, SimulationError, SimulationStopped, StepDiscarded
 from .result import Result
 from .system import Assembly
 
@@ -60,12 +61,19 @@ class Master:
 
     def run(self, assembly: Assembly, parameters: Mapping[str, float]) -> Result:
         """One run of an open system from its initial state; `parameters` {"component.parameter": value in its own unit}."""
+        try:
+            return self._run(assembly, parameters)
+        except StepDiscarded:
+            assembly.careful()
+            return self._run(assembly, parameters)
+
+    def _run(self, assembly: Assembly, parameters: Mapping[str, float]) -> Result:
         began = perf_counter()
         n, h = self.steps, self.communication_step
         record = np.empty((n + 1, len(assembly.names)))
         more, their_units = assembly.watch(self.record) if self.record else ([], [])
         seen = np.empty((n + 1, len(more)))
-        coupling, done, message = None, 0, ""
+        coupling, done, status, message = None, 0, "completed", ""
         try:
             assembly.start(parameters, self.start, self.stop)
             coupling = begin(self.scheme, assembly, h, n, self.identify, self.guard)
@@ -80,14 +88,18 @@ class Master:
                 if more:
                     seen[k + 1] = assembly.look()
                 done = k + 2
+        except StepDiscarded:
+            raise
+        except SimulationStopped as end:
+            status, message = "stopped", str(end)
         except SimulationError as problem:
-            message = str(problem)
+            status, message = "failed", str(problem)
         return Result(
             time=self.start + h * np.arange(done),
             values=np.hstack([record[:done], seen[:done]]) if more else record[:done],
             names=(*assembly.names, *more),
             units=(*assembly.units, *their_units),
-            status="failed" if message else "completed",
+            status=status,
             message=message,
             scheme=coupling.scheme.name if coupling else self.scheme,
             scheme_reason=coupling.reason if coupling else "",

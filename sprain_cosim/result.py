@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 class Result:
     """`time` (n,) [s]; `values` (n, m), one column for each of `names` ("component.variable") in `units`; None is an undeclared unit.
 
-    `status` is completed or failed; a failed run has the record until it failed and a `message`, but no metrics. `scheme` is the coupling
-    scheme that ran and `scheme_reason` why, `coupling_error` the residual energy as a share of the exchanged or None,
-    `warning` what the stability guard has to say, `wall` the wall time [s], `parameters` those that were set."""
+    `status` is completed, stopped (an FMU asked to end the run) or failed; the latter two have the record until then and a `message`, but no
+    metrics. `scheme` is the coupling scheme that ran and `scheme_reason` why, `coupling_error` the residual energy as a share of the exchanged or
+    None, `warning` what the stability guard has to say, `wall` the wall time [s], `parameters` those that were set."""
 
     time: np.ndarray
     values: np.ndarray

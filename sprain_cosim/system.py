@@ -423,6 +423,11 @@ class Assembly:
                 if member.echoes:
                     member.instance.pull_echoes()
 
+    def careful(self) -> None:
+        """From the next start on, every member that can saves its state before each of its steps."""
+        for member in self.members:
+            member.instance.careful()
+
     def close(self) -> None:
         for member in self.members:
             member.instance.close()

@@ -87,6 +87,9 @@ class FakeInstance:
         self.note(f"step {time!r}")
         self.state = self.component.law(self.state, self.inputs, time, step)
 
+    def careful(self) -> None:
+        self.note("careful")
+
     def save(self) -> Any:
         assert self.component.capabilities.state
         return self.state

@@ -91,10 +91,15 @@ def device(
     names: tuple[str, str] = ("subtalar_angle", "subtalar_torque"),
     declared: bool = True,
     extra: dict[str, str] | None = None,
+    behaviour: dict[str, float] | None = None,
+    saves: bool = True,
+    attributes: str = "",
 ) -> Path:
-    """tests/sources/device.c as an FMU of the version and kind; `sign` -1 pushes instead of resisting; `declared` False leaves the units out."""
+    """tests/sources/device.c as an FMU of the version and kind; `sign` -1 pushes instead of resisting; `declared` False leaves the units out;
+    `behaviour` are macros of the source, `saves`: declares that it saves its state, `attributes` further capabilities."""
     library = target.with_suffix(".so")
     macros = [f"-DFMI={fmi}", f"-DSIGN={sign}", f"-DANGLE_UNIT={UNITS[angle][0]!r}", f"-DTORQUE_UNIT={UNITS[torque][0]!r}"]
+    macros += [f"-D{name}={value}" for name, value in (behaviour or {}).items()]
     subprocess.run(
         ["gcc", "-shared", "-fPIC", "-O1", "-w", *macros, f"-I{HEADERS}", "-o", library, SOURCES / "device.c", SOURCES / "stubs.c", "-lm"], check=True
     )
@@ -112,7 +117,8 @@ def device(
         return f' unit="{name}"' if declared else ""
 
     tag = "ModelExchange" if model_exchange else "CoSimulation"
-    states = ' canGetAndSetFMUState="true"' if fmi == 3 else ' canGetAndSetFMUstate="true"'
+    states = f' canGetAndSetFMU{"State" if fmi == 3 else "state"}="true"' if saves else ""
+    states += f" {attributes}"
     handles = "" if model_exchange else ' canHandleVariableCommunicationStepSize="true"'
     if fmi == 1:
         units = "".join(f'<BaseUnit unit="{u}"/>' for u in used)

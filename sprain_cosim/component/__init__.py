@@ -76,7 +76,8 @@ class Connector:
 class Capabilities:
     """What the FMU declares. `fixed_step` [s] is its own step where it cannot take another one; `states` and `event_indicators` count those of
     an FMI 2 model exchange FMU; `reusable`: its reset is known to work; `shared_modules`: its Python modules have names that another FMU's may
-    have as well, so it needs a process of its own; `single`: one instance per process; `variable_step`: its communication step may change during a run."""
+    have as well, so it needs a process of its own; `single`: one instance per process; `variable_step`: its communication step may change during a run;
+    `event_mode`, `early_return`: an FMI 3 FMU uses event mode, may return before the end of a step."""
 
     fmi_version: str
     fixed_step: float | None = None
@@ -89,6 +90,8 @@ class Capabilities:
     shared_modules: bool = False
     single: bool = False
     variable_step: bool = True
+    event_mode: bool = False
+    early_return: bool = False
 
     @property
     def interface(self) -> str:
@@ -192,7 +195,8 @@ class Instance(Protocol):
 
     `bind` lays `inputs` and `outputs` on the bus, the last `echoing` outputs being those that follow inputs directly. `push` sends the inputs
     from the bus, `pull` fetches all outputs onto it, `pull_states` and `pull_echoes` fetch those before and those after that
-    boundary. `watch` chooses further variables, `look` fetches them into `seen`. After a SimulationError only `close` may be called."""
+    boundary. `watch` chooses further variables, `look` fetches them into `seen`. `careful`: from the next start on, save before each step, so that a
+    step that is refused can be taken in parts. After a SimulationError only `close` may be called."""
 
     def bind(self, bus: np.ndarray, inputs: Sequence[str], first_input: int, outputs: Sequence[str], first_output: int, echoing: int) -> None: ...
     def set(self, values: Mapping[str, float]) -> None: ...
@@ -205,6 +209,7 @@ class Instance(Protocol):
     def watch(self, names: Sequence[str], seen: np.ndarray) -> None: ...
     def look(self) -> None: ...
     def step(self, time: float, step: float) -> None: ...
+    def careful(self) -> None: ...
     def save(self) -> Any: ...
     def restore(self, state: Any) -> None: ...
     def release(self, state: Any) -> None: ...
@@ -302,6 +307,8 @@ def _describe(sha256: str, description: bytes, names: tuple[str, ...]) -> tuple[
         shared_modules=PYTHON_SLAVE in names and tool != OWN_TOOL,
         single=bool(getattr(chosen, "canBeInstantiatedOnlyOncePerProcess", False)),
         variable_step=md.coSimulation is None or bool(md.coSimulation.canHandleVariableCommunicationStepSize),
+        event_mode=bool(getattr(chosen, "hasEventMode", False)),
+        early_return=bool(getattr(chosen, "mightReturnEarlyFromDoStep", False)),
     )
     return connectors, capabilities, chosen.modelIdentifier, md.guid, binary, tuple(warnings)
 

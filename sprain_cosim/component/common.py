@@ -10,17 +10,21 @@ import ctypes
 import itertools
 from collections import deque
 from collections.abc import Mapping, Sequence
+from time import sleep
 from typing import Any, ClassVar
 
 import numpy as np
 
 from .. import archive
-from ..errors import EnvironmentProblem, SimulationError
+from ..errors import EnvironmentProblem, SimulationError, SimulationStopped, StepDiscarded
 from . import Component, first_line
 
-WARNING = 1
+WARNING, DISCARD, PENDING = 1, 2, 5
+DO_STEP_STATUS, LAST_SUCCESSFUL_TIME = 0, 2  # kinds of GetStatus, GetRealStatus
+POLL = 1e-4  # s
 STATUS = {2: "discarded the call", 3: "reported an error", 4: "reported a fatal error"}
 MAX_MESSAGES = 100
+MAX_PARTS = 1024  # of a step that is refused
 
 Calls = tuple[list[tuple[Any, tuple[Any, ...]]], list[tuple[np.ndarray, slice]]]  # library calls, and values that are not doubles
 _counter = itertools.count(1)
@@ -44,6 +48,7 @@ class FmiInstance:
             raise EnvironmentProblem(f"{component.fmu}: its library cannot be loaded: {first_line(problem)}") from None
         self.broken = False
         self.readable = True
+        self.cautious = False
         self.instance = ctypes.c_void_p()  # one object for all prepared calls, also after a fresh instantiation
         self._instantiate()
 
@@ -69,6 +74,10 @@ class FmiInstance:
     def do_step(self, time: float, step: float) -> int:
         """One call; returns the FMI status."""
         raise NotImplementedError
+
+    def progress(self) -> tuple[float | None, bool]:
+        """After a step that was not done: until when it was (None: not told), and whether the FMU wants the run to end."""
+        return None, False
 
     def recycle(self) -> None:
         """The FMU's own reset."""
@@ -167,9 +176,53 @@ class FmiInstance:
         count = 1 if own is None else max(1, round(step / own))
         size = step / count
         for k in range(count):
-            status = self.do_step(time + k * size, size)
+            self._one_step(time + k * size, size, size / MAX_PARTS)
+
+    def _one_step(self, time: float, step: float, least: float) -> None:
+        state = self.save() if self.cautious else None
+        try:
+            status = self.do_step(time, step)
             if status > WARNING:
-                self.check(status, f"in the step from {time + k * size:.6g} s to {time + (k + 1) * size:.6g} s")
+                self._not_done(status, time, step, least, state)
+        finally:
+            if state is not None and not self.broken:
+                self.release(state)
+
+    def _not_done(self, status: int, time: float, step: float, least: float, state: Any) -> None:
+        """A refused step is taken in parts, with the inputs held, where the state before it was saved. Raises SimulationError otherwise."""
+        doing = f"in the step from {time:.6g} s to {time + step:.6g} s"
+        if status != DISCARD:
+            self.check(status, doing)
+        reached, ended = self.progress()
+        if ended:
+            raise SimulationStopped(f"{self.component.name}: asked to end the simulation at {time if reached is None else reached:.6g} s{self.said()}")
+        got = f"; it got to {reached:.9g} s" if reached is not None and reached > time else ""
+        if state is None:
+            if self.component.capabilities.state:
+                raise StepDiscarded(f"{self.component.name}: {STATUS[DISCARD]} {doing}{got}{self.said()}")
+            cure = "it cannot save its state, so the step cannot be taken in parts; take a smaller communication step"
+            raise SimulationError(f"{self.component.name}: {STATUS[DISCARD]} {doing}{got}{self.said()}; {cure}")
+        part = reached - time if reached is not None and time < reached < time + step else 0.5 * step
+        if part < least:
+            raise SimulationError(f"{self.component.name}: {STATUS[DISCARD]} {doing}, however small the parts{got}{self.said()}")
+        self.restore(state)
+        self.push()
+        self._one_step(time, part, least)
+        if step - part > least * 1e-3:
+            self._one_step(time + part, step - part, least)
+
+    def waited(self) -> int:
+        """The status of a step that the FMU computes in the background, once it is done."""
+        status = ctypes.c_int(PENDING)
+        while status.value == PENDING:
+            sleep(POLL)
+            told = self.function("GetStatus")(self.instance, DO_STEP_STATUS, ctypes.byref(status))
+            if told > WARNING:
+                return int(told)
+        return status.value
+
+    def careful(self) -> None:
+        self.cautious = self.component.capabilities.state
 
     def save(self) -> Any:
         raise SimulationError(f"{self.component.name}: FMI {self.component.capabilities.fmi_version} cannot save a state")

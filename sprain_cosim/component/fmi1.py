@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from typing import Any, ClassVar
 
-from .common import FmiInstance
+from .common import LAST_SUCCESSFUL_TIME, PENDING, FmiInstance
 
 
 class Fmi1CoSimulation(FmiInstance):
@@ -54,4 +54,10 @@ class Fmi1CoSimulation(FmiInstance):
         self._step = self.function("DoStep")
 
     def do_step(self, time: float, step: float) -> int:
-        return self._step(self.instance, ctypes.c_double(time), ctypes.c_double(step), ctypes.c_char(b"\x01"))
+        status: int = self._step(self.instance, ctypes.c_double(time), ctypes.c_double(step), ctypes.c_char(b"\x01"))
+        return self.waited() if status == PENDING else status
+
+    def progress(self) -> tuple[float | None, bool]:
+        reached = ctypes.c_double()
+        told = self.function("GetRealStatus")(self.instance, LAST_SUCCESSFUL_TIME, ctypes.byref(reached)) <= 1
+        return reached.value if told else None, False

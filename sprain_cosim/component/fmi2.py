@@ -8,7 +8,9 @@ import weakref
 from functools import lru_cache
 from typing import Any, ClassVar
 
-from .common import FmiInstance
+from .common import LAST_SUCCESSFUL_TIME, PENDING, FmiInstance
+
+TERMINATED = 3  # fmi2StatusKind
 
 _instances: weakref.WeakValueDictionary[str, FmiInstance] = weakref.WeakValueDictionary()  # by instance name: all share one logger
 
@@ -82,7 +84,15 @@ class Fmi2CoSimulation(Fmi2Instance):
             # PythonFMU's library frees its interpreter state twice at the end of the process, unless it was told to before
             atexit.register(fmu.dll.finalizePythonInterpreter)
         self._step = fmu.dll["fmi2DoStep"]
+        self._final = int(not self.component.capabilities.state)  # no state will be set that lies before the present point
         return fmu
 
     def do_step(self, time: float, step: float) -> int:
-        return self._step(self.instance, ctypes.c_double(time), ctypes.c_double(step), 1)
+        status: int = self._step(self.instance, ctypes.c_double(time), ctypes.c_double(step), self._final)
+        return self.waited() if status == PENDING else status
+
+    def progress(self) -> tuple[float | None, bool]:
+        reached, ended = ctypes.c_double(), ctypes.c_int()
+        told = self.function("GetRealStatus")(self.instance, LAST_SUCCESSFUL_TIME, ctypes.byref(reached)) <= 1
+        asked = self.function("GetBooleanStatus")(self.instance, TERMINATED, ctypes.byref(ended)) <= 1
+        return reached.value if told else None, asked and bool(ended.value)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import SimulationError
+from ..errors import SimulationError, SimulationStopped
 from .common import FmiInstance
 from .fmi2 import Fmi2Instance
 from .fmi3 import Fmi3Instance
@@ -17,7 +17,7 @@ TOLERANCE = 1e-8  # relative; the absolute one is this times the nominal of the 
 MAX_EVENTS = 1000  # per communication step
 MAX_ITERATIONS = 100  # of discrete states at one event
 MAX_SOLVER_STEPS = 100_000
-ERROR, DISCARD = 3, 2
+ERROR = 3
 
 
 class _Held:
@@ -87,8 +87,7 @@ class _Integrated(FmiInstance):
             self._time = now
             asked, terminate = self.fmu.completedIntegratorStep()
             if terminate:
-                self.log("it asked to end the simulation")
-                return DISCARD
+                raise SimulationStopped(f"{self.component.name}: asked to end the simulation at {now:.6g} s")
             if event or asked or now >= self._next_event:
                 self.fmu.enterEventMode()
                 self._iterate()
@@ -111,7 +110,7 @@ class _Integrated(FmiInstance):
         for _ in range(MAX_ITERATIONS):
             again, terminate, _, _, defined, when = self._update()
             if terminate:
-                raise SimulationError(f"{self.component.name}: asked to end the simulation at {self._time:.6g} s")
+                raise SimulationStopped(f"{self.component.name}: asked to end the simulation at {self._time:.6g} s")
             if not again:
                 self._next_event = when if defined else float("inf")
                 return

@@ -15,9 +15,30 @@
 #ifndef TORQUE_UNIT
 #define TORQUE_UNIT 1.0
 #endif
+#ifndef REFUSES /* s: discards longer steps, after this much of them; TELLS: says so */
+#define REFUSES 0.0
+#endif
+#ifndef TELLS
+#define TELLS 1
+#endif
+#ifndef ENDS /* s: asks to end the run then */
+#define ENDS 0.0
+#endif
+#ifndef RETURNS /* s: (FMI 3) returns early at multiples of it; EVENTS: with an event; NAMES: names them as the next event's time instead */
+#define RETURNS 0.0
+#endif
+#ifndef EVENTS
+#define EVENTS 0
+#endif
+#ifndef NAMES
+#define NAMES 0
+#endif
+#ifndef WAITS /* (FMI 2) steps are pending for so many questions */
+#define WAITS 0
+#endif
 
 enum { ANGLE, TORQUE, STIFFNESS, STATE, RATE, TIME, VARIABLES };
-typedef struct { double value[VARIABLES]; } Device;
+typedef struct { double value[VARIABLES]; double reached; int ended, mode, waits; } Device;
 static const double TAU = 0.01;
 
 static void fresh(Device* d) { memset(d, 0, sizeof *d); d->value[STIFFNESS] = 20.0; }
@@ -82,7 +103,24 @@ NONE(fmi2SetInteger, const fmi2Integer) NONE(fmi2SetBoolean, const fmi2Boolean) 
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate* s) { if (!*s) *s = malloc(sizeof(Device)); memcpy(*s, c, sizeof(Device)); return fmi2OK; }
 fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate s) { memcpy(c, s, sizeof(Device)); return fmi2OK; }
 fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate* s) { free(*s); *s = NULL; return fmi2OK; }
-fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolean n) { advance(c, h); return fmi2OK; }
+fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolean n) {
+    Device* d = c;
+    d->ended = ENDS > 0 && t + h > ENDS + 1e-9;
+    if (d->ended) { advance(d, ENDS - t); d->reached = ENDS; return fmi2Discard; }
+    if (REFUSES > 0 && h > REFUSES * (1 + 1e-9)) { advance(d, REFUSES); d->reached = t + REFUSES; return fmi2Discard; }
+    advance(d, h);
+    d->waits = WAITS;
+    return WAITS ? fmi2Pending : fmi2OK;
+}
+fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind k, fmi2Status* v) { *v = ((Device*)c)->waits-- > 0 ? fmi2Pending : fmi2OK; return fmi2OK; }
+fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind k, fmi2Real* v) {
+    *v = ((Device*)c)->reached;
+    return k == fmi2LastSuccessfulTime && TELLS ? fmi2OK : fmi2Discard;
+}
+fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind k, fmi2Boolean* v) {
+    *v = ((Device*)c)->ended;
+    return k == fmi2Terminated ? fmi2OK : fmi2Discard;
+}
 fmi2Status fmi2CancelStep(fmi2Component c) { return fmi2Error; }
 fmi2Status fmi2EnterEventMode(fmi2Component c) { return fmi2OK; }
 fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo* e) { memset(e, 0, sizeof *e); return fmi2OK; }
@@ -107,7 +145,8 @@ fmi3Instance fmi3InstantiateModelExchange(fmi3String n, fmi3String t, fmi3String
 void fmi3FreeInstance(fmi3Instance c) { free(c); }
 fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean d, fmi3Float64 tol, fmi3Float64 s, fmi3Boolean sd, fmi3Float64 e) { return fmi3OK; }
 fmi3Status fmi3ExitInitializationMode(fmi3Instance c) { evaluate(c); return fmi3OK; }
-fmi3Status fmi3EnterEventMode(fmi3Instance c) { return fmi3OK; }
+fmi3Status fmi3EnterEventMode(fmi3Instance c) { ((Device*)c)->mode = 1; return fmi3OK; }
+fmi3Status fmi3EnterStepMode(fmi3Instance c) { ((Device*)c)->mode = 0; return fmi3OK; }
 fmi3Status fmi3Terminate(fmi3Instance c) { return fmi3OK; }
 fmi3Status fmi3Reset(fmi3Instance c) { fresh(c); evaluate(c); return fmi3OK; }
 fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Float64 v[], size_t m) { get(c, vr, n, v); return fmi3OK; }
@@ -116,10 +155,21 @@ fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState* s) { if (!*s) *s = mall
 fmi3Status fmi3SetFMUState(fmi3Instance c, fmi3FMUState s) { memcpy(c, s, sizeof(Device)); return fmi3OK; }
 fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState* s) { free(*s); *s = NULL; return fmi3OK; }
 fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 h, fmi3Boolean n, fmi3Boolean* ev, fmi3Boolean* te, fmi3Boolean* er, fmi3Float64* l) {
-    *ev = *te = *er = false; *l = t + h; advance(c, h); return fmi3OK;
+    Device* d = c;
+    double end = t + h, next = RETURNS > 0 ? (floor(t / RETURNS + 1e-6) + 1) * RETURNS : 2 * end;
+    *ev = *te = *er = false;
+    if (d->mode || (NAMES && end > next + 1e-12)) return fmi3Error;
+    if (ENDS > 0 && end > ENDS + 1e-9) { advance(d, ENDS - t); *te = true; *l = ENDS; return fmi3OK; }
+    if (REFUSES > 0 && h > REFUSES * (1 + 1e-9)) { advance(d, REFUSES); *l = t + REFUSES; return fmi3Discard; }
+    if (next < end - 1e-12) { end = next; *er = true; *ev = EVENTS; }
+    advance(d, end - t);
+    *l = d->value[TIME] = end;
+    return fmi3OK;
 }
 fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean* a, fmi3Boolean* b, fmi3Boolean* d, fmi3Boolean* e, fmi3Boolean* f, fmi3Float64* t) {
-    *a = *b = *d = *e = *f = false; return fmi3OK;
+    *a = *b = *d = *e = *f = false;
+    if (NAMES) { *f = true; *t = (floor(((Device*)c)->value[TIME] / RETURNS + 1e-6) + 1) * RETURNS; }
+    return fmi3OK;
 }
 fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance c) { return fmi3OK; }
 fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean p, fmi3Boolean* e, fmi3Boolean* t) { *e = *t = false; return fmi3OK; }

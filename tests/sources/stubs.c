@@ -1,12 +1,12 @@
 /* Functions of FMI 2 and 3 that tests/sources/device.c does not need: fmpy wants every one of them to be there. */
 #define NO(name) int name(void) { return 3; }
 #if FMI == 2
-NO(fmi2DeSerializeFMUstate) NO(fmi2GetBooleanStatus) NO(fmi2GetDirectionalDerivative) NO(fmi2GetIntegerStatus) NO(fmi2GetRealOutputDerivatives)
-NO(fmi2GetRealStatus) NO(fmi2GetStatus) NO(fmi2GetStringStatus) NO(fmi2SerializeFMUstate) NO(fmi2SerializedFMUstateSize)
+NO(fmi2DeSerializeFMUstate) NO(fmi2GetDirectionalDerivative) NO(fmi2GetIntegerStatus) NO(fmi2GetRealOutputDerivatives)
+NO(fmi2GetStringStatus) NO(fmi2SerializeFMUstate) NO(fmi2SerializedFMUstateSize)
 NO(fmi2SetRealInputDerivatives)
 #endif
 #if FMI == 3
-NO(fmi3ActivateModelPartition) NO(fmi3DeserializeFMUState) NO(fmi3EnterConfigurationMode) NO(fmi3EnterStepMode) NO(fmi3EvaluateDiscreteStates)
+NO(fmi3ActivateModelPartition) NO(fmi3DeserializeFMUState) NO(fmi3EnterConfigurationMode) NO(fmi3EvaluateDiscreteStates)
 NO(fmi3ExitConfigurationMode) NO(fmi3GetAdjointDerivative) NO(fmi3GetBinary) NO(fmi3GetBoolean) NO(fmi3GetClock)
 NO(fmi3GetDirectionalDerivative) NO(fmi3GetFloat32) NO(fmi3GetInt16) NO(fmi3GetInt32) NO(fmi3GetInt64) NO(fmi3GetInt8)
 NO(fmi3GetIntervalDecimal) NO(fmi3GetIntervalFraction) NO(fmi3GetNumberOfVariableDependencies) NO(fmi3GetOutputDerivatives)
