@@ -303,19 +303,25 @@ def compare(
 
     devices = _devices(braces, maps, "--brace")
     pairs = [_pair(s, "--set", "NAME.PARAMETER=VALUE") for s in settings]
-    done = compare_braces(
-        source,
-        {name: file for name, file, _ in devices},
-        maps={name: mapping for name, _, mapping in devices if mapping is not None},
-        settings={name: parse_value(value) for name, value in pairs},
-        out=out or Path("runs") / f"compare_{Path(source).stem}",
-        trials=trials,
-        workers=workers,
-        resume=resume,
-        max_failed=quantity(max_failed.replace("%", " %"), None, "--max-failed"),
-        progress=reporter(progress),
-        say=lambda name: None if progress == "none" else click.echo(f"{name} ...", err=True),
-    )
+    again = f"sprain-cosim {' '.join(_without_resume(sys.argv[1:]))}"
+    try:
+        done = compare_braces(
+            source,
+            {name: file for name, file, _ in devices},
+            maps={name: mapping for name, _, mapping in devices if mapping is not None},
+            settings={name: parse_value(value) for name, value in pairs},
+            out=out or Path("runs") / f"compare_{Path(source).stem}",
+            trials=trials,
+            workers=workers,
+            resume=resume,
+            command=again,
+            max_failed=quantity(max_failed.replace("%", " %"), None, "--max-failed"),
+            progress=reporter(progress),
+            say=lambda name: None if progress == "none" else click.echo(f"{name} ...", err=True),
+        )
+    except Interrupted:
+        click.echo(f"continue with: {again} --resume", err=True)
+        raise
     for entry in done.entries:
         for warning in entry.warnings:
             click.echo(f"warning: {entry.name}: {warning}", err=True)

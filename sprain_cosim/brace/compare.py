@@ -106,9 +106,10 @@ def compare_braces(
     limits: Limits | None = None,
     progress: Callable[[int, int, int, float], None] | None = None,
     say: Callable[[str], None] = lambda text: None,
+    command: str = "",
 ) -> Comparison:
     """`braces` {name: FMU file or name of a shipped one}; `settings` {"plant.drop_height": for all, "NAME.parameter": of that brace}; `say`
-    hears one line as each brace begins. Writes `out` and returns what it holds, also when braces failed.
+    hears one line as each brace begins; `command` what the manifests say was typed. Writes `out` and returns what it holds, also when braces failed.
 
     Raises InputError before anything has run: names, files, mappings, parameters, a folder in use."""
     source = load(source) if isinstance(source, str) else source
@@ -140,7 +141,7 @@ def compare_braces(
                         means = {k: m.mean for k, m in variant.marginals.items() if k.startswith("brace.")}
                         entry = replace(entry, restriction=bench.hold(means))
                     bench.close()
-                    options = {"workers": workers, "limits": limits, "progress": progress}
+                    options = {"workers": workers, "limits": limits, "progress": progress, "command": command}
                     campaign = variant.run(out=folder / name, resume=resume, max_failed=max_failed, **options)
                     entry = replace(entry, landings=campaign.trials)
                 else:

@@ -13,7 +13,8 @@ from scipy import stats
 
 from fmus.brace_bushing.slave import POLYNOMIALS
 from sprain_cosim import InputError, load_scenario, load_study
-from sprain_cosim.brace.compare import compare_braces, load, text
+from sprain_cosim.brace.compare import LINES, compare_braces, load, text
+from tests.docs_commands import ROOT
 from tests.native import compile_fmu
 
 
@@ -80,6 +81,20 @@ def test_ordinary_motion(landing) -> None:
         torque = np.array([-np.polyval([c, b, a, 0.0], 2.4 * t) for t, (a, b, c) in zip(angles[1], POLYNOMIALS, strict=True)])
         projected = torque @ (angles[2] - angles[0]) / math.radians(0.02)
         assert stiff[posture] == pytest.approx(-math.copysign(1, degrees) * projected, rel=1e-4)
+
+
+def test_the_tutorial_shows_what_comes_out(landing) -> None:
+    """Its columns of one landing that this one has too, number by number."""
+    page = (ROOT / "docs" / "vendor-tutorial.md").read_text().partition("incline30  ·  ")[2].partition("landings completed")[0]
+    shown = {line[:44].strip(): line[44:] for line in page.splitlines() if line.strip()}
+    columns = shown[""].split()
+    for label, key, factor in LINES:
+        cells = [c for c in shown[label.strip()].replace(" / ", "/").split() if c]
+        for name in ("none", "stiff"):
+            metric = landing.data["braces"][name]["metrics"].get(key)
+            if metric is not None:
+                place = columns.index(name) - len(columns)  # what none lacks is blank in front
+                assert cells[place] == f"{factor * metric['value']:.2f}", (label, name)
 
 
 def test_a_crash_costs_its_own_column(landing) -> None:
