@@ -9,8 +9,9 @@ the spread over its replicates instead. Failed trials are never dropped in silen
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,10 +27,13 @@ __all__ = [
     "agreement",
     "empirical_cdf",
     "exceedance",
+    "exceedance_of_levels",
     "mean",
     "order_statistic_ranks",
     "percentile",
     "percentile_bounds",
+    "replicated",
+    "replicated_exceedance",
     "replicated_percentile",
     "standard_deviation",
     "stopping",
@@ -110,20 +114,36 @@ def percentile(y: ArrayLike, p: float, confidence: float = 0.95) -> Estimate:
     )
 
 
-def replicated_percentile(y: ArrayLike, replicates: int, p: float, confidence: float = 0.95) -> Estimate:
-    """The p-quantile of a replicated quasi-Monte Carlo sample, row i belonging to replicate i % replicates.
+def replicated(y: ArrayLike, replicates: int, statistic: Callable[[Array], Any], confidence: float = 0.95) -> Estimate:
+    """A statistic of a replicated quasi-Monte Carlo sample, row i belonging to replicate i % replicates.
 
-    The value is that of all rows together; the interval is Student's over the replicates' own quantiles, NaN
-    for fewer than 8 replicates.
+    The value is that of all rows together; the interval is Student's over the replicates' own values, NaN for
+    fewer than 8 replicates.
     """
     values = _sample(y)
-    _probability(p)
-    value = _type7(np.sort(values), p)
+    value = float(statistic(values))
     if replicates < MIN_REPLICATES or len(values) < replicates:
         return Estimate(value, math.nan, math.nan)
-    each = np.array([_type7(np.sort(values[r::replicates]), p) for r in range(replicates)])
+    each = np.array([float(statistic(values[r::replicates])) for r in range(replicates)])
     half = _student(replicates - 1, confidence) * float(np.std(each, ddof=1)) / math.sqrt(replicates)
     return Estimate(value, value - half, value + half)
+
+
+def replicated_percentile(y: ArrayLike, replicates: int, p: float, confidence: float = 0.95) -> Estimate:
+    """The p-quantile of a replicated quasi-Monte Carlo sample, see `replicated`."""
+    _probability(p)
+    return replicated(y, replicates, lambda values: _type7(np.sort(values), p), confidence)
+
+
+def replicated_exceedance(y: ArrayLike, replicates: int, threshold: float | Marginal, confidence: float = 0.95) -> Estimate:
+    """P(Y > T) from a replicated quasi-Monte Carlo sample, kept within 0 and 1; T as in `exceedance`.
+
+    Where all replicates agree their spread says nothing, and the interval is that of as many independent rows.
+    """
+    found = replicated(y, replicates, lambda values: np.mean(_threshold_below(threshold, values)), confidence)
+    if found.low == found.high:
+        return exceedance(y, threshold, confidence)
+    return Estimate(found.value, max(found.low, 0.0), min(found.high, 1.0)) if math.isfinite(found.low) else found
 
 
 def _student(freedom: int, confidence: float) -> float:
@@ -209,8 +229,29 @@ def exceedance(y: ArrayLike, threshold: float | Marginal, confidence: float = 0.
     return Estimate(value, low * n / whole, (high * n + failed) / whole)
 
 
-def _threshold_below(threshold: Marginal, values: Array) -> Array:
+def exceedance_of_levels(levels: Mapping[float, float], threshold: float | Marginal) -> float:
+    """P(Y > T) from percentiles {p: z_p}, such as those of AMV: z linear in β = Φ⁻¹(p) between the levels and
+    beyond the outermost. No interval: a search has no sampling error, and its own is not known from inside.
+
+    Raises ValueError for fewer than two levels or percentiles that do not increase.
+    """
+    p = np.array(sorted(levels))
+    z = np.array([levels[level] for level in p])
+    if len(p) < 2 or np.any(np.diff(z) <= 0):
+        raise ValueError("at least two levels with increasing percentiles are needed")
+    beta = ndtri(p)
+    at = ndtri((np.arange(20_000) + 0.5) / 20_000)
+    value = np.interp(at, beta, z)
+    for outer, inner, beyond in ((0, 1, at < beta[0]), (-1, -2, at > beta[-1])):
+        slope = (z[outer] - z[inner]) / (beta[outer] - beta[inner])
+        value[beyond] = z[outer] + slope * (at[beyond] - beta[outer])
+    return float(np.mean(_threshold_below(threshold, value)))
+
+
+def _threshold_below(threshold: float | Marginal, values: Array) -> Array:
     """P(T < y) for each y."""
+    if not isinstance(threshold, Marginal):
+        return (values > threshold).astype(float)
     if threshold.is_fixed:
         raise ValueError("give a fixed threshold as a number")
     if isinstance(threshold, Uniform):
