@@ -74,7 +74,7 @@ PROBLEMS = {
     "B02_lognormal_product": Problem(lambda x: x[:, 0] ** 2 * x[:, 1] / x[:, 2], [LogNormal(10.0, 1.0), LogNormal(5.0, 1.0), LogNormal(2.0, 0.5)], step=1e-4),
     "B03_square_normal": Problem(lambda x: x[:, 0] ** 2, [Normal(3.0, 0.5)]),
     "B04_product_normals": Problem(lambda x: x[:, 0] * x[:, 1], [Normal(2.0, 0.3), Normal(5.0, 0.4)]),
-    "B05_noncentral_chi2": Problem(lambda x: np.sum((x + [3.0, 2.0, 1.0]) ** 2, axis=1), [Normal(0.0, 1.0)] * 3),
+    "B05_noncentral_chi2": Problem(lambda x: np.sum((x + np.array([3.0, 2.0, 1.0])) ** 2, axis=1), [Normal(0.0, 1.0)] * 3),
     "B06_nonmonotonic_square": Problem(lambda x: x[:, 0] ** 2 + 0.1 * x[:, 1], UNIT),
     "B07_quadratic_mild": Problem(lambda x: x[:, 0] + 0.15 * x[:, 0] ** 2 + x[:, 1], UNIT),
     "B09_ishigami": Problem(lambda x: np.sin(x[:, 0]) + 7 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0]), [Uniform(-math.pi, math.pi)] * 3),
@@ -181,7 +181,7 @@ def searched(name: str, method: str, level: float, space: str = "x"):
 @cache
 def first_order(name: str, threshold: float):
     p = PROBLEMS[name]
-    return form(p.function, p.marginals, threshold, p.correlation, step=1e-5, tolerance=1e-9)
+    return form(p.function, p.marginals, threshold, p.correlation, step=1e-5, tolerance=1e-8)
 
 
 @cache
