@@ -104,7 +104,7 @@ def _print_table(title: str, summary: dict[str, Any], result: Any) -> None:
 
 @cli.command()
 @click.argument("study")
-@click.option("--method", help="monte-carlo, lhs, sobol, grid, table, mean-value, amv, amv+, hmv, form.")
+@click.option("--method", help="monte-carlo, lhs, sobol, grid, table, mean-value, amv, amv+, hmv, form, sobol-indices.")
 @click.option("--trials", type=click.IntRange(1), help="Number of trials.")
 @click.option("--seed", type=click.IntRange(0), help="Seed of the sample.")
 @click.option("--inputs", type=click.Path(path_type=Path), metavar="TABLE.csv", help="Run these rows: header component.parameter [unit].")

@@ -26,7 +26,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,6 +42,7 @@ __all__ = [
     "amv",
     "amv_plus",
     "form",
+    "form_exceedance",
     "hmv",
     "mean_value",
     "sorm",
@@ -186,13 +187,23 @@ class _Slopes:
     """Value and derivatives of the function at one point.
 
     gradient (d,) ∂z/∂x; curvature (d,) ∂²z/∂x² by axis, or None from one-sided differences; moved: the
-    largest change of z over the steps of each input (d,).
+    largest change of z over the steps of each input (d,); resolution: the power of ten that every value met is
+    a multiple of (to 0.0001), or None.
     """
 
     value: float
     gradient: Array
     curvature: Array | None
     moved: Array
+    resolution: float | None
+
+
+def _resolution(values: Array) -> float | None:
+    for digits in range(5):
+        scaled = values * 10.0**digits
+        if np.all(np.abs(scaled - np.round(scaled)) < 1e-9 * np.maximum(np.abs(scaled), 1.0)):
+            return 10.0**-digits
+    return None
 
 
 def _differences(ledger: _Ledger, joint: JointDistribution, x: Array, step: float, how: Difference) -> _Slopes:
@@ -219,7 +230,7 @@ def _differences(ledger: _Ledger, joint: JointDistribution, x: Array, step: floa
     else:
         gradient[active] = (sides[0] - centre) / taken
     moved[active] = np.max(np.abs(sides - centre), axis=0)
-    return _Slopes(float(centre), gradient, curvature, moved)
+    return _Slopes(float(centre), gradient, curvature, moved, _resolution(values))
 
 
 def _unit(vector: Array) -> Array:
@@ -368,11 +379,10 @@ class _Gate:
             self.rejections.append("every slope at the mean inputs is zero: the linearisation says nothing")
             return
         still = [int(i) for i in joint.active if slopes.moved[i] == 0.0]
-        if still:
+        if still and slopes.resolution is not None:  # without such steps an input that moves nothing is one without influence
             self.suspicions.append(
-                f"{len(still)} of {len(joint.active)} inputs (number {', '.join(map(str, still))}) do not "
-                f"move the response at all over a step of {self.setting.step:g} sd: the output's resolution "
-                "may be coarser than the step"
+                f"the response comes in steps of {slopes.resolution:g}, and {len(still)} of {len(joint.active)} inputs (number "
+                f"{', '.join(map(str, still))}) do not move it over a step of {self.setting.step:g} sd: take a larger step or more digits"
             )
         if self.noise is not None:
             error = self.noise / self.setting.step * math.sqrt(len(joint.active))
@@ -814,7 +824,7 @@ def form(
                 break
             moved = _hlrf_step(ledger, joint, threshold, u, g, gradient)
             if moved is None:
-                settled = abs(g) <= 1e-6 * norm * scale and across <= 1e-4 * scale
+                settled = abs(g) <= max(1e-6, 1e-2 * tolerance) * norm * scale and across <= max(1e-4, tolerance) * scale
                 complaint = None if settled else "the line search found no better point: noise or a kink"
                 break
             u = moved
@@ -837,6 +847,39 @@ def form(
         status="suspect" if complaint else "ok",
         reasons=(complaint,) if complaint else (),
     )
+
+
+def form_exceedance(
+    function: Function,
+    marginals: Sequence[Marginal],
+    threshold: float | Marginal,
+    correlation: ArrayLike | None = None,
+    **options: Any,
+) -> FormResult:
+    """FORM for the event `function > threshold`; `options` as in `form`.
+
+    An uncertain threshold (a marginal, independent of the inputs) is one more input, the last of alpha and of
+    the design point: the limit state is threshold − function(x) <= 0.
+    """
+    if not isinstance(threshold, Marginal):
+        return form(lambda x: -np.asarray(function(x), dtype=float), marginals, -threshold, correlation, **options)
+    joined = None
+    if correlation is not None:
+        joined = np.eye(len(marginals) + 1)
+        joined[:-1, :-1] = correlation
+    known: dict[bytes, float] = {}
+
+    def margin(x: Array) -> Array:
+        """A step of the threshold alone costs no evaluation."""
+        inputs = np.ascontiguousarray(x[:, :-1])
+        keys = [row.tobytes() for row in inputs]
+        fresh = {key: row for key, row in zip(keys, inputs, strict=True) if key not in known}
+        if fresh:
+            values = np.asarray(function(np.array(list(fresh.values()))), dtype=float)
+            known.update(zip(fresh, values.tolist(), strict=True))
+        return x[:, -1] - np.array([known[key] for key in keys])
+
+    return form(margin, [*marginals, threshold], 0.0, joined, **options)
 
 
 def _hlrf_step(ledger: _Ledger, joint: JointDistribution, threshold: float, u: Array, g: float, gradient: Array) -> Array | None:

@@ -23,7 +23,7 @@ from .. import runfolder
 from ..errors import EnvironmentProblem, InputError, SimulationError, nearest
 from ..isolation import Limits, Outcome, Worker
 from ..result import Result
-from . import reliability, studyfolder
+from . import studyfolder
 from .backends import Task, open_backend
 from .codec import encode
 from .dispatch import Dispatch, Progress
@@ -245,16 +245,7 @@ def _search(study: Study, dispatch: Dispatch) -> Any:
                 raise InputError("the ledger holds other points than this search asks for; name a new folder with --out")
         return np.array([_response(row.outcome, response, row.trial) for row in rows])
 
-    marginals, correlation = tuple(study.marginals.values()), study.correlation
-    if study.method == "form":
-        assert study.threshold is not None
-        return reliability.form(lambda x: -function(x), marginals, -study.threshold, correlation=correlation)  # the event is exceedance
-    if study.method == "mean-value":
-        return reliability.mean_value(function, marginals, levels=study.levels, step=study.step, difference=study.difference, correlation=correlation)
-    method = {"amv": reliability.amv, "amv+": reliability.amv_plus, "hmv": reliability.hmv}[study.method]
-    return method(
-        function, marginals, levels=study.levels, space=study.space, step=study.step, difference=study.difference, correlation=correlation
-    )  # fmt: skip
+    return study.search(function)
 
 
 def _response(outcome: Outcome, name: str, trial: int) -> float:

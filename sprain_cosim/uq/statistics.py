@@ -37,6 +37,7 @@ __all__ = [
     "replicated_percentile",
     "standard_deviation",
     "stopping",
+    "stopping_of",
     "wilks_size",
 ]
 
@@ -275,15 +276,19 @@ class Stopping:
 
 def stopping(y: ArrayLike, wanted: float, levels: Sequence[float] = (0.05, 0.5, 0.95), confidence: float = 0.95) -> Stopping:
     """Compare the half-widths of the percentiles' intervals with the one wanted (in the response's unit)."""
+    values = _sample(y)
+    return stopping_of({float(p): percentile(values, p, confidence) for p in levels}, len(values), wanted)
+
+
+def stopping_of(estimates: Mapping[float, Estimate], n: int, wanted: float) -> Stopping:
+    """The same from percentiles {level: estimate} of n rows at hand."""
     if not wanted > 0:
         raise ValueError(f"the half-width wanted must be positive, got {wanted}")
-    values = _sample(y)
-    half = {float(p): percentile(values, p, confidence).half_width for p in levels}
+    half = {float(p): estimate.half_width for p, estimate in estimates.items()}
     widest = max(half.values())
-    needed = None if math.isinf(widest) else max(len(values), math.ceil(len(values) * (widest / wanted) ** 2))
-    if needed is not None and widest <= wanted:
-        needed = len(values)
-    return Stopping(widest <= wanted, half, float(wanted), needed)
+    if math.isfinite(widest) and widest <= wanted:
+        return Stopping(True, half, float(wanted), n)
+    return Stopping(False, half, float(wanted), math.ceil(n * (widest / wanted) ** 2) if math.isfinite(widest) else None)
 
 
 def agreement(value: float, estimate: Estimate) -> str:

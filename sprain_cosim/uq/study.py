@@ -6,7 +6,9 @@ scenario = "incline30_mixed"
                 normal, lognormal, uniform = { low, high }, fixed = value; `low` and `high` beside normal or lognormal truncate it
 [grid]          "controller.reflex_gain" = [0, 5, 10]       for method grid
 [correlation]   "plant.a, plant.b" = 0.3                    Pearson, Gaussian copula
-[study]         method, trials, seed, responses, levels, threshold, replicates
+[study]         method, trials, seed, responses; half_width = "0.5 deg" (stopping rule: the widest of the levels' intervals); replicates for
+                sobol and sobol-indices; levels, space, step, difference, tolerance, budget for searches; threshold for form: a value of the
+                first response, or a distribution of it as in [marginals]
 [published]     figures to print beside the results, with their source
 """
 
@@ -16,7 +18,7 @@ import hashlib
 import json
 import math
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -29,7 +31,7 @@ from ..component import Component, Connector
 from ..errors import InputError, nearest
 from ..scenario import Scenario, Value, folder, load_scenario
 from ..system import System, problems_to_error
-from ..units import Unit, quantity
+from ..units import Unit, quantity, unit
 from . import sampling
 from .distributions import Array, Fixed, JointDistribution, LogNormal, Marginal, Normal, Truncated, Uniform
 
@@ -38,11 +40,15 @@ if TYPE_CHECKING:
     from .runner import Campaign
 
 SAMPLED = ("monte-carlo", "lhs", "sobol", "grid", "table")
-SEARCHES = ("mean-value", "amv", "amv+", "hmv", "form")
+SEARCHES = ("mean-value", "amv", "amv+", "hmv", "form", "sobol-indices")  # the trials depend on the method's own plan
 METHODS = (*SAMPLED, *SEARCHES)
 KEYS = ("scenario", "title", "parameters", "marginals", "grid", "correlation", "study", "published")
-STUDY_KEYS = ("method", "trials", "seed", "responses", "levels", "threshold", "replicates", "space", "step", "difference")
+STUDY_KEYS = (
+    "method", "trials", "seed", "responses", "half_width", "replicates", "levels", "threshold", "space", "step", "difference", "tolerance", "budget",
+)  # fmt: skip
 IMPOSSIBLE = 1e-6  # a marginal may lie outside its parameter's range with at most this probability
+NARROW = math.radians(0.25)  # a smaller spread of an angle is likely to be radians written as degrees
+TOLERANCE = 1e-3  # of searches, in standard deviations of the response: a landing's own noise is 1e-4 of them
 
 
 @dataclass(frozen=True)
@@ -63,11 +69,14 @@ class Study:
     correlation: Array | None = None
     grid: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     levels: tuple[float, ...] = (0.05, 0.5, 0.95)
-    threshold: float | None = None
+    threshold: float | Marginal | None = None
+    half_width: float | None = None
     replicates: int = 8
     space: Space = "x"
     step: float = 0.1
-    difference: Difference = "forward"
+    difference: Difference | None = None
+    tolerance: float = TOLERANCE
+    budget: int = 2000
     table: Array | None = None
     numbers: tuple[int, ...] = ()
     published: Mapping[str, Any] = field(default_factory=dict)
@@ -115,6 +124,29 @@ class Study:
             x = self.sample()
             yield np.array(self.numbers or range(len(x)), np.int64), x
 
+    def search(self, function: Callable[[Array], Array]) -> Any:
+        """Runs the method, one of SEARCHES, on `function`: (n, d) inputs in their own units to (n,) values of the first response.
+
+        Differences are forward for mean-value and amv, as in the paper, and central for the others, unless the study says otherwise."""
+        from . import reliability, sensitivity
+
+        marginals = tuple(self.marginals.values())
+        if self.method == "sobol-indices":
+            return sensitivity.sobol_indices(function, marginals, self.trials, self.seed, replicates=self.replicates)
+        first_order = self.method in ("mean-value", "amv")
+        options: dict[str, Any] = {
+            "correlation": self.correlation,
+            "step": self.step,
+            "difference": self.difference or ("forward" if first_order else "central"),
+        }
+        if not first_order:
+            options |= {"tolerance": self.tolerance, "budget": self.budget}
+        if self.method == "form":
+            assert self.threshold is not None
+            return reliability.form_exceedance(function, marginals, self.threshold, **options)
+        method = {"mean-value": reliability.mean_value, "amv": reliability.amv, "amv+": reliability.amv_plus, "hmv": reliability.hmv}[self.method]
+        return method(function, marginals, levels=self.levels, space=self.space, **options)
+
     @property
     def identity(self) -> dict[str, Any]:
         """What a ledger must have been made with to be continued. The number of trials counts only where a row depends on it."""
@@ -131,9 +163,11 @@ class Study:
             "grid": {name: list(levels) for name, levels in self.grid.items()},
             "method": self.method,
             "seed": self.seed,
-            "trials": self.trials if self.method == "lhs" else None,
-            "replicates": self.replicates if self.method == "sobol" else None,
-            "search": [*self.levels, self.threshold, self.space, self.step, self.difference, self.responses[0]] if self.method in SEARCHES else None,
+            "trials": self.trials if self.method in ("lhs", "sobol-indices") else None,
+            "replicates": self.replicates if self.method in ("sobol", "sobol-indices") else None,
+            "search": [*self.levels, repr(self.threshold), self.space, self.step, self.difference, self.tolerance, self.budget, self.responses[0]]
+            if self.method in SEARCHES
+            else None,
             "table": None if self.table is None else hashlib.sha256(self.table.tobytes() + repr(self.numbers).encode()).hexdigest(),
         }
 
@@ -170,13 +204,15 @@ class Study:
         if self.method == "table" and self.table is None:
             problems.append("method table: needs --inputs TABLE.csv")
         if self.method == "form" and self.threshold is None:
-            problems.append('method form: needs study.threshold, such as "35 deg"')
+            problems.append('method form: needs study.threshold, such as "35 deg" or { normal = { mean = "35 deg", sd = "6 deg" } }')
         if self.method not in ("grid", "table") and not self.marginals:
             problems.append("no marginals: nothing would vary")
         if self.trials < 1:
             problems.append(f"trials = {self.trials}: must be at least 1")
-        if self.method == "sobol" and self.trials % self.replicates:
+        if self.method.startswith("sobol") and (self.replicates < 1 or self.trials % self.replicates):
             problems.append(f"trials = {self.trials}: a Sobol' study needs a multiple of its {self.replicates} replicates")
+        if self.method == "sobol-indices" and self.correlation is not None:
+            problems.append("method sobol-indices: defined for independent inputs only; leave [correlation] out")
         if not problems and self.marginals:
             try:
                 _ = self.joint
@@ -345,7 +381,7 @@ def load_study(name: str | Path) -> Study:
                 connector = _parameter(system, key)
                 units[key] = _unit_name(connector.unit)
                 if table == "marginals":
-                    marginals[key] = _marginal(spec, connector, what)
+                    marginals[key] = _marginal(spec, connector.unit, what)
                 else:
                     grid[key] = _levels(spec, connector, what)
             except InputError as problem:
@@ -365,9 +401,13 @@ def load_study(name: str | Path) -> Study:
         published=content.get("published", {}),
         source=path.stem if path.parent == folder() / "studies" else str(path),
         text=text,
-        warnings=scenario.warnings,
+        warnings=scenario.warnings + tuple(_narrow(name, marginals[name]) for name in marginals if units[name] == "rad" and 0 < marginals[name].sd < NARROW),
         **options,
     ).checked()
+
+
+def _narrow(name: str, marginal: Marginal) -> str:
+    return f"marginals.{name}: a standard deviation of {math.degrees(marginal.sd):.3g} deg is very small; are these radians written as degrees?"
 
 
 def _unit_name(unit: Unit | None) -> str:
@@ -383,7 +423,7 @@ def _parameter(system: System, name: str) -> Connector:
     return connector
 
 
-def _marginal(spec: Any, connector: Connector, what: str) -> Marginal:
+def _marginal(spec: Any, own: Unit | None, what: str) -> Marginal:
     kinds = ("normal", "lognormal", "uniform", "fixed")
     if not isinstance(spec, dict):
         raise InputError(f'{what}: must be a distribution, such as {{ normal = {{ mean = "30 deg", sd = "5 deg" }} }}')
@@ -396,13 +436,13 @@ def _marginal(spec: Any, connector: Connector, what: str) -> Marginal:
     def number(table: Mapping[str, Any], key: str) -> float:
         if key not in table:
             raise InputError(f"{what}: {kind} needs {key}")
-        return quantity(table[key], connector.unit, f"{what}.{key}")
+        return quantity(table[key], own, f"{what}.{key}")
 
     ends = {k: number(spec, k) for k in ("low", "high") if k in spec}
     if kind == "fixed":
         if ends:
             raise InputError(f"{what}: a fixed value has no low or high")
-        return Fixed(quantity(spec["fixed"], connector.unit, what))
+        return Fixed(quantity(spec["fixed"], own, what))
     inner = spec[kind]
     wanted = ("low", "high") if kind == "uniform" else ("mean", "sd")
     if not isinstance(inner, dict) or set(inner) != set(wanted):
@@ -445,12 +485,15 @@ def _correlation(spec: Mapping[str, Any], names: Sequence[str], problems: list[s
 def _options(spec: Mapping[str, Any], problems: list[str]) -> dict[str, Any]:
     options = dict(spec)
     problems += [f"study: unknown key {key!r}{nearest(key, STUDY_KEYS)}" for key in spec if key not in STUDY_KEYS]
-    for key in ("trials", "seed", "replicates"):
+    for key in ("trials", "seed", "replicates", "budget"):
         if key in options and (isinstance(options[key], bool) or not isinstance(options[key], int) or options[key] < 0):
             problems.append(f"study.{key} = {options[key]!r}: must be a whole number, not negative")
     for key in ("method", "space", "difference"):
         if key in options and not isinstance(options[key], str):
             problems.append(f"study.{key} = {options[key]!r}: must be text")
+    for key in ("step", "tolerance"):
+        if key in options and not (isinstance(options[key], int | float) and not isinstance(options[key], bool) and 0 < options[key] < math.inf):
+            problems.append(f"study.{key} = {options[key]!r}: must be a positive number")
     if options.get("space", "x") not in ("x", "u"):
         problems.append(f"study.space = {options['space']!r}: must be x or u")
     if options.get("difference", "forward") not in ("forward", "central"):
@@ -465,17 +508,23 @@ def _options(spec: Mapping[str, Any], problems: list[str]) -> dict[str, Any]:
         problems.append("study.levels: must be probabilities between 0 and 1, such as [0.05, 0.5, 0.95]")
     else:
         options["levels"] = tuple(float(v) for v in levels)
-    if "threshold" in options and isinstance(options.get("responses"), tuple):
-        options["threshold"] = response_value(options["threshold"], options["responses"][0], "study.threshold", problems)
+    responses = options.get("responses", ("peak_subtalar_angle_deg",))
+    if isinstance(responses, tuple):
+        for key in ("threshold", "half_width"):
+            if key in options:
+                try:
+                    options[key] = _of_response(options[key], responses[0], f"study.{key}")
+                except (InputError, ValueError) as problem:
+                    problems.append(str(problem) if f"study.{key}" in str(problem) else f"study.{key}: {problem}")
+        if not (isinstance(options.get("half_width", 1.0), float) and options.get("half_width", 1.0) > 0):
+            problems.append("study.half_width: must be a positive value of the first response")
     return {k: v for k, v in options.items() if k in STUDY_KEYS}
 
 
-def response_value(given: Any, response: str, what: str, problems: list[str]) -> float:
-    """A threshold in the unit that the response's name carries."""
+def _of_response(given: Any, response: str, what: str) -> float | Marginal:
+    """A value or a distribution in the unit that the response's name carries, such as "35 deg"."""
     from ..metrics import unit_of
 
-    try:
-        return quantity(given, Unit(unit_of(response).replace("·", ".")) if unit_of(response) else None, what)
-    except InputError as problem:
-        problems.append(str(problem))
-        return math.nan
+    name = unit_of(response).replace("·", ".")
+    own = unit(name) if name else None
+    return _marginal(given, own, what) if isinstance(given, dict) else quantity(given, own, what)
