@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -14,6 +15,7 @@ from sprain_cosim.errors import InputError
 from sprain_cosim.uq import Normal, Uniform
 from sprain_cosim.uq.reliability import LevelResult, amv, form_exceedance
 from sprain_cosim.uq.statistics import exceedance
+from sprain_cosim.uq.study import shipped
 from sprain_cosim.uq.summary import summarise, text
 
 INVERSION, MOMENT, PEAK = "peak_inversion_from_neutral_deg", "anatomy_jcs_inversion_moment_Nm", "peak_subtalar_angle_deg"
@@ -240,3 +242,15 @@ def test_samples_keep_their_rows_and_columns(study6) -> None:
     assert np.array_equal(joined.sample()[:, kept], other.sample()[:, kept])
     identities = [replace(study6, method="lhs", trials=n).identity["trials"] for n in (64, 65)]
     assert identities[0] != identities[1]
+
+
+def test_the_study_on_the_page_loads(tmp_path) -> None:
+    page = (Path(__file__).parent.parent.parent / "docs" / "studies.md").read_text()
+    path = tmp_path / "mine.toml"
+    path.write_text(page.partition("```toml\n")[2].partition("```")[0])
+    study = sc.load_study(path)
+    assert study.half_width == 1.0
+    assert study.sample().shape == (200, 4)
+    assert {name for name in shipped() if f"`{name}`" in page} >= {"amv6", "form6", "demers2017", "brace_scaling"}
+    for name in shipped():
+        assert sc.load_study(name).checked().source == name
