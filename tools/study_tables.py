@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 import platform
+import resource
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -16,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
@@ -23,7 +26,7 @@ import sprain_cosim as sc
 from sprain_cosim.uq import reliability, sensitivity, statistics
 from sprain_cosim.uq.summary import FACTORS
 from tests.paper.test_studies import PEAK, RECORDS, inputs
-from tests.reference import read
+from tests.reference import FOLDER, read
 
 PAGE = Path(__file__).parent.parent / "docs" / "validation.md"
 BEGIN, END = "<!-- studies: begin, written by tools/study_tables.py -->", "<!-- studies: end -->"
@@ -132,7 +135,8 @@ def fresh(campaigns: dict[int, Any]) -> Iterator[str]:
 
 
 def table3(campaigns: dict[int, Any]) -> Iterator[str]:
-    table = read("paper/table3.csv").set_index("metric")
+    printed = pd.read_csv(FOLDER / "paper" / "table3.csv", dtype=str).set_index("metric")
+    table = printed.astype(float)
     yield "### Table 3, cell by cell"
     yield ""
     yield "Mean ± SD of 1000 fresh trials, here / published (which is rounded to the digits shown). JCS angles are raw, as in the paper's table. Asked:"
@@ -150,7 +154,7 @@ def table3(campaigns: dict[int, Any]) -> Iterator[str]:
                 cells.append("")
                 continue
             y = campaigns[n].trials[metric].to_numpy()
-            digits = 1 if str(metric).endswith("Nm") else 0
+            digits = len(printed.loc[metric, f"mean_study{n}"].partition(".")[2])
             gap = abs(y.mean() - mean)
             rounding, chance = 0.5 * 10.0**-digits, 3 * math.sqrt(2 / len(y)) * y.std()
             mark = ""
@@ -170,7 +174,7 @@ def table3(campaigns: dict[int, Any]) -> Iterator[str]:
     yield f"- none of these: {'; '.join(outside['none of these']) or 'no cell'}."
 
 
-def sigma_effects(campaigns: dict[int, Any]) -> Iterator[str]:
+def sigma_effects(campaigns: dict[int, Any], out: Path, workers: int) -> Iterator[str]:
     yield "### Effects on the spread in studies 3 and 4"
     yield ""
     yield "The paper marks, in studies 3 and 4, that the SD of the response falls with the mean of the contact dissipation and rises with the mean of the"
@@ -195,6 +199,17 @@ def sigma_effects(campaigns: dict[int, Any]) -> Iterator[str]:
                 mark = "**" if abs(s[factor]) > 2.7 * error else "*" if low > 0 or high < 0 else ""
                 cells.append(f"{s[factor]:+.2f} ± {error:.2f}{mark}")
         yield f"| {name} | " + " | ".join(cells) + " |"
+    yield ""
+    shown = []
+    for n in (3, 4):
+        study = sc.load_study(f"study{n}")
+        x = run(f"study{n}", out, workers, inputs=out / f"records{n}" / "inputs.csv").trials[study.headings].to_numpy()
+        found = sensitivity.sensitivity_factors(x, read(f"paper/study{n}_trials.csv")["peak_subtalar_deg"], tuple(study.marginals.values()))
+        assert found.standard_error
+        for name in ("plant.contact_dissipation", "plant.talocrural_angle_at_contact"):
+            k = study.names.index(name)
+            shown.append(f"study {n}, {name}: {found.dsd_dmean[k]:+.2f} ± {found.standard_error.dsd_dmean[k]:.2f}")
+    yield f"The same ∂σ/∂μ from the 500 published trials at hand: {'; '.join(shown)}."
 
 
 def by_levels(out: Path, workers: int, campaign: Any) -> Iterator[str]:
@@ -320,14 +335,23 @@ def grids(out: Path, workers: int) -> Iterator[str]:
             yield ""
 
 
-def speed(campaigns: dict[int, Any]) -> Iterator[str]:
+def speed(campaigns: dict[int, Any], spent: dict[int, tuple[float, float]]) -> Iterator[str]:
+    """`spent` is the processor time [s] of workers and driver of the studies that were run now."""
     yield "### Cost"
     yield ""
-    yield "| Study | wall time [s] | landings per second | median landing [ms] |"
-    yield "|---|---|---|---|"
-    for n, title in TITLES.items():
-        timing, wall = campaigns[n].timing["wall_s"], campaigns[n].summary["wall_s"]
-        yield f"| {n}: {title} | {wall:.0f} | {len(timing) / wall:.0f} | {1e3 * timing.median():.0f} |"
+    yield f"Load average of the machine {os.getloadavg()[2]:.0f} on {os.cpu_count()} cores while this ran: where it is above the number of workers, processor"
+    yield "time says more than wall time. The driver's share is what the runner costs beside the simulations."
+    yield ""
+    yield "| Study | processor time of the workers [s] | of the driver [s] | driver's share | wall time here [s] |"
+    yield "|---|---|---|---|---|"
+    for n, (workers, driver) in spent.items():
+        yield f"| {n}: {TITLES[n]} | {workers:.1f} | {driver:.1f} | {driver / workers:.1%} | {campaigns[n].summary['wall_s']:.0f} |"
+
+
+def processor_time() -> tuple[float, float]:
+    """Of the children that have ended and of this process [s]."""
+    children, own = resource.getrusage(resource.RUSAGE_CHILDREN), resource.getrusage(resource.RUSAGE_SELF)
+    return children.ru_utime + children.ru_stime, own.ru_utime + own.ru_stime
 
 
 def main() -> None:
@@ -337,10 +361,15 @@ def main() -> None:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         out, workers = arguments.out or Path(temporary), arguments.workers
-        campaigns = {n: run(f"study{n}", out, workers) for n in TITLES}
+        campaigns, spent = {}, {}
+        for n in TITLES:
+            complete, before = (out / f"study{n}" / "summary.json").exists(), processor_time()
+            campaigns[n] = run(f"study{n}", out, workers)
+            if not complete:
+                spent[n] = tuple(after - was for after, was in zip(processor_time(), before, strict=True))
         parts = [
-            published_inputs(out, workers), fresh(campaigns), table3(campaigns), sigma_effects(campaigns), by_levels(out, workers, campaigns[6]),
-            questions(campaigns, out, workers), grids(out, workers), speed(campaigns),
+            published_inputs(out, workers), fresh(campaigns), table3(campaigns), sigma_effects(campaigns, out, workers), by_levels(out, workers, campaigns[6]),
+            questions(campaigns, out, workers), grids(out, workers), speed(campaigns, spent),
         ]  # fmt: skip
         head = f"Written by `python tools/study_tables.py`, {date.today()}, {workers} workers on shared {platform.machine()} cores of a server."
         text = "\n\n".join([head, *("\n".join(part).rstrip() for part in parts)])
