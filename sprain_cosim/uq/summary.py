@@ -327,7 +327,7 @@ def _sample_lines(study: Study, summary: Mapping[str, Any]) -> list[str]:
             )
         lines += ["", f"{'sensitivity factors ± SE':34}{'dmean/dmean':>16}{'dmean/dsd':>16}{'dsd/dmean':>16}{'dsd/dsd':>16}    (* 95 % interval without 0)"]
         for key, s in table.items():
-            cells = [f"{s[f]:.2f} ± {s['standard_error'][f]:.2f}{'*' if _beyond_noise(s['ci'][f]) else ' '}" for f in FACTORS]
+            cells = [f"{_fixed(s[f])} ± {_fixed(s['standard_error'][f])}{'*' if _beyond_noise(s['ci'][f]) else ' '}" for f in FACTORS]
             lines.append(f"  {key:32}" + "".join(f"{cell:>16}" for cell in cells))
     if summary["responses"]:
         lines += ["", f"{'metric (mean ± SD)':48}{'here':>20}{'published':>16}"]
