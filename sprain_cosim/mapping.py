@@ -1,6 +1,8 @@
 """Mapping files: how a device's own variables become the contract's signals.
 
 active = true                                                optional: a device that may give energy
+step = "1 ms"                                                optional: its own fixed step, where it declares none
+reset = true                                                 optional: its reset equals a fresh instance, so a study may reuse it
 [inputs]   subtalar_angle  = { to = "In1_InvAngle", unit = "deg" }
 [outputs]  subtalar_torque = { from = "M_out", factor = -1 }
 
@@ -21,10 +23,11 @@ from .component import Component, Connector
 from .contract import INPUTS, OUTPUTS
 from .errors import InputError, nearest
 from .system import problems_to_error
-from .units import Unit, unit
+from .units import Unit, quantity, unit
 
 INSIDE = "extra/sprain-cosim/map.toml"
-KEYS = ("active", "inputs", "outputs")
+KEYS = ("active", "step", "reset", "inputs", "outputs")
+SECOND = unit("s")
 
 
 @dataclass(frozen=True)
@@ -39,12 +42,14 @@ class Signal:
 
 @dataclass(frozen=True)
 class Mapping:
-    """{contract name: Signal}; `source` where it was read."""
+    """{contract name: Signal}; `step` [s] of its own; `source` where it was read."""
 
     inputs: MappingOf[str, Signal] = field(default_factory=dict)
     outputs: MappingOf[str, Signal] = field(default_factory=dict)
     active: bool = False
     source: str = ""
+    step: float | None = None
+    reset: bool = False
 
     def apply(self, component: Component) -> Component:
         """The component under the contract's names. Raises InputError with all that cannot be honoured."""
@@ -73,11 +78,19 @@ class Mapping:
                         connectors[name] = _renamed(name, found, signal, causality)
                     except InputError as problem:
                         problems.append(f"{place}: {problem}")
+        declared = component.capabilities.fixed_step
+        if self.step is not None and declared is not None and abs(self.step - declared) > 1e-9 * declared:
+            problems.append(f"step = {1e3 * self.step:g} ms: {component.fmu.name} declares {1e3 * declared:g} ms")
         problems_to_error(self.source or "mapping", problems)
         for name, c in connectors.items():
             if c.depends_on is not None:
                 connectors[name] = replace(c, depends_on=tuple(used.get(n, n) for n in c.depends_on))
-        return replace(component, connectors=connectors)
+        driven = replace(
+            component.capabilities,
+            fixed_step=self.step or component.capabilities.fixed_step,
+            reusable=self.reset or component.capabilities.reusable,
+        )
+        return replace(component, connectors=connectors, capabilities=driven)
 
 
 def _renamed(name: str, found: Connector, signal: Signal, causality: str) -> Connector:
@@ -131,8 +144,15 @@ def parse(text: str, source: str) -> Mapping:
     except tomllib.TOMLDecodeError as problem:
         raise InputError(f"{source}: not valid TOML: {problem}") from None
     problems = [f"unknown key {key!r}{nearest(key, KEYS)}" for key in content if key not in KEYS]
-    if not isinstance(content.get("active", False), bool):
-        problems.append("active: must be true or false")
+    problems += [f"{key}: must be true or false" for key in ("active", "reset") if not isinstance(content.get(key, False), bool)]
+    step = None
+    if "step" in content:
+        try:
+            step = quantity(content["step"], SECOND, "step")
+            if step <= 0:
+                problems.append(f"step = {content['step']!r}: must be positive")
+        except InputError as problem:
+            problems.append(str(problem))
     signals: dict[str, dict[str, Signal]] = {}
     for section, link, known in (("inputs", "to", INPUTS), ("outputs", "from", OUTPUTS)):
         signals[section] = {}
@@ -149,7 +169,7 @@ def parse(text: str, source: str) -> Mapping:
             except InputError as problem:
                 problems.append(f"{section}.{name}: {problem}")
     problems_to_error(source, problems)
-    return Mapping(signals["inputs"], signals["outputs"], content.get("active", False), source)
+    return Mapping(signals["inputs"], signals["outputs"], content.get("active", False), source, step, content.get("reset", False))
 
 
 def _signal(entry: Any, link: str) -> Signal:

@@ -164,3 +164,45 @@ def device(
         for name, text in (extra or {}).items():
             archive.writestr(name, text)
     return target
+
+
+QUIRKS = ["plain", "late", "refuses", "silent", "stale_reset", "stale_state", "memory", "extra", "preload", "plastic", "damper", "snap", "ball"]
+
+
+def quirk(target: Path, name: str, sign: float = 1.0, extra: dict[str, str] | None = None) -> Path:
+    """tests/sources/quirks.c as an FMI 2.0 co-simulation FMU; `sign` is that of the damper."""
+    library = target.with_suffix(".so")
+    macros = ["-DFMI=2", f"-DQUIRK={QUIRKS.index(name)}", f"-DSIGN={sign}"]
+    command = ["gcc", "-shared", "-fPIC", "-O1", "-w", *macros, f"-I{HEADERS}", "-o", library, SOURCES / "quirks.c", SOURCES / "stubs.c", "-lm"]
+    subprocess.run(command, check=True)
+    listed = [
+        ("subtalar_angle", "input", "rad"),
+        ("subtalar_velocity", "input", "rad/s"),
+        ("subtalar_torque", "output", "N.m"),
+        ("strap_tension", "output", "N"),
+    ]
+    if name == "ball":
+        listed = [("e", "parameter", "1"), ("g", "parameter", "m/s2"), ("h", "output", "m"), ("v", "output", "m/s")]
+    exponents = {"1": "", "rad": 'rad="1"', "rad/s": 'rad="1" s="-1"', "m": 'm="1"', "m/s": 'm="1" s="-1"', "m/s2": 'm="1" s="-2"', "N": 'kg="1" m="1" s="-2"'}
+    exponents["N.m"] = 'kg="1" m="2" s="-2"'
+    units = "".join(f'<Unit name="{u}"><BaseUnit {exponents[u]}/></Unit>' for u in dict.fromkeys(u for _, _, u in listed))
+    variables = "".join(
+        f'<ScalarVariable name="{n}" valueReference="{k}" causality="{c}" variability="{"fixed" if c == "parameter" else "continuous"}">'
+        f"<Real unit={chr(34)}{u}{chr(34)}{'' if c == 'output' else ' start=' + chr(34) + '0' + chr(34)}/></ScalarVariable>"
+        for k, (n, c, u) in enumerate(listed)
+    )
+    structure = '<Unknown index="3"/><Unknown index="4"/>'
+    description = f"""<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="{name}" guid="{{{name}}}">
+  <CoSimulation modelIdentifier="quirks" canHandleVariableCommunicationStepSize="true" canGetAndSetFMUstate="true"/>
+  <UnitDefinitions>{units}</UnitDefinitions><ModelVariables>{variables}</ModelVariables>
+  <ModelStructure><Outputs>{structure}</Outputs><InitialUnknowns>{structure}</InitialUnknowns></ModelStructure>
+</fmiModelDescription>
+"""
+    folder = {"aarch64": "aarch64-linux"}.get(platform.machine(), "linux64")
+    with zipfile.ZipFile(target, "w") as archive:
+        archive.writestr("modelDescription.xml", description)
+        archive.write(library, f"binaries/{folder}/quirks.so")
+        for path, text in (extra or {}).items():
+            archive.writestr(path, text)
+    return target

@@ -18,13 +18,18 @@ from ..contract import AXES, INPUTS, OUTPUTS, POSITIVE, plain, profile
 from ..errors import InputError
 from ..isolation import Child, Gone, Limits
 from ..mapping import carried, load_mapping
-from .probe import STATIC_DEG, own_step
+from .probe import CYCLE_SPEED, STATIC_DEG, own_step
 
 START_LIMIT, PROBE_LIMIT = 60.0, 6.0  # s
 SMALL = 1e-9
 WORDS = {  # of vendors' names, for the proposal of a mapping
     "subtalar": ("subtalar", "supin", "inv", "ever", "roll"),
     "talocrural": ("talocrural", "dorsi", "plantar", "flex", "pitch"),
+}
+WORDS_JCS = {
+    "internal_rotation": ("internal", "axial", "yaw", "introt"),
+    "inversion": ("inv", "ever", "supin", "roll"),
+    "dorsiflexion": ("dorsi", "plantar", "flex", "pitch"),
 }
 
 
@@ -89,11 +94,15 @@ def check_brace(fmu: Path | str, mapping: Path | str | None = None) -> Report:
         except InputError:
             archive.forget(checked)
             raise
-    command = f"sprain-cosim run incline30 --fmu brace={fmu}{f' --map brace={mapping}' if mapping is not None else ''}"
-    if report.fits:
-        report.next_step = command
-    elif report.proposal:
+    mapped = f" --map brace={mapping}" if mapping is not None else ""
+    own = component.capabilities.fixed_step or report.facts.get("own_step_s")
+    step = "" if own is None else f' --step "{1e3 * own * max(1, math.ceil(0.5e-3 / own - 1e-9)):g} ms"'
+    if report.proposal:
         report.next_step = f"review the mapping file, then sprain-cosim check {fmu} --map FILE"
+    elif report.fits:
+        report.next_step = f"sprain-cosim run incline30 --fmu brace={fmu}{mapped}{step}"
+    elif not report.next_step:
+        report.next_step = f"correct it, then sprain-cosim check {fmu}{f' --map {mapping}' if mapping is not None else ''}"
     return report
 
 
@@ -103,6 +112,11 @@ def check_brace(fmu: Path | str, mapping: Path | str | None = None) -> Report:
 def _contract(component: Component, report: Report) -> tuple[str, ...]:
     outputs = {plain(n): c for n, c in component.outputs.items()}
     inputs = {plain(n): c for n, c in component.inputs.items()}
+    for causality, known in (("input", INPUTS), ("output", OUTPUTS)):
+        for name in known:
+            same = [n for n in component.select(causality) if plain(n) == plain(name)]
+            if len(same) > 1:
+                report.problems.append(f"{' and '.join(same)} both read as {name}, since ., _ and letter case do not count; rename one")
     axes = tuple(a for a in AXES if plain(f"{a}_torque") in outputs)
     report.profile = profile(set(axes))
     if not axes:
@@ -111,6 +125,7 @@ def _contract(component: Component, report: Report) -> tuple[str, ...]:
         if not candidates:
             report.problems.append("no output in N.m, declared or named as a torque: this is no brace in the sense of the contract")
             report.proposal = ""
+            report.next_step = "sprain-cosim brace new DIR for a brace to start from, or sprain-cosim brace from-csv TABLE.csv for one from a measured table"
         else:
             report.problems.append(f"no output is named A_torque for an axis A ({', '.join(AXES)}); candidates: {', '.join(candidates)}")
         return axes
@@ -154,6 +169,7 @@ def _fits(connector: Connector, kind: str) -> bool:
 def propose(component: Component) -> str:
     """A mapping file from names, units and causality; lines to be looked at end in `# review`."""
     lines: list[str] = ["# Proposed by sprain-cosim check: look at every line, then delete this one."]
+    jcs = any(w in n.lower() for n in (*component.inputs, *component.outputs) for w in WORDS_JCS["internal_rotation"])
     for section, link, kinds in (("inputs", "to", ("angle", "velocity")), ("outputs", "from", ("torque",))):
         lines.append(f"[{section}]")
         taken: set[str] = set()
@@ -161,7 +177,7 @@ def propose(component: Component) -> str:
             for name, connector in component.select(section[:-1]).items():
                 if not connector.scalar_number or not _fits(connector, kind):
                     continue
-                axis = next((a for a, words in WORDS.items() if any(w in name.lower() for w in words)), None)
+                axis = next((a for a, words in (WORDS_JCS if jcs else WORDS).items() if any(w in name.lower() for w in words)), None)
                 sure = axis is not None and connector.unit is not None
                 target = f"{axis or 'subtalar'}_{kind}"
                 unit = "" if connector.unit is not None and not connector.unit.dimensionless else ', unit = "N.m"' if kind == "torque" else ', unit = "rad"'
@@ -188,7 +204,7 @@ def _measure(component: Component, axes: tuple[str, ...], active: bool, report: 
             raise InputError(f"{component.fmu}: cannot be instantiated: {opened['error']}")
         measured: dict[str, dict[str, Any]] = {}
         step = own_step(component)
-        probes = ["steps", "start", "repeat", "reset", *(["state"] if component.capabilities.state else []), "finite", "recorded", "static", "moving", "cycle"]
+        probes = ["steps", "start", "reset", "repeat", *(["state"] if component.capabilities.state else []), "finite", "recorded", "static", "moving", "cycle"]
         for probe in probes:
             try:
                 measured[probe] = child.ask({"probe": probe, "step": step}, PROBE_LIMIT)
@@ -202,7 +218,7 @@ def _measure(component: Component, axes: tuple[str, ...], active: bool, report: 
                 report.problems.append(f"{DOING[probe]}: the device {gone}{_last(child)}")
                 return
             if probe == "steps":
-                step = _judge_steps(measured[probe]["taken"], step, report)
+                step = _judge_steps(measured[probe]["taken"], step, component.capabilities.fixed_step, report)
                 if not report.fits:
                     return
             elif "error" in measured[probe]:
@@ -211,11 +227,14 @@ def _measure(component: Component, axes: tuple[str, ...], active: bool, report: 
                     continue
                 report.problems.append(f"{DOING[probe]}: {measured[probe]['error'].removeprefix('brace: ')}")
                 return
+            elif probe == "reset" and component.capabilities.reusable and not measured[probe]["equal"]:
+                report.problems.append("its reset does not give a fresh instance, though reset = true says so; take that line out of the mapping file")
+                return
     finally:
         child.close()
     _judge_dynamics(measured, report)
     for k, axis in enumerate(axes):
-        _judge_physics(axis, k, measured, active, report)
+        _judge_physics(axis, k, measured, step, active, report)
     report.facts["landing"] = {
         "peak_torque_Nm": dict(zip(axes, measured["recorded"]["peak_torque"], strict=True)),
         "work_taken_J": measured["recorded"]["work_taken"],
@@ -241,23 +260,43 @@ def _last(child: Child) -> str:
     return f"; it said: {said[-1].strip()}" if said else ""
 
 
-def _judge_steps(taken: dict[str, float | str], step: float, report: Report) -> float:
+def _judge_steps(taken: dict[str, list[float] | str], step: float, declared: float | None, report: Report) -> float:
     """The step to go on with: the wanted one, or one that it takes."""
-    good = {float(h): t for h, t in taken.items() if not isinstance(t, str)}
-    report.facts["steps_taken_s"] = sorted(good)
-    if not good:
+    calls = {float(h): t for h, t in taken.items() if not isinstance(t, str)}
+    report.facts["steps_taken_s"] = sorted(calls)
+    if not calls:
         report.problems.append(f"takes no communication step between 0.1 and 5 ms: {next(str(t) for t in taken.values())}")
         return step
     refused = [float(h) for h, t in taken.items() if isinstance(t, str)]
-    if refused:
-        report.warnings.append(f"refuses communication steps of {_ms(refused)}; takes {_ms(good)}: give --step in a scenario")
-    values = list(good.values())
+    own = min(calls)
+    if declared is not None:
+        report.notes.append(f"has a fixed step of its own: communication steps are whole multiples of {1e3 * declared:g} ms")
+    if refused and not any(_multiple(h, own) for h in refused) and all(_multiple(h, own) for h in calls):
+        report.facts["own_step_s"] = own
+        report.warnings.append(
+            f"has a fixed step of its own that it does not declare: takes {_ms(calls)}, refuses {_ms(refused)};"
+            f' step = "{1e3 * own:g} ms" in a mapping file makes every run keep to it'
+        )
+        report.proposal = f'step = "{1e3 * own:g} ms"   # review\n{report.proposal}'
+    elif refused:
+        report.warnings.append(f"refuses communication steps of {_ms(refused)}; takes {_ms(calls)}: give --step")
+    values = [t[-1] for t in calls.values()]
     scale = max(max(abs(v) for v in values), SMALL)
     spread = (max(values) - min(values)) / scale
     report.facts["step_sensitivity"] = spread
-    if spread > 1e-3:
-        report.warnings.append(f"its torque depends on the communication step: {100 * spread:.2g} % between {_ms(good)} with the angle held at 10 deg")
-    return step if any(abs(h - step) < 1e-9 for h in good) else min(good, key=lambda h: abs(h - step))
+    alike = [sorted(calls)[k : k + 2] for k in range(len(calls) - 1)]
+    if any(len(set(calls[b])) >= 3 and calls[a][: len(calls[b])] == calls[b] for a, b in alike):
+        report.problems.append(
+            f"advances by a step of its own whatever step it is asked for: call by call it gives the same torques at {_ms(calls)};"
+            ' declare it (canHandleVariableCommunicationStepSize="false", stepSize in DefaultExperiment), or write step = "..." in a mapping file'
+        )
+    elif spread > 1e-3:
+        report.warnings.append(f"its torque depends on the communication step: {100 * spread:.2g} % between {_ms(calls)} with the angle held at 10 deg")
+    return step if any(abs(h - step) < 1e-9 for h in calls) else min(calls, key=lambda h: abs(h - step))
+
+
+def _multiple(h: float, own: float) -> bool:
+    return abs(h / own - round(h / own)) < 1e-6
 
 
 def _ms(steps: Any) -> str:
@@ -279,13 +318,22 @@ def _judge_dynamics(measured: dict[str, dict[str, Any]], report: Report) -> None
         report.problems.append(f"claims to restore its state, but then replays other torques (by up to {state['difference']:.3g} N.m); withdraw the claim")
 
 
-def _judge_physics(axis: str, k: int, measured: dict[str, dict[str, Any]], active: bool, report: Report) -> None:
+def _propose_sign(output: str, report: Report) -> None:
+    if not report.mapping:
+        report.proposal += ("" if "[outputs]" in report.proposal else "[outputs]\n") + f'{output} = {{ from = "{output}", factor = -1 }}   # review\n'
+
+
+def _degrees(angles: list[float]) -> str:
+    return ", ".join(f"{d:+g}" for d in sorted(angles)) + " deg"
+
+
+def _judge_physics(axis: str, k: int, measured: dict[str, dict[str, Any]], step: float, active: bool, report: Report) -> None:
     pairs = measured["static"]["torque"][axis]
-    secants = {d: -(plus - minus) / (2 * math.radians(d)) for d, plus, minus in pairs}
     damping = measured["moving"]["damping"][axis]
     taken, stored = measured["cycle"]["cycle"][axis]
-    largest = max(abs(s) for s in secants.values())
     rest = measured["static"]["rest"][k]
+    secants = {sign * d: -(torque - rest) / math.radians(sign * d) for d, *both in pairs for sign, torque in zip((1, -1), both, strict=True)}
+    largest = max(abs(s) for s in secants.values())
     report.facts[axis] = {
         "torque_at_rest_Nm": rest,
         "secant_stiffness_Nm_per_rad": {f"{d:g}deg": s for d, s in secants.items()},
@@ -305,22 +353,23 @@ def _judge_physics(axis: str, k: int, measured: dict[str, dict[str, Any]], activ
     d, plus, minus = next((p for p in pairs if p[0] == 10.0), pairs[-1])
     if wrong and not right:
         at = max(wrong)
-        push = next(plus for e, plus, _ in pairs if e == at)
+        push = next(plus if at > 0 else minus for e, plus, minus in pairs if e == abs(at))
+        way = f"{POSITIVE[axis]} {at:g} deg ({axis} +)" if at > 0 else f"the other way than {POSITIVE[axis]}, {-at:g} deg ({axis} -)"
         sink.append(
-            f"sign: {POSITIVE[axis]} {at:g} deg ({axis} +): the brace pushes it further with {abs(push):.3g} N.m instead of resisting; {advice}"
+            f"sign: {way}: the brace pushes it further with {abs(push):.3g} N.m instead of resisting; {advice}"
             + ("" if active else ", or active = true if it is meant to")
         )
-        if not report.mapping:
-            report.proposal = (report.proposal or "[outputs]\n") + f'{against} = {{ from = "{against}", factor = -1 }}\n'
+        _propose_sign(against, report)
         return
     if wrong:
         sink.append(
-            f"{axis}: stiffness is negative over +-{', '.join(f'{d:g}' for d in wrong)} deg and positive over +-{', '.join(f'{d:g}' for d in right)} deg: "
-            "it pushes the foot further in part of the range"
+            f"{axis}: pushes the foot away from rest at {_degrees(wrong)}, and back at {_degrees(right)}: it resists in part of the range only"
+            + ("" if active else "; correct its law, or write active = true in a mapping file if it is meant to")
         )
     if not right and not wrong:
         if damping < -SMALL:
             sink.append(f"sign: {axis} moving at 200 deg/s through zero is pushed faster (damping {damping:.3g} N.m.s/rad); {advice}")
+            _propose_sign(against, report)
             return
         if damping <= SMALL:
             others = [t for a, rows in measured["static"]["torque"].items() if a != axis for _, *both in rows for t in both]
@@ -330,14 +379,20 @@ def _judge_physics(axis: str, k: int, measured: dict[str, dict[str, Any]], activ
             where = f"at held angles up to {STATIC_DEG[-1]:g} deg nor when passing zero"
             report.warnings.append(f"{axis}: no torque {where}: no probe can tell its sign; it is assumed right")
             return
-        report.notes.append(f"{axis}: no static stiffness, damping {damping:.3g} N.m.s/rad: it slows the foot")
+        report.notes.append(
+            f"{axis}: no static stiffness, damping {damping:.3g} N.m.s/rad: it slows the foot; velocity and torque both of the other sign would look the same"
+        )
         return
-    if damping < -max(SMALL, 1e-3 * largest * 0.01):
+    late = 0.7 < -damping / max(SMALL, secants[pairs[0][0]] * step) < 1.3
+    if late:
+        report.notes.append(f"{axis}: answers one communication step late, which the coupling cannot make good: better send the torque at the end of the step")
+    elif damping < -max(SMALL, 1e-5 * largest):
         report.warnings.append(f"{axis}: pushes a passing foot faster (damping {damping:.3g} N.m.s/rad): is the sign of {axis}_velocity right?")
-    gives = taken < -max(1e-6, 1e-3 * stored)
+    gives = taken < -max(1e-6, (1e-3 + late * 13 * CYCLE_SPEED * step) * stored)  # late by h, an elastic one gives 2 pi w h of what it stores
     if gives and not active:
         report.warnings.append(f"{axis}: gives {-taken:.3g} J in a closed cycle: an active device; say so with active = true in a mapping file")
     kind = f"gives {-taken:.3g} J in a cycle of +-15 deg" if gives else f"takes {taken:.3g} J in a cycle" if taken > 1e-3 * stored else "elastic"
+    report.notes.append(f"{axis}: stiffness up to {largest:.3g} N.m/rad (secant), damping {damping + 0.0:.3g} N.m.s/rad")
     does = "pushes it back with" if plus < 0 else "gives"
     report.notes.append(f"{POSITIVE[axis]} {d:g} deg ({axis} +): the brace {does} {abs(plus):.3g} N.m; the other way {abs(minus):.3g} N.m; {kind}")
     if abs(plus + minus) < 0.02 * abs(plus - minus):

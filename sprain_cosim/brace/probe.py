@@ -27,6 +27,8 @@ STEPS = (0.1e-3, 0.2e-3, 0.5e-3, 1e-3, 2e-3, 5e-3)
 HOLD = 20e-3  # s, after which a held angle counts as static
 STATIC_DEG = (2.0, 5.0, 10.0, 20.0, 30.0)
 SWEEP_DEG_S = 200.0
+CYCLE = 0.2  # s
+CYCLE_SPEED = 2 * math.pi / CYCLE  # rad/s
 SI = Unit("1")
 
 
@@ -40,10 +42,11 @@ class Bench:
         self.given = [(kind, k, inputs[plain(f"{a}_{kind}")]) for kind in ("angle", "velocity") for k, a in enumerate(axes) if plain(f"{a}_{kind}") in inputs]
         wanted = [f"{a}_{kind}" for kind in ("torque", "stiffness", "damping") for a in axes]
         self.found = {name: outputs[plain(name)] for name in wanted if plain(name) in outputs}
+        self.read = [n for n, c in component.outputs.items() if c.scalar_number]
         n = len(self.given)
-        self.bus = np.zeros(n + len(self.found))
+        self.bus = np.zeros(n + len(self.read))
         self.instance: Instance = component.open()
-        self.instance.bind(self.bus, [name for _, _, name in self.given], 0, list(self.found.values()), n, 0)
+        self.instance.bind(self.bus, [name for _, _, name in self.given], 0, self.read, n, 0)
         self.time, self.used = 0.0, False
 
     def begin(self, angles: np.ndarray | None = None) -> None:
@@ -74,19 +77,19 @@ class Bench:
         return self.component.connectors[name].unit or SI
 
     def outputs(self) -> dict[str, float]:
-        values = self.bus[len(self.given) :].tolist()
-        return {name: self._unit(own).to_base(v) for (name, own), v in zip(self.found.items(), values, strict=True)}
+        values = dict(zip(self.read, self.bus[len(self.given) :].tolist(), strict=True))
+        return {name: self._unit(own).to_base(values[own]) for name, own in self.found.items()}
 
     def torques(self) -> np.ndarray:
-        """Raises SimulationError when one is not finite."""
+        """Raises SimulationError when an output, of the contract or not, is not finite."""
+        if not np.isfinite(self.bus[len(self.given) :]).all():
+            name, value = next((n, v) for n, v in zip(self.read, self.bus[len(self.given) :], strict=True) if not math.isfinite(v))
+            place = ", ".join(
+                f"{own} = {self._unit(own).to_base(v):.4g} {'rad' if kind == 'angle' else 'rad/s'}"
+                for (kind, _, own), v in zip(self.given, self.bus, strict=False)
+            )
+            raise SimulationError(f"{name} is {value} at {place}")
         values = self.outputs()
-        for name, value in values.items():
-            if not math.isfinite(value):
-                place = ", ".join(
-                    f"{own} = {self._unit(own).to_base(v):.4g} {'rad' if kind == 'angle' else 'rad/s'}"
-                    for (kind, _, own), v in zip(self.given, self.bus, strict=False)
-                )
-                raise SimulationError(f"{name} is {value} at {place}")
         return np.array([values[f"{a}_torque"] for a in self.axes])
 
     def along(self, axis: int, value: float) -> np.ndarray:
@@ -161,18 +164,17 @@ def repeat(bench: Bench, h: float) -> dict[str, Any]:
 
 
 def steps(bench: Bench, h: float) -> dict[str, Any]:
-    """Which communication steps it takes, and whether ten of them equal one of tenfold length, the inputs held."""
+    """Which communication steps it takes; its torques call by call for 10 ms of each size, the angle held."""
     own = bench.component.capabilities.fixed_step
-    sizes = STEPS if own is None else tuple(dict.fromkeys(own * k for k in (1, 2, 5, 10)))
-    taken: dict[str, float | str] = {}
+    sizes = STEPS if own is None else tuple(own * k for k in (1, 2, 5, 10))
+    taken: dict[str, list[float] | str] = {}
     angles = np.deg2rad([10.0 if k == 0 else 0.0 for k in range(len(bench.axes))])
     still = np.zeros(len(bench.axes))
+    span = 10e-3 if own is None else 10 * own
     for size in sizes:
         try:
             bench.begin()
-            for _ in range(max(1, round(10e-3 / size))):
-                torque = bench.step(angles, still, size)
-            taken[f"{size:.9g}"] = float(torque[0])
+            taken[f"{size:.9g}"] = [float(bench.step(angles, still, size)[0]) for _ in range(round(span / size))]
         except SimulationError as problem:
             taken[f"{size:.9g}"] = str(problem)
             bench.close()
@@ -255,8 +257,8 @@ def moving(bench: Bench, h: float) -> dict[str, Any]:
 
 def cycle(bench: Bench, h: float) -> dict[str, Any]:
     """Energy taken from the foot in one closed cycle of +-15 degrees in 200 ms [J], after one to settle; and the most that is stored meanwhile."""
-    period, amplitude = 0.2, math.radians(15.0)
-    n = max(8, round(period / h))
+    amplitude = math.radians(15.0)
+    n = max(8, round(CYCLE / h))
     out = {}
     for k, axis in enumerate(bench.axes):
         bench.begin()
@@ -265,7 +267,7 @@ def cycle(bench: Bench, h: float) -> dict[str, Any]:
         for i in range(1, 2 * n + 1):
             phase = 2 * math.pi * i / n
             angle = amplitude * math.sin(phase)
-            torque = float(bench.step(bench.along(k, angle), bench.along(k, amplitude * 2 * math.pi / period * math.cos(phase)), h)[k])
+            torque = float(bench.step(bench.along(k, angle), bench.along(k, amplitude * CYCLE_SPEED * math.cos(phase)), h)[k])
             if i > n:
                 work = -0.5 * (torque + torque_before) * (angle - before)
                 taken += work

@@ -8,11 +8,13 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from sprain_cosim import InputError, check_brace
+from sprain_cosim import InputError, check_brace, load_scenario, load_study
 from sprain_cosim.brace import check as module
 from sprain_cosim.cli import cli
+from sprain_cosim.mapping import parse
 from sprain_cosim.scenario import shipped_fmus
-from tests.native import FAULTS, SUBTALAR, compile_fmu, device
+from tests.fake import FakeComponent, connector
+from tests.native import FAULTS, QUIRKS, SUBTALAR, compile_fmu, device, quirk
 
 OWN = [n for n in shipped_fmus() if n.startswith("brace_")]
 HARMLESS = ("none", "leak", "flood", "change_folder", "change_locale", "fork", "huge")
@@ -70,6 +72,111 @@ def test_hangs(fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     report = check_brace(compile_fmu(tmp_path / "device.fmu", fault=fault))
     assert report.fits == (fault == "hang_reset")
     assert "overran its limit" in report.text()
+
+
+HABITS = {  # quirk: (verdict, a word of the report)
+    "plain": ("fits", "symmetric"),
+    "late": ("fits", "one communication step late"),
+    "refuses": ("fits with warnings", "fixed step of its own that it does not declare: takes 1, 2, 5 ms, refuses 0.1, 0.2, 0.5 ms"),
+    "silent": ("does not fit", "whatever step it is asked for"),
+    "stale_reset": ("fits with warnings", "every run takes a fresh instance"),
+    "stale_state": ("does not fit", "withdraw the claim"),
+    "memory": ("does not fit", "runs cannot be repeated"),
+    "extra": ("does not fit", "strap_tension is nan"),
+    "preload": ("fits", "the other way"),
+    "plastic": ("fits", "takes 2.5"),
+    "damper": ("fits", "it slows the foot; velocity and torque both of the other sign would look the same"),
+    "snap": ("does not fit", "away from rest at +20, +30 deg"),
+    "ball": ("does not fit", "no brace"),
+}
+
+
+@pytest.mark.parametrize("name", QUIRKS)
+def test_habits(name: str, tmp_path: Path) -> None:
+    """Faults are named, what is merely unusual is no alarm; what to type next is always said."""
+    report = check_brace(quirk(tmp_path / "device.fmu", name))
+    verdict, word = HABITS[name]
+    assert report.verdict == verdict, report.text()
+    assert word in report.text()
+    assert "sprain-cosim" in report.next_step
+
+
+def test_a_damper_of_the_wrong_sign(tmp_path: Path) -> None:
+    report = check_brace(quirk(tmp_path / "device.fmu", "damper", -1.0))
+    assert not report.fits
+    assert "pushed faster" in report.problems[0]
+    (tmp_path / "map.toml").write_text(report.proposal)
+    assert check_brace(tmp_path / "device.fmu", tmp_path / "map.toml").fits
+
+
+@pytest.mark.parametrize(("fmi", "angle", "torque"), [(f, a, t) for f in (2, 3) for a in ("rad", "deg") for t in ("N.m", "N.mm", "lbf.in")])
+def test_every_wrong_sign_is_caught(fmi: int, angle: str, torque: str, tmp_path: Path) -> None:
+    """And the mapping that the report proposes makes it fit."""
+    fmu = device(tmp_path / "device.fmu", fmi, sign=-1.0, angle=angle, torque=torque)
+    report = check_brace(fmu)
+    assert not report.fits
+    assert report.problems[0].startswith("sign: foot rolled outward")
+    if (angle, torque) == ("deg", "lbf.in"):
+        (tmp_path / "map.toml").write_text(report.proposal)
+        assert check_brace(fmu, tmp_path / "map.toml").verdict == "fits"
+
+
+def test_its_own_step(tmp_path: Path) -> None:
+    """Found by the probes, written into the mapping, kept to by every run: other communication steps are refused, naming the nearest."""
+    fmu = quirk(tmp_path / "device.fmu", "refuses")
+    mapping = tmp_path / "map.toml"
+    mapping.write_text(check_brace(fmu).proposal)
+    report = check_brace(fmu, mapping)
+    assert report.verdict == "fits"
+    assert report.next_step.endswith('--step "1 ms"')
+    scenario = load_scenario("incline30").replace_fmu("brace", fmu, mapping)
+    with pytest.raises(InputError, match=r"communication step 0\.5 ms: brace takes only whole multiples of its own 1 ms; use 1 ms or 2 ms"):
+        scenario.run()
+    assert scenario.with_master("gauss-seidel", "1 ms").run().status == "completed"
+    study = load_study("study2").replace_fmu("brace", fmu, mapping)
+    with pytest.raises(InputError, match="whole multiples of its own 1 ms"):
+        study.run(trials=1, workers=1, out=tmp_path / "study")
+
+
+def test_a_reset_that_is_said_to_work(tmp_path: Path) -> None:
+    (tmp_path / "map.toml").write_text("reset = true")
+    assert check_brace(quirk(tmp_path / "plain.fmu", "plain"), tmp_path / "map.toml").facts["reset_works"]
+    report = check_brace(quirk(tmp_path / "stale.fmu", "stale_reset"), tmp_path / "map.toml")
+    assert "take that line out" in report.problems[0]
+
+
+@pytest.mark.parametrize("name", ["stale_reset", "plain"])
+def test_runs_repeat_whatever_the_reset_does(name: str, tmp_path: Path) -> None:
+    """Without a word on its reset every run has a fresh instance: three runs on open instances are the same to the bit."""
+    scenario = load_scenario("incline30").replace_fmu("brace", quirk(tmp_path / "device.fmu", name)).with_master("gauss-seidel", stop="60 ms")
+    with scenario.open() as session:
+        first, *others = (session.run().signals for _ in range(3))
+    assert all(other.equals(first) for other in others)
+
+
+def test_names_that_read_the_same(tmp_path: Path) -> None:
+    variables = SUBTALAR.replace(
+        'name="fault" valueReference="3" causality="parameter" variability="fixed"', 'name="Subtalar.Torque" valueReference="3" causality="output"'
+    )
+    variables = variables.replace('<Real start="0" min="0" max="18"/>', "<Real/>")
+    report = check_brace(compile_fmu(tmp_path / "twice.fmu", variables=variables, outputs=(2, 4)))
+    assert "subtalar_torque and Subtalar.Torque both read as subtalar_torque" in report.problems[0]
+
+
+def test_proposal_for_a_joint_coordinate_system() -> None:
+    """Three axes with vendors' names, told apart by words; none is guessed as subtalar."""
+    from sprain_cosim.brace.check import propose
+
+    names = [f"{axis}_{kind}" for axis in ("DorsiFlex", "Inv", "IntRot") for kind in ("Ang", "Mom")]
+    connectors = {n: connector(n, "output" if n.endswith("Mom") else "input", "N.m" if n.endswith("Mom") else "deg") for n in names}
+    text = propose(FakeComponent("brace", connectors))  # type: ignore[arg-type]
+    parsed = parse(text, "proposal")
+    assert {k: v.variable for k, v in parsed.inputs.items()} == {
+        "dorsiflexion_angle": "DorsiFlex_Ang", "inversion_angle": "Inv_Ang", "internal_rotation_angle": "IntRot_Ang",
+    }  # fmt: skip
+    assert {k: v.variable for k, v in parsed.outputs.items()} == {
+        "dorsiflexion_torque": "DorsiFlex_Mom", "inversion_torque": "Inv_Mom", "internal_rotation_torque": "IntRot_Mom",
+    }  # fmt: skip
 
 
 def test_no_brace(tmp_path: Path) -> None:
