@@ -4,7 +4,7 @@ BIN := .venv/bin
 RUN := $(BIN)/sprain-cosim
 OUT ?= out
 
-.PHONY: bench demo docs test validate lint build lock clean
+.PHONY: bench browser demo docs test validate lint build lock clean
 
 demo: build
 	$(RUN) run incline30 --out $(OUT)/incline30
@@ -26,6 +26,11 @@ docs: build
 
 bench: build
 	$(BIN)/python tools/bench.py
+
+# needs root on Debian when there is no Chromium yet
+browser: build
+	command -v chromium chromium-browser google-chrome >/dev/null || { apt-get update -qq && apt-get install -y -qq chromium; }
+	SPRAIN_BROWSER=required $(BIN)/python -m pytest tests/cli/test_browser.py
 
 lint: .venv/installed
 	$(BIN)/ruff check .

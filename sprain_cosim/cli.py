@@ -421,6 +421,17 @@ def export(folder: Path, trial: str | None, kind: str | None, content: str | Non
 
 
 @cli.command()
+@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), metavar="FILE|DIR", help="Where report.html goes (default: the first folder).")
+def report(folders: tuple[Path, ...], out: Path | None) -> None:
+    """Write one HTML file about what the FOLDERS of runs, studies and comparisons hold: verdict, tables, figures, inputs, provenance, limits."""
+    from . import folders as results
+    from .report import write
+
+    click.echo(f"written: {write(results.read_all(folders), out or folders[0])}")
+
+
+@cli.command()
 @JSON
 def scenarios(as_json: bool) -> None:
     """List the scenarios that ship."""

@@ -84,7 +84,7 @@ class StudyFolder:
         ran = self.manifest.get("identity", {}).get("parameters", asked)
         same = asked.get("plant.initial_pose", self.pose) == self.pose and all(ran.get(k) == v for k, v in asked.items())
         varied = {str(c).partition(" [")[0] for c in self.trials.columns if "." in str(c)}
-        devices = {str(fmu.get("file")) for fmu in self.manifest.get("fmus", {}).values()}
+        devices = {Path(str(fmu.get("file"))).name for fmu in self.manifest.get("fmus", {}).values()}
         same = same and varied == set(self.file.get("marginals", {})) and devices <= PUBLISHED_WITH and not self.head.get("dropped")
         return self.file.get("published", {}) if same else {}
 

@@ -131,7 +131,6 @@ def quantity(response: str) -> str:
     """ "peak subtalar angle [deg], + supination"."""
     name, _, sign = plots.label(response).partition(", ")
     unit = unit_of(response)
-    name = re.sub(r" (deg|deg s|Nm|N|s)$", "", name)
     return name + (f" [{unit}]" if unit else "") + (f", {sign}" if sign else "")
 
 
@@ -269,12 +268,12 @@ def _phase(runs: Sequence[tuple[str, Run]], studies: Sequence[tuple[str, StudyFo
         if median is not None and median in study.trajectories and len(studies) <= 2:
             record = study.trajectory(median)
             if "plant.inversion_angle" in record.index:
-                tracks.append((f"{name}: median trial {median}", degrees * record["plant.inversion_angle"], degrees * record["plant.inversion_velocity"]))
+                tracks.append((name, degrees * record["plant.inversion_angle"], degrees * record["plant.inversion_velocity"]))
     if tracks or points:
         caption = (
             "Inversion of the joint coordinate system, zero at the model's neutral pose (the paper's Table 3 is 10° lower: raw angles). Ankles of cadavers "
             "failed in the grey range. Li et al. measured two people on a 25° slope, with their laboratory's zero, which may differ by some degrees; the model "
-            "lands on the slope of its scenario. The threshold of a living ankle is not known."
+            "lands on the slope of its scenario. A study's line is its median trial. The threshold of a living ankle is not known."
         )
         yield Drawn("phase", "Inversion against measured sprains", caption, plots.phase(tracks, points, _note([*runs, *studies])))
 

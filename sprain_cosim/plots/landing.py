@@ -90,19 +90,22 @@ def phase(tracks: Sequence[tuple[str, Array, Array]], points: Sequence[tuple[str
     mean, sd = INJURY_INVERSION
     axis.axvspan(mean - sd, mean + sd, color=FAINT, alpha=0.28, linewidth=0)
     axis.axvline(mean, color=MUTED, linewidth=0.7)
-    chosen = looks(len(tracks) + len(points))
+    titles = list(dict.fromkeys(title for title, _, _ in (*points, *tracks)))
+    look = dict(zip(titles, looks(len(titles)), strict=True))
+    for title, angle, velocity in points:
+        axis.plot(angle, velocity, ".", color=look[title][0], markersize=2.2, alpha=0.5, markeredgewidth=0)
+    for title, angle, velocity in tracks:
+        axis.plot(angle, velocity, color=look[title][0], linestyle=look[title][1])
+        axis.plot(angle.max(), velocity.max(), "D", color=look[title][0], markersize=3.5, markeredgecolor="white", markeredgewidth=0.5, zorder=4)
+    lines, dots = {title for title, _, _ in tracks}, {title for title, _, _ in points}
     entries: list[tuple[Any, str]] = []
-    for (color, _), (title, angle, velocity) in zip(chosen[len(tracks) :], points, strict=True):
-        axis.plot(angle, velocity, ".", color=color, markersize=2.2, alpha=0.5, markeredgewidth=0)
-        entries.append((line(color, "none", marker=".", markersize=5), title))
+    for title in titles:
+        color, style = look[title]
+        entries.append((line(color, style if title in lines else "none", marker="." if title in dots else None, markersize=5), title))
     if points:
         entries.append((line(INK, "none", marker=".", markersize=5), "peak angle and peak velocity of each trial"))
-    for (color, style), (title, angle, velocity) in zip(chosen, tracks, strict=False):
-        axis.plot(angle, velocity, color=color, linestyle=style)
-        axis.plot(angle.max(), velocity.max(), "D", color=color, markersize=3.5, markeredgecolor="white", markeredgewidth=0.5, zorder=4)
-        entries.append((line(color, style), title))
     if tracks:
-        entries.append((line(INK, "none", marker="D", markersize=3.5), "peak angle and peak velocity of the line of that colour"))
+        entries.append((line(INK, "none", marker="D", markersize=3.5), "the same of the landing drawn as a line"))
     low, high = LI_VELOCITY
     axis.add_patch(Rectangle((LI_SAFE[0], low), LI_SAFE[1] - LI_SAFE[0], high - low, fill=False, edgecolor=INK, linewidth=0.9, linestyle=LINES[1]))
     axis.plot([LI_SPRAIN, LI_SPRAIN], [low, high], color=INK, linewidth=1.8, solid_capstyle="butt")

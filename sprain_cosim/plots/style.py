@@ -4,6 +4,7 @@ tell apart, and a line style besides wherever a colour carries meaning."""
 from __future__ import annotations
 
 import io
+import re
 import textwrap
 from collections.abc import Callable, Sequence
 from functools import wraps
@@ -164,7 +165,7 @@ def label(name: str) -> str:
         return RESPONSES[name]
     if name in PARAMETERS:
         return PARAMETERS[name][0]
-    return name.replace("_", " ")
+    return re.sub(r"_(deg_s|deg|Nm|N|J|s)$", "", name).replace("jcs", "JCS").replace("grf", "ground reaction").replace("_", " ")
 
 
 def save(figure: Figure, target: Path) -> list[Path]:

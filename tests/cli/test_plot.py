@@ -1,4 +1,4 @@
-"""plot: folders of every kind, and folders that are none."""
+"""plot, and the folders that neither plot nor report can use."""
 
 from __future__ import annotations
 
@@ -9,19 +9,6 @@ from pathlib import Path
 import pytest
 
 from .test_run import call, refused
-
-STUDY = ("study", "study6", "--trials", "24", "--workers", "1", "--progress", "none", "--out")
-
-
-@pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run, two studies that differ in their initial pose, and an AMV study of the same question."""
-    folder = tmp_path_factory.mktemp("results")
-    assert call("run", "incline30_brace", "--out", str(folder / "run")).returncode == 0
-    assert call(*STUDY, str(folder / "study")).returncode == 0
-    assert call(*STUDY, str(folder / "touching"), "--set", "plant.initial_pose=touching").returncode == 0
-    assert call("study", "amv6", "--workers", "1", "--progress", "none", "--out", str(folder / "amv")).returncode == 0
-    return folder
 
 
 def test_figures_of_all_kinds_together(results: Path, tmp_path: Path) -> None:
@@ -73,7 +60,7 @@ def spoil(folder: Path, kind: str) -> list[str]:
     return ["none of their folders"]
 
 
-@pytest.mark.parametrize("command", ["plot"])
+@pytest.mark.parametrize("command", ["plot", "report"])
 @pytest.mark.parametrize(
     "kind", ["empty", "unfinished", "not JSON", "a list", "something else", "a run without signals", "broken signals", "comparison without members"]
 )
@@ -81,9 +68,10 @@ def test_wrong_folders_end_in_one_line(command: str, kind: str, tmp_path: Path) 
     words = spoil(tmp_path / "x", kind)
     refused(call(command, str(tmp_path / "x")), 2, *words)
     assert not (tmp_path / "x" / "figures").exists()
+    assert not (tmp_path / "x" / "report.html").exists()
 
 
-@pytest.mark.parametrize("command", ["plot"])
+@pytest.mark.parametrize("command", ["plot", "report"])
 def test_missing_folders_and_files_in_their_place(command: str, tmp_path: Path) -> None:
     refused(call(command, str(tmp_path / "nowhere")), 2, "no such folder")
     (tmp_path / "file").write_text("x")

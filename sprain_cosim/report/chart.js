@@ -1,0 +1,139 @@
+"use strict";
+// Draws the page's data as lines: choose what is shown, switch series, read values off at the pointer. No library.
+(function () {
+  const NS = "http://www.w3.org/2000/svg";
+  const data = JSON.parse(document.getElementById("data").textContent);
+  const make = (name, attributes, parent, text) => {
+    const e = document.createElementNS(NS, name);
+    for (const key in attributes) e.setAttribute(key, attributes[key]);
+    if (text !== undefined) e.textContent = text;
+    if (parent) parent.appendChild(e);
+    return e;
+  };
+  const html = (name, parent, text, className) => {
+    const e = document.createElement(name);
+    if (text !== undefined) e.textContent = text;
+    if (className) e.className = className;
+    parent.appendChild(e);
+    return e;
+  };
+  const number = (v) => (Math.abs(v) >= 1000 ? v.toFixed(0) : Math.abs(v) >= 100 ? v.toFixed(1) : v.toFixed(2)).replace("-", "\u2212");
+  const step = (span) => {
+    const raw = span / 5, power = Math.pow(10, Math.floor(Math.log10(raw)));
+    return [1, 2, 5, 10].map((k) => k * power).find((s) => s >= raw);
+  };
+  // y of a series at x: the last value at or before x for a distribution, else between the neighbours
+  const at = (s, x, kind) => {
+    let low = 0, high = s.x.length;
+    while (low < high) { const mid = (low + high) >> 1; if (s.x[mid] <= x) low = mid + 1; else high = mid; }
+    if (kind === "cdf") return low / s.x.length;
+    if (low === 0 || low === s.x.length) return low ? (x > s.x[low - 1] ? null : s.y[low - 1]) : null;
+    const t = (x - s.x[low - 1]) / (s.x[low] - s.x[low - 1]);
+    return s.y[low - 1] + t * (s.y[low] - s.y[low - 1]);
+  };
+
+  for (const chart of data) {
+    const box = document.getElementById(chart.id);
+    const hidden = new Set();
+    let choice = 0;
+    if (chart.options.length > 1) {
+      const select = html("select", html("label", box, "Show "), undefined);
+      chart.options.forEach((o, k) => { html("option", select, o.label).value = k; });
+      select.addEventListener("change", () => { choice = Number(select.value); draw(); });
+    }
+    const choices = html("div", box, undefined, "choices");
+    const svg = make("svg", { role: "img", "aria-label": chart.title }, box);
+    const readout = html("p", box, chart.hint, "readout");
+    let scale = null;
+
+    const legend = () => {
+      choices.textContent = "";
+      chart.options[choice].series.forEach((s) => {
+        const label = html("label", choices);
+        const tick = html("input", label);
+        tick.type = "checkbox";
+        tick.checked = !hidden.has(s.name);
+        tick.addEventListener("change", () => { if (tick.checked) hidden.delete(s.name); else hidden.add(s.name); plot(); });
+        const swatch = html("span", label, undefined, "swatch");
+        swatch.style.borderTopColor = s.color;
+        swatch.style.borderTopStyle = s.dash ? "dashed" : "solid";
+        html("span", label, s.name);
+      });
+    };
+
+    const plot = () => {
+      const option = chart.options[choice];
+      const shown = option.series.filter((s) => !hidden.has(s.name) && s.x.length);
+      const W = Math.max(320, Math.min(860, svg.clientWidth || 860)), H = Math.max(250, Math.min(400, 0.62 * W));
+      const left = 58, right = 12, top = 12, bottom = 46;
+      svg.textContent = "";
+      svg.setAttribute("viewBox", `0 0 ${W} ${H}`);
+      svg.setAttribute("font-size", "13");
+      scale = null;
+      if (!shown.length) { make("text", { x: W / 2, y: H / 2, "text-anchor": "middle" }, svg, "nothing chosen"); return; }
+      const marks = option.kind === "cdf" ? shown.flatMap((s) => s.marks || []) : [];
+      const xs = shown.flatMap((s) => [s.x[0], s.x[s.x.length - 1]]).concat(marks.map((m) => m[0]));
+      let x0 = Math.min(...xs), x1 = Math.max(...xs), y0 = 0, y1 = 1;
+      if (option.kind !== "cdf") {
+        y0 = Infinity; y1 = -Infinity;
+        shown.forEach((s) => s.y.forEach((v) => { if (v < y0) y0 = v; if (v > y1) y1 = v; }));
+        const pad = 0.05 * (y1 - y0) || 1; y0 -= pad; y1 += pad;
+      } else { const pad = 0.03 * (x1 - x0) || 1; x0 -= pad; x1 += pad; }
+      if (x1 === x0) x1 = x0 + 1;
+      const X = (v) => left + (v - x0) / (x1 - x0) * (W - left - right), Y = (v) => H - bottom - (v - y0) / (y1 - y0) * (H - top - bottom);
+      if (option.band) {
+        const a = Math.max(option.band[0], x0), b = Math.min(option.band[1], x1);
+        if (a < b) make("rect", { x: X(a), y: top, width: X(b) - X(a), height: H - top - bottom, fill: "#9aa5b1", "fill-opacity": 0.25 }, svg);
+      }
+      const sx = step(x1 - x0), sy = option.kind === "cdf" ? 0.25 : step(y1 - y0);
+      for (let v = Math.ceil(x0 / sx) * sx; v <= x1 + 1e-9; v += sx) {
+        make("line", { x1: X(v), x2: X(v), y1: top, y2: H - bottom, stroke: "#e4e8ec" }, svg);
+        make("text", { x: X(v), y: H - bottom + 17, "text-anchor": "middle", fill: "#1f2933" }, svg, String(+v.toFixed(6)).replace("-", "\u2212"));
+      }
+      for (let v = Math.ceil(y0 / sy) * sy; v <= y1 + 1e-9; v += sy) {
+        make("line", { x1: left, x2: W - right, y1: Y(v), y2: Y(v), stroke: "#e4e8ec" }, svg);
+        const text = option.kind === "cdf" ? `${Math.round(100 * v)} %` : String(+v.toFixed(6)).replace("-", "\u2212");
+        make("text", { x: left - 7, y: Y(v) + 4.5, "text-anchor": "end", fill: "#1f2933" }, svg, text);
+      }
+      make("text", { x: (left + W - right) / 2, y: H - 8, "text-anchor": "middle", fill: "#1f2933" }, svg, option.xlabel);
+      for (const s of shown) {
+        const n = s.x.length;
+        let d = "";
+        if (option.kind === "cdf") {
+          d = `M${X(s.x[0]).toFixed(1)},${Y(0).toFixed(1)}`;
+          s.x.forEach((v, k) => { d += `H${X(v).toFixed(1)}V${Y((k + 1) / n).toFixed(1)}`; });
+        } else {
+          s.x.forEach((v, k) => { d += `${k ? "L" : "M"}${X(v).toFixed(1)},${Y(s.y[k]).toFixed(1)}`; });
+        }
+        make("path", { d, fill: "none", stroke: s.color, "stroke-width": 2, "stroke-dasharray": s.dash || "none", class: "series" }, svg);
+      }
+      marks.forEach((m) => make("circle", { cx: X(m[0]), cy: Y(m[1]), r: 5, fill: "none", stroke: "#1f2933", "stroke-width": 1.4 }, svg));
+      const cursor = make("line", { y1: top, y2: H - bottom, stroke: "#52606d", visibility: "hidden" }, svg);
+      scale = { option, shown, cursor, x0, x1, left, right, W, X };
+    };
+
+    const read = (event) => {
+      if (!scale) return;
+      const frame = svg.getBoundingClientRect(), pixel = (event.clientX - frame.left) * scale.W / frame.width;
+      const x = scale.x0 + (pixel - scale.left) / (scale.W - scale.left - scale.right) * (scale.x1 - scale.x0);
+      if (x < scale.x0 || x > scale.x1) return;
+      scale.cursor.setAttribute("x1", scale.X(x));
+      scale.cursor.setAttribute("x2", scale.X(x));
+      scale.cursor.setAttribute("visibility", "visible");
+      const said = scale.shown.map((s) => {
+        const y = at(s, x, scale.option.kind);
+        if (y === null) return `${s.name}: no value`;
+        return scale.option.kind === "cdf" ? `${(100 * y).toFixed(1)} % of ${s.name} stay below` : `${s.name}: ${number(y)} ${scale.option.unit}`;
+      });
+      readout.textContent = `At ${number(x)} ${scale.option.xunit}: ${said.join(" · ")}`;
+    };
+    svg.addEventListener("pointermove", read);
+    svg.addEventListener("pointerdown", read);
+
+    const draw = () => { legend(); plot(); };
+    draw();
+    let width = svg.clientWidth;
+    window.addEventListener("resize", () => { if (svg.clientWidth !== width) { width = svg.clientWidth; plot(); } });
+  }
+  window.addEventListener("beforeprint", () => document.querySelectorAll("details").forEach((d) => { d.open = true; }));
+})();
