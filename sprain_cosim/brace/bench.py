@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import runfolder
-from ..errors import EnvironmentProblem, InputError, SimulationError, SprainError
+from ..errors import EnvironmentProblem, SimulationError, SprainError
 from ..isolation import Child, Gone, Limits, listen
 from ..scenario import Scenario
 from .probe import own_step
@@ -30,7 +30,8 @@ HOLD = 0.1  # s, after which a held posture counts as static
 
 
 class Bench:
-    """One child process with the scenario, started when first asked. Raises SimulationError when the child ends or reports an error."""
+    """One child process with the scenario, started when first asked. Raises SimulationError when the child ends or reports an error, such as
+    the stability guard's refusal of this device."""
 
     def __init__(self, scenario: Scenario, limits: Limits) -> None:
         self.scenario, self.limits = scenario, limits
@@ -60,7 +61,7 @@ class Bench:
             said = self._child.log().splitlines() if self._child else []
             raise SimulationError(f"the process {gone}{f'; it said: {said[-1].strip()}' if said else ''}") from None
         if "error" in reply:
-            raise {2: InputError, 4: EnvironmentProblem}.get(reply["code"], SimulationError)(reply["error"])
+            raise (EnvironmentProblem if reply["code"] == EnvironmentProblem.exit_code else SimulationError)(reply["error"])
         return reply
 
     def close(self) -> None:

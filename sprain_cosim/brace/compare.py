@@ -11,14 +11,14 @@ OUT/figures/compare.*  the figure
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.special import ndtr
 
 from .. import runfolder
 from ..errors import EnvironmentProblem, InputError, SimulationError
@@ -48,14 +48,14 @@ Source = Scenario | Study
 @dataclass(frozen=True)
 class Entry:
     """What one brace did: `status` completed or failed, `landings` one row a landing (trial, status, metrics and what is derived from them),
-    `restriction` {posture: N.m that resist it} or None."""
+    `resistance` {posture: N.m that resist it} or None."""
 
     name: str
     fmu: str | None
     status: str = "completed"
     message: str = ""
     landings: pd.DataFrame | None = None
-    restriction: Mapping[str, float] | None = None
+    resistance: Mapping[str, float] | None = None
     warnings: tuple[str, ...] = ()
 
     @property
@@ -68,10 +68,9 @@ class Entry:
 class Comparison:
     """`entries` with "none" first; `data` what compare.json holds; `out` the folder."""
 
-    title: str
     entries: tuple[Entry, ...]
-    data: dict[str, Any] = field(default_factory=dict)
-    out: Path | None = None
+    data: dict[str, Any]
+    out: Path
 
     @property
     def failed(self) -> list[Entry]:
@@ -139,7 +138,7 @@ def compare_braces(
                 if isinstance(variant, Study):
                     if fmu is not None:
                         means = {k: m.mean for k, m in variant.marginals.items() if k.startswith("brace.")}
-                        entry = replace(entry, restriction=bench.hold(means))
+                        entry = replace(entry, resistance=bench.hold(means))
                     bench.close()
                     options = {"workers": workers, "limits": limits, "progress": progress, "command": command}
                     campaign = variant.run(out=folder / name, resume=resume, max_failed=max_failed, **options)
@@ -147,11 +146,11 @@ def compare_braces(
                 else:
                     entry = replace(entry, landings=bench.land(folder / name))
                     if fmu is not None:
-                        entry = replace(entry, restriction=bench.hold())
-            except (SimulationError, InputError) as problem:  # an InputError here is a refusal by the guard
+                        entry = replace(entry, resistance=bench.hold())
+            except SimulationError as problem:
                 entry = replace(entry, status="failed", message=str(problem), landings=None)
         entries.append(entry if entry.landings is None else replace(entry, landings=_derived(entry.landings)))
-    comparison = Comparison(source.title, tuple(entries), _data(source, entries), folder)
+    comparison = Comparison(tuple(entries), _data(source, entries), folder)
     _write(comparison, isinstance(source, Study))
     return comparison
 
@@ -179,7 +178,7 @@ def _settings(source: Source, braces: Mapping[str, Any], settings: Mapping[str, 
 
 
 def _sampled(study: Study) -> Study:
-    """The study with its sample as the rows to run."""
+    """The study, checked. Raises InputError for a search, which has no sample to share."""
     if study.method not in SAMPLED:
         raise InputError(f"{study.source}: method {study.method} chooses its landings one after another; compare over a sampled study, such as study6")
     return replace(study.checked(), published={})
@@ -229,8 +228,7 @@ def _derived(landings: pd.DataFrame) -> pd.DataFrame:
     injury threshold, itself uncertain, in that landing."""
     more = {}
     if INVERSION in landings:
-        threshold = QUESTIONS[INVERSION][1]
-        more[INJURY] = 0.5 * np.array([math.erfc(-u / math.sqrt(2.0)) for u in threshold.to_standard(landings[INVERSION].to_numpy(float))])
+        more[INJURY] = ndtr(QUESTIONS[INVERSION][1].to_standard(landings[INVERSION].to_numpy(float)))
     if MOMENTS[1] in landings:
         anatomy, brace = (landings[key] for key in MOMENTS)
         more[SHARE] = (anatomy / (anatomy + brace)).where(anatomy + brace > 0)
@@ -262,7 +260,7 @@ def _data(source: Source, entries: Sequence[Entry]) -> dict[str, Any]:
             "n_failed": None if e.landings is None else len(e.landings) - len(e.completed),
             "metrics": {} if rows is None else {k: _estimate(rows[k].to_numpy(float), random) for k in KEYS if k in rows},
             "difference_to_none": difference(e.name, NONE) if e.name != NONE and e.name in completed and NONE in completed else {},
-            "resistance_Nm": None if e.restriction is None else dict(e.restriction),
+            "resistance_Nm": None if e.resistance is None else dict(e.resistance),
         }
     names = [n for n in completed if n != NONE]
     return {
@@ -354,7 +352,6 @@ def _write(comparison: Comparison, study: bool) -> None:
     from .figure import figure
 
     folder = comparison.out
-    assert folder is not None
     drawn = figure(comparison, {} if study else {e.name: runfolder.read(folder / e.name)[1] for e in comparison.entries if e.landings is not None})
     try:
         (folder / "figures").mkdir(parents=True, exist_ok=True)

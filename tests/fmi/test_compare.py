@@ -12,8 +12,10 @@ import pytest
 from scipy import stats
 
 from fmus.brace_bushing.slave import POLYNOMIALS
-from sprain_cosim import InputError, load_scenario, load_study
+from sprain_cosim import InputError, SimulationError, load_scenario, load_study
+from sprain_cosim.brace.bench import Bench
 from sprain_cosim.brace.compare import LINES, compare_braces, load, text
+from sprain_cosim.isolation import Limits
 from tests.docs_commands import ROOT
 from tests.native import compile_fmu
 
@@ -126,6 +128,22 @@ def test_the_figure_has_units_signs_and_a_column_s_width(landing) -> None:
     assert int.from_bytes(picture[16:20]) == pytest.approx(8.5 / 2.54 * 300, abs=1)
 
 
+def test_a_hang_ends_with_its_child(tmp_path: Path) -> None:
+    device = compile_fmu(tmp_path / "hangs.fmu", fault="hang_step")
+    with Bench(load_scenario("incline30").replace_fmu("brace", device), Limits(trial=6.0)) as bench:
+        with pytest.raises(SimulationError, match="overran its limit of wall time"):
+            bench.land(tmp_path / "out")
+        assert bench._child is not None
+        bench.close()
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_the_guard_refuses_is_a_failed_brace(tmp_path: Path) -> None:
+    scenario = load_scenario("incline30").with_master(scheme="jacobi")
+    found = compare_braces(scenario, {"steep": "brace_linear"}, settings={"steep.subtalar_stiffness_coefficient": "9000 N.m/rad"}, out=tmp_path / "jacobi")
+    assert "jacobi" in found.failed[0].message
+
+
 def test_rows_of_a_study_are_the_same_landings(study, tmp_path: Path) -> None:
     """Whatever the brace, and those that the study itself draws; the folder of a brace is that of a study."""
     tables = {n: pd.read_csv(study.out / n / "trials.csv") for n in ("none", "paper", "linear")}
@@ -168,6 +186,8 @@ def test_held_at_the_value_that_was_set(study) -> None:
 def test_a_study_goes_on(study) -> None:
     with pytest.raises(InputError, match="--resume"):
         compare_braces("study6", {"paper": "brace_bushing", "linear": "brace_linear"}, out=study.out, trials=8)
+    with pytest.raises(InputError, match="differ"):  # other parameters than the folder was made with
+        compare_braces("study6", {"paper": "brace_bushing", "linear": "brace_linear"}, out=study.out, trials=8, workers=1, resume=True)
     again = compare_braces(
         "study6", {"paper": "brace_bushing", "linear": "brace_linear"}, settings={"paper.angle_scale": 2.4}, out=study.out, trials=8, workers=1, resume=True
     )
