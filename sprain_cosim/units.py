@@ -89,7 +89,7 @@ SYMBOLS = {
 PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "k": 1e3, "M": 1e6, "G": 1e9}
 PREFIXED = {"g", "m", "s", "Hz", "rad", "N", "Nm", "Pa", "J", "W", "A", "V", "K", "mol", "bar"}
 
-_FACTOR = re.compile(r"([^\d^.*/()\s-]+|1)(?:\^?(-?\d+))?")
+_FACTOR = re.compile(r"([^\d^.*/()\s-]+|1)(?:\^?(-?\d))?")
 
 
 @lru_cache(maxsize=512)
@@ -111,6 +111,8 @@ def unit(name: str) -> Unit:
         factor *= scale**power
         exponents = [e + power * d for e, d in zip(exponents, dims, strict=True)]
         offset = offset or shift
+    if not 0.0 < factor < math.inf:
+        raise InputError(f"unit {name!r}: its factor to base units is {factor:g}")
     if offset and len(parts) > 1:
         raise InputError(f"unit {name!r}: degC cannot be part of a product; use K")
     return Unit(name.strip(), tuple(exponents), factor, offset)
