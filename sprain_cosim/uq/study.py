@@ -285,7 +285,7 @@ class Study:
         except FileNotFoundError:
             raise InputError(f"{path}: no such file") from None
         except (ValueError, OSError) as problem:
-            raise InputError(f"{path}: cannot be read as a table: {" ".join(str(problem).split())}") from None
+            raise InputError(f"{path}: cannot be read as a table: {' '.join(str(problem).split())}") from None
         system, problems, warnings = self.scenario.system(), list[str](), list[str]()
         columns: dict[str, Array] = {}
         numbers = range(len(given))
