@@ -391,12 +391,12 @@ TRIAL = click.option("--trial", metavar="N|worst|pXX", help="Of a study: a numbe
 @click.option("--slow", type=float, default=20.0, show_default=True, help="How many times slower than real time.")
 @click.option("--out", type=click.Path(path_type=Path), help="File: .webp, .gif, .mp4, or .png for one picture (default: animation.webp in the first folder).")
 def animate(folders: tuple[Path, ...], trial: str | None, slow: float, out: Path | None) -> None:
-    """Show the landings of up to four FOLDERS side by side in slow motion."""
+    """Show the landings of up to six FOLDERS (or of the braces in a comparison's) side by side in slow motion."""
     from .animate import animate as draw
-    from .trajectory import load
+    from .trajectory import load_all
 
     target = out or folders[0] / "animation.webp"
-    runs = [load(folder, trial) for folder in folders]
+    runs = [run for folder in folders for run in load_all(folder, trial)]
     for run in runs:
         click.echo(run.label, err=True)
     count = draw(runs, target, slow)

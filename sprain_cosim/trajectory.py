@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -58,14 +59,24 @@ class Trajectory:
             raise InputError(f"{self.label}: its record has no {some}, which {what} needs; run it again with this version")
 
 
+def load_all(folder: Path, trial: str | None = None) -> list[Trajectory]:
+    """The landing of a run's or a study's folder (see `load`), or those of every brace of a comparison, under the braces' names."""
+    if not (folder / "compare.json").is_file():
+        return [load(folder, trial)]
+    try:
+        braces = json.loads((folder / "compare.json").read_text("utf-8"))["braces"]
+        return [replace(load(folder / entry["folder"], trial), title=name) for name, entry in braces.items() if entry["status"] == "completed"]
+    except (ValueError, KeyError, OSError) as problem:
+        raise InputError(f"{folder / 'compare.json'}: cannot be read: {problem!r}") from None
+
+
 def load(folder: Path, trial: str | None = None) -> Trajectory:
     """The landing in a run's folder; in a study's folder the trial `trial`: a number, worst, or pXX for a percentile of the study's first response
     (default p50). Raises InputError."""
     if (folder / "trials.csv").is_file():
         return _of_study(folder, trial or "p50")
     if (folder / "compare.json").is_file():
-        inside = sorted(str(p.parent) for p in folder.glob("*/summary.json"))
-        raise InputError(f"{folder}: holds several folders; name one or more of them: {' '.join(inside)}")
+        raise InputError(f"{folder}: holds one folder for each brace; name one of them")
     if (folder / "ledger.sqlite").is_file():
         raise InputError(f"{folder}: the study is not finished; continue it with --resume")
     head, result = runfolder.read(folder)

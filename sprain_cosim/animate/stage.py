@@ -16,13 +16,13 @@ from matplotlib.patches import Polygon
 from matplotlib.text import Text
 
 from ..errors import InputError
-from ..plots import ANATOMY, BRACE, DEGREES, FAINT, GROUND, INK, SUBTALAR, TALOCRURAL
+from ..plots import DEGREES
+from ..plots.style import ANATOMY, BRACE, FAINT, GROUND, INK, MUTED, SERIES, SUBTALAR, TALOCRURAL
 from ..trajectory import Trajectory
 from .skeleton import Pose, Skeleton
 from .solid import PAPER, Camera
 
-MOST = 4
-RUNS = ("#1b6ca8", "#d9822b", "#2a9d8f", "#a23b72")
+MOST = 6
 COLOURS = {
     "brace": (0.94, 0.71, 0.33),
     "shirt": (0.30, 0.45, 0.62),
@@ -60,7 +60,8 @@ def _views(count: int) -> tuple[tuple[View, ...], int]:
         return (WHOLE, SIDE, CLOSE), 440
     if count == 2:
         return (View(CLOSE.title, Z, -0.15, 0.47, -0.01, 360, False, True), View(SIDE.title, X, -0.19, 1.97, -0.03, 236)), 416
-    return (View(CLOSE.title, Z, -0.15, 0.47, -0.01, 322, False, True),), 380
+    width = 322 if count == 3 else 290
+    return (View(CLOSE.title, Z, -0.15, 0.47, -0.01, width, False, True),), 380
 
 
 class Stage:
@@ -84,7 +85,7 @@ class Stage:
         FigureCanvasAgg(self.labels)
         self.front = self._page(self.labels)
         self.clock = self._text(self.width - EDGE, 20, "", 15, INK, ha="right", weight="bold", moving=True)
-        self._text(self.width - EDGE, 41, f"slowed {slow:g} times", 9, FAINT, ha="right")
+        self._text(self.width - EDGE, 41, f"slowed {slow:g} times", 9, MUTED, ha="right")
         self._head(block)
         top = max(float(a["plant.ground_force"][a.run.result.time > IMPACT].max(initial=1.0)) for a in self.actors)
         moment = max(float(np.abs(a[f"plant.{who}_subtalar_moment"]).max(initial=1.0)) for a in self.actors for who in ("anatomy", "brace"))
@@ -126,10 +127,10 @@ class Stage:
         return page
 
     def label(self, x: float, y: float, text: str, size: float, colour: str) -> None:
-        self.front.text(x, y, text, fontsize=size * 0.72, color=colour, va="center")
+        self.front.text(x, y, text, fontsize=size * 0.72, color=colour, va="center", parse_math=False)
 
     def _text(self, x: float, y: float, text: str, size: float, colour: str, moving: bool = False, **more: str) -> Text:
-        return self.page.text(x, y, text, fontsize=size * 0.72, color=colour, va="center", animated=moving, **more)  # type: ignore[arg-type]
+        return self.page.text(x, y, text, fontsize=size * 0.72, color=colour, va="center", animated=moving, parse_math=False, **more)  # type: ignore[arg-type]
 
     def _head(self, block: int) -> None:
         for n, run in enumerate(self.runs):
@@ -137,10 +138,10 @@ class Stage:
             room = block - (120 if n == len(self.runs) - 1 else 0)
             many = len(self.runs) > 1
             if many:
-                self.page.plot([left, left + 22], [20, 20], color=RUNS[n], linewidth=3.5, solid_capstyle="round")
+                self.page.plot([left, left + 22], [20, 20], color=SERIES[n], linewidth=3.5, solid_capstyle="round")
             said = f"initial pose {run.pose}" if run.pose else ""
             self._text(left + (30 if many else 0), 20, _short(run.title, room / 8.6), 14, INK, weight="bold")
-            self._text(left + (30 if many else 0), 41, _short(", ".join(p for p in (said, run.label) if p), room / 5.6), 9, FAINT)
+            self._text(left + (30 if many else 0), 41, _short(", ".join(p for p in (said, run.label) if p), room / 5.6), 9, MUTED)
         self._text(
             EDGE,
             self.height - 13,
@@ -176,7 +177,7 @@ class Stage:
             for where, values, colour, label, style in lines:
                 if (many and colour == TALOCRURAL) or (colour == BRACE and not actor.braced):
                     continue
-                charts[where].add(ms, values, RUNS[n] if many else colour, "" if many else label, style)
+                charts[where].add(ms, values, SERIES[n] if many else colour, "" if many else label, style)
         ends = max(1e3 * run.result.time[-1] for run in self.runs)
         for where, chart in enumerate(charts):
             chart.axes.set_xlim(0, ends)
@@ -231,12 +232,11 @@ class _Panel:
         page.add_patch(
             Polygon([(left - 1, top - 1), (left + view.width, top - 1), (left + view.width, top + tall), (left - 1, top + tall)], fc=PAPER, ec="#d5dbe1", lw=1)
         )
-        grey = "#5b6770"
         metres = 0.2 if view.whole else 0.1
         bar, y = metres * self.camera.scale, top + (33 if view.whole else tall - 47)
-        stage.label(left + 9, top + (16 if view.whole else tall - 13), view.title, 9.5, grey)
-        stage.front.plot([left + 9, left + 9 + bar], [y, y], color=grey, lw=1.6, solid_capstyle="butt")
-        stage.label(left + 14 + bar, y, f"{metres:g} m", 8.5, grey)
+        stage.label(left + 9, top + (16 if view.whole else tall - 13), view.title, 9.5, MUTED)
+        stage.front.plot([left + 9, left + 9 + bar], [y, y], color=MUTED, lw=1.6, solid_capstyle="butt")
+        stage.label(left + 14 + bar, y, f"{metres:g} m", 8.5, MUTED)
         self.arrow = Polygon(np.zeros((7, 2)), closed=True, fc="#3d4852", ec="white", lw=0.8, alpha=0.92, animated=True)
         page.add_patch(self.arrow)
         self.arcs: list[tuple[int, str, Line2D, Polygon]] = []
@@ -256,7 +256,7 @@ class _Panel:
                 stage.label(left + 9, y, name, 10.5, colour)
                 text = stage._text(left + 136, y, "", 11.5, colour, ha="right", weight="bold", moving=True)
                 self.figures.append((text, signal, factor, unit))
-            stage.label(left + 9, top + tall - 29, f"platform tilted {DEGREES * actor.incline:.0f}°", 9.5, grey)
+            stage.label(left + 9, top + tall - 29, f"platform tilted {DEGREES * actor.incline:.0f}°", 9.5, MUTED)
 
     def paint(self, pixels: np.ndarray, k: int) -> None:
         actor = self.actor

@@ -79,7 +79,7 @@ class Bench:
 def land(scenario: Scenario, folder: Path) -> dict[str, Any]:
     """One landing, its folder written; the summary."""
     (folder / "summary.json").unlink(missing_ok=True)
-    result = scenario.run()
+    result = scenario.recording("plant.*").run()
     summary = runfolder.summary(scenario, result)
     if result.status == "completed":
         runfolder.write(folder, scenario, result, summary)

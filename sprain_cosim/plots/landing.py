@@ -192,7 +192,7 @@ def _has(run: Signals, signal: str) -> bool:
 
 def _cut_impact(axis: Axes, series: Sequence[tuple[Array, Array]]) -> None:
     """The published pose starts inside the floor: its force of the first 5 ms would hide all the rest."""
-    top = 1.15 * max(float(values[time > IMPACT].max()) for time, values in series if time[-1] > IMPACT)
+    top = 1.15 * max((float(values[time > IMPACT].max()) for time, values in series if time[-1] > IMPACT), default=0.0)
     if axis.get_ylim()[1] > 1.5 * top > 0:
         axis.set_ylim(-0.04 * top, top)
         highest = max(float(values.max()) for _, values in series)

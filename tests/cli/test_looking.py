@@ -10,8 +10,12 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from sprain_cosim.scenario import fmu_path
-from sprain_cosim.trajectory import load
+from sprain_cosim.animate import animate
+from sprain_cosim.brace.bench import land
+from sprain_cosim.cli import _run
+from sprain_cosim.errors import InputError
+from sprain_cosim.scenario import fmu_path, load_scenario
+from sprain_cosim.trajectory import load, load_all
 from tests.cli.test_run import call, refused
 
 SHORT = 'base = "incline30"\n[components.brace]\nfmu = "brace_bushing"\n[parameters]\n"brace.angle_scale" = 2.4\n[master]\nstop = "30 ms"\n'
@@ -118,7 +122,7 @@ def test_reproduce_without_a_ledger(place: Path, tmp_path: Path) -> None:
 BAD = [
     (["animate", "nowhere"], ["nowhere", "no complete run"]),
     (["animate", "run", "--out", "x.avi"], ["x.avi", "an animation ends in .webp"]),
-    (["animate", "run", "run", "run", "run", "run", "--out", "x.webp"], ["up to 4"]),
+    (["animate", *["run"] * 7, "--out", "x.webp"], ["7 landings: up to 6"]),
     (["animate", "many", "--trial", "77", "--out", "x.png"], ["has no trial 77"]),
     (["animate", "many", "--trial", "p200", "--out", "x.png"], ["percentile such as p95"]),
     (["export", "run", "-o", "x.xls"], ["format 'xls' is unknown"]),
@@ -129,10 +133,31 @@ BAD = [
 
 
 @pytest.mark.parametrize(("arguments", "words"), BAD, ids=lambda v: " ".join(v) if isinstance(v, list) else str(v))
-def test_bad_input_is_one_line_and_exit_2(arguments: list[str], words: list[str], place: Path) -> None:
+def test_bad_input_is_one_line_and_exit_2(
+    arguments: list[str], words: list[str], place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(place)
     before = sorted(p.name for p in place.iterdir())
-    outcome = call(*arguments, cwd=place)
-    assert outcome.returncode == 2, outcome.stderr
-    assert outcome.stderr.strip().splitlines()[-1].startswith("error: ")
-    assert all(word in outcome.stderr for word in words), outcome.stderr
+    assert _run(arguments, []) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    last = printed.err.strip().splitlines()[-1]
+    assert last.startswith("error: ")
+    assert all(word in last for word in words), last
     assert sorted(p.name for p in place.iterdir()) == before
+
+
+def test_landings_of_a_comparison(place: Path, tmp_path: Path) -> None:
+    bare = load_scenario("incline30").with_master(stop="5 ms")
+    braced = load_scenario("incline30_brace").with_master(stop="5 ms")
+    assert {land(bare, tmp_path / "none")["status"], land(braced, tmp_path / "soft")["status"]} == {"completed"}
+    entries = {name: {"folder": name, "status": "completed"} for name in ("none", "soft")} | {"bad": {"folder": "bad", "status": "failed"}}
+    (tmp_path / "compare.json").write_text(json.dumps({"braces": entries}))
+    runs = load_all(tmp_path)
+    assert [run.title for run in runs] == ["none", "soft"]
+    assert animate(runs, tmp_path / "both.png") == 1
+    with pytest.raises(InputError, match="one folder for each brace"):
+        load(tmp_path)
+    (tmp_path / "compare.json").write_text("{}")
+    with pytest.raises(InputError, match=r"compare\.json: cannot be read"):
+        load_all(tmp_path)

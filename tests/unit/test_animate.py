@@ -169,8 +169,8 @@ def test_without_a_brace_no_brace_is_drawn(braced: Trajectory) -> None:
 def test_what_cannot_be_drawn_says_why(braced: Trajectory, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"film.avi: ends in .avi"):
         animate([braced], tmp_path / "film.avi")
-    with pytest.raises(InputError, match="5 landings: up to 4"):
-        animate([braced] * 5, tmp_path / "film.webp")
+    with pytest.raises(InputError, match="7 landings: up to 6"):
+        animate([braced] * 7, tmp_path / "film.webp")
     with pytest.raises(InputError, match="slowed 0 times"):
         animate([braced], tmp_path / "film.webp", slow=0.0)
     plain = load_scenario("incline30").with_master(stop="2 ms").run()
