@@ -320,7 +320,7 @@ class _Setting:
     def extreme(self, gradient: Array, level: float, at: Array) -> Array:
         """(d,) u* of the linear model with slopes `gradient` (∂z/∂x), in x or, about the point `at`, in u."""
         beta = float(ndtri(level))
-        if beta == 0.0:
+        if beta == 0.0 or not np.any(gradient):
             return np.zeros(len(self.joint))
         if self.space == "x":
             return _linear_extreme(self.joint, gradient, abs(beta), math.copysign(1.0, beta))
@@ -401,12 +401,12 @@ class _Gate:
         bend = np.abs(curvature) * joint.sds**2
         if self.noise is not None:  # what noise alone can make of a second difference
             bend = np.maximum(bend - math.sqrt(6.0) * self.noise / self.setting.step**2, 0.0)
-        slope = np.abs(self.linear.slopes.gradient) * joint.sds
         ratio = 0.5 * bend * reach / norm
         for i in np.flatnonzero(ratio > _CURVATURE_LIMIT):
-            if bend[i] * reach > slope[i]:
+            # The slope changes sign at reach/(2·ratio) or nearer: within the levels in any case, decisive where the bent part outweighs the linear one.
+            if ratio[i] > 1.0:
                 self.rejections.append(
-                    f"input number {i}: the one-sided slopes change sign within the outermost level "
+                    f"input number {i}: the one-sided slopes change sign well within the outermost level "
                     f"(curvature ratio {ratio[i]:.2g}); the response is not monotonic"
                 )
             else:

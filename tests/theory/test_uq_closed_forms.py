@@ -10,7 +10,7 @@ from scipy import stats
 
 from sprain_cosim.uq import LogNormal, Normal
 from sprain_cosim.uq.distributions import JointDistribution
-from sprain_cosim.uq.reliability import amv, amv_plus, form, hmv, mean_value
+from sprain_cosim.uq.reliability import amv, amv_plus, form, hmv, mean_value, step_noise
 from sprain_cosim.uq.sampling import monte_carlo, sobol
 from sprain_cosim.uq.sensitivity import pearson, sensitivity_factors, sobol_indices
 from sprain_cosim.uq.statistics import order_statistic_ranks
@@ -112,3 +112,51 @@ def test_order_statistic_intervals_cover(n: int, p: float) -> None:
     """The binomial probability between the two ranks (counted from 1) is at least 95 %."""
     low, high = order_statistic_ranks(n, p)
     assert stats.binom.cdf(high - 1, n, p) - stats.binom.cdf(low - 1, n, p) >= 0.95
+
+
+def test_noise_of_a_response_is_measured_and_asks_for_a_larger_step() -> None:
+    """Independent noise of 0.01 on a linear function: found within a factor of two; with it, steps of 0.1 sd are named as too small."""
+    rng = np.random.default_rng(1)
+
+    def noisy(x: np.ndarray) -> np.ndarray:
+        return x[:, 0] + 0.01 * rng.standard_normal(len(x))
+
+    one = [Normal(0.0, 1.0)]
+    found = float(np.median([step_noise(noisy, one) for _ in range(20)]))
+    assert 0.005 < found < 0.02
+    assert step_noise(lambda x: np.sin(x[:, 0]), one) < 1e-12
+    assert amv(lambda x: x[:, 0], one, noise=0.001).status == "ok"
+    warned = amv(lambda x: x[:, 0], one, noise=0.05)
+    assert warned.status == "suspect"
+    assert "a step above" in warned.reasons[0]
+
+
+@pytest.mark.parametrize(
+    ("function", "options", "status", "reason"),
+    [
+        (lambda x: x[:, 0] + 0.4 * x[:, 0] ** 2 + 0.8 * x[:, 1], {"difference": "central"}, "suspect", "curvature ratio"),
+        (lambda x: x[:, 0] - 0.9 * x[:, 0] ** 2, {"difference": "central"}, "rejected", "one-sided slopes change sign"),
+        (lambda x: -np.abs(x[:, 0] - 0.2), {}, "rejected", "percentiles do not increase"),
+        (lambda x: np.sinh(2 * x[:, 0]), {}, "suspect", "departs from the linearisation"),
+        (lambda x: x[:, 0] + 0.5 * x[:, 0] * x[:, 1] + 1 / 3, {"levels": (0.05, 0.95), "plus": True}, "suspect", "turned by"),
+        (lambda x: x[:, 0], {"variance": 4.0}, "suspect", "25% of the sampled variance"),
+        (lambda x: 0 * x[:, 0] + 1.0, {}, "rejected", "every slope"),
+        (lambda x: np.round(x[:, 0] + 0.01 * x[:, 1], 1), {}, "suspect", "comes in steps of 0.1"),
+        (lambda x: x[:, 0] + 0 * x[:, 1], {"step": 0.1234567}, "ok", None),
+    ],
+    ids=["curvature", "sign", "order", "departure", "turn", "variance", "flat", "resolution", "inert input"],
+)
+def test_each_signal_of_the_gate(function, options: dict, status: str, reason: str | None) -> None:
+    options = dict(options)
+    method = amv_plus if options.pop("plus", False) else amv
+    found = method(function, [Normal(0.0, 1.0)] * 2, **options)
+    assert found.status == status, found.reasons
+    assert reason is None or any(reason in r for r in found.reasons), found.reasons
+
+
+def test_a_budget_ends_a_search_with_what_it_has() -> None:
+    for method in (amv_plus, hmv):
+        found = method(lambda x: np.exp(x[:, 0]) - 0.2 * x[:, 1] ** 3, [Normal(0.0, 1.0)] * 2, budget=11)
+        assert found.evaluations.executed <= 11
+        assert found.status != "ok"
+        assert any("budget of 11" in r for r in found.reasons)
