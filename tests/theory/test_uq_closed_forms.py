@@ -138,7 +138,7 @@ def test_noise_of_a_response_is_measured_and_asks_for_a_larger_step() -> None:
         (lambda x: x[:, 0] - 0.9 * x[:, 0] ** 2, {"difference": "central"}, "rejected", "one-sided slopes change sign"),
         (lambda x: -np.abs(x[:, 0] - 0.2), {}, "rejected", "percentiles do not increase"),
         (lambda x: np.sinh(2 * x[:, 0]), {}, "suspect", "departs from the linearisation"),
-        (lambda x: x[:, 0] + 0.5 * x[:, 0] * x[:, 1] + 1 / 3, {"levels": (0.05, 0.95), "plus": True}, "suspect", "turned by"),
+        (lambda x: x[:, 0] + 0.7 * x[:, 0] * x[:, 1] + 1 / 3, {"levels": (0.05, 0.95), "plus": True}, "suspect", "turned by"),
         (lambda x: x[:, 0], {"variance": 4.0}, "suspect", "25% of the sampled variance"),
         (lambda x: 0 * x[:, 0] + 1.0, {}, "rejected", "every slope"),
         (lambda x: np.round(x[:, 0] + 0.01 * x[:, 1], 1), {}, "suspect", "comes in steps of 0.1"),
