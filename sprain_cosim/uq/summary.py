@@ -21,6 +21,7 @@ PERCENTILES = (5, 50, 95)
 FEWEST = 4  # completed trials for moments
 LEAST = 20  # completed trials for sensitivities and probabilities
 RESAMPLES = 1000  # of the bootstrap
+MANY = 20_000  # trials above which intervals of sensitivity factors are ± 1.96 standard errors, and polynomial chaos takes the first rows alone
 CHAOS_DEGREE = 3  # at most; seconds instead of minutes for ten inputs and thousands of trials
 FACTORS = ("dmean_dmean", "dmean_dsd", "dsd_dmean", "dsd_dsd")
 # Injury thresholds: inversion of cadaver ankles at failure, counted from the neutral pose, and the anatomy's inversion moment there.
@@ -167,8 +168,7 @@ def _sensitivity(study: Study, x: Array, y: Array) -> dict[str, Any]:
     if not active or not np.ptp(y) > 0:
         return {}
     r, rho = sensitivity.pearson(x[:, active], y), sensitivity.spearman(x[:, active], y)
-    factors = sensitivity.sensitivity_factors(x, y, marginals, study.correlation, resamples=RESAMPLES, seed=study.seed)
-    assert factors.standard_error and factors.low and factors.high
+    factors = sensitivity.sensitivity_factors(x, y, marginals, study.correlation, resamples=RESAMPLES if len(y) <= MANY else 0, seed=study.seed)
     fit = sensitivity.importance(x, y, marginals, study.correlation) if len(y) > len(active) + 1 else None
     names = list(study.names)
     out: dict[str, Any] = {}
@@ -178,18 +178,25 @@ def _sensitivity(study: Study, x: Array, y: Array) -> dict[str, Any]:
             "spearman": _correlation(rho, k),
             **{f: float(getattr(factors, f)[i]) for f in FACTORS},
             "standard_error": {f: float(getattr(factors.standard_error, f)[i]) for f in FACTORS},
-            "ci": {f: [float(getattr(end, f)[i]) for end in (factors.low, factors.high)] for f in FACTORS},
+            "ci": {f: _factor_interval(factors, f, i) for f in FACTORS},
         }
         if fit is not None:
             out[names[i]] |= {"importance": float(fit.alpha[i]), "importance_standard_error": float(fit.standard_error[i])}
     if fit is not None:
         out["_importance"] = {"r2": fit.r2}
     if study.correlation is None and len(y) >= 100:
-        given = sensitivity.given_data_indices(x, y, marginals, CHAOS_DEGREE)
+        given = sensitivity.given_data_indices(x[:MANY], y[:MANY], marginals, CHAOS_DEGREE)
         for i in active:
             out[names[i]] |= {"sobol_first": float(given.first[i]), "sobol_total": float(given.total[i])}
         out["_given_data"] = {"degree": given.degree, "terms": given.terms, "q2": given.q2}
     return out
+
+
+def _factor_interval(factors: sensitivity.SensitivityFactors, name: str, i: int) -> list[float]:
+    if factors.low and factors.high:
+        return [float(getattr(end, name)[i]) for end in (factors.low, factors.high)]
+    value, half = float(getattr(factors, name)[i]), 1.96 * float(getattr(factors.standard_error, name)[i])
+    return [value - half, value + half]
 
 
 def _correlation(r: sensitivity.Correlation, k: int) -> dict[str, float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 import pandas as pd
@@ -254,3 +255,17 @@ def test_the_study_on_the_page_loads(tmp_path) -> None:
     assert {name for name in shipped() if f"`{name}`" in page} >= {"amv6", "form6", "demers2017", "brace_scaling"}
     for name in shipped():
         assert sc.load_study(name).checked().source == name
+
+
+def test_a_large_study_is_summed_up_in_seconds(study6) -> None:
+    """100 000 trials: no bootstrap, polynomial chaos from the first ones; the factors' intervals by their standard errors."""
+    rng = np.random.default_rng(3)
+    x = study6.joint.from_standard(rng.standard_normal((100_000, 10)))
+    table = pd.DataFrame({"trial": np.arange(len(x)), "status": "completed", "message": ""})
+    table[study6.headings] = x
+    table[PEAK] = peak(study6, x) + rng.standard_normal(len(x))
+    began = perf_counter()
+    found = summarise(replace(study6, trials=len(x)), table, None)["sensitivity"][PEAK]
+    assert perf_counter() - began < 60
+    drop = found["plant.drop_height"]
+    assert drop["ci"]["dsd_dsd"][1] - drop["ci"]["dsd_dsd"][0] == pytest.approx(3.92 * drop["standard_error"]["dsd_dsd"])
