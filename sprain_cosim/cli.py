@@ -175,10 +175,12 @@ def study(
             progress=reporter(progress), trajectories=first_trajectories(trajectories), parquet=parquet, command=again,
         )  # fmt: skip
     except (Interrupted, SimulationError):
-        click.echo(f"continue with: {again} --resume", err=True)
+        click.echo(f"{chr(10) if sys.stderr.isatty() else ''}continue with: {again} --resume", err=True)
         raise
     if done.summary.get("not_reproduced"):
         click.echo(f"warning: trials {done.summary['not_reproduced']} gave other numbers when they were run again for their trajectories", err=True)
+    if done.summary["n_failed"]:
+        click.echo(f"warning: {done.summary['n_failed']} trials failed; how, and the commands that run them again: {folder / 'failures.json'}", err=True)
     click.echo(json.dumps(done.summary, allow_nan=False) if as_json else f"{text(done.study, done.summary)}\n\nwritten: {folder}")
 
 

@@ -108,8 +108,8 @@ class Dispatch:
 
     def _too_many(self, failed: int, finished: int, row: Row | None) -> SimulationError:
         self.ledger.commit()
-        last = row or next((r for r in self.ledger.rows() if r.outcome.status != "completed"), None)
-        example = f"; trial {last.trial} {last.outcome.status}: {last.outcome.message}" if last and last.outcome.status != "completed" else ""
+        last = row if row and row.outcome.status != "completed" else next(self.ledger.failed(), None)
+        example = f"; trial {last.trial} {last.outcome.status}: {last.outcome.message}" if last else ""
         return SimulationError(f"{failed} of {finished} trials failed, more than --max-failed {100 * self.max_failed:g} % allows{example}")
 
 

@@ -135,6 +135,9 @@ class Ledger:
         """In the order of their numbers."""
         return self._select("ORDER BY trial")
 
+    def failed(self) -> Iterator[Row]:
+        return self._select("WHERE status != 'completed' ORDER BY trial")
+
     def row(self, trial: int) -> Row | None:
         return next(self._select("WHERE trial = ?", trial), None)
 

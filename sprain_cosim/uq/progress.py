@@ -1,4 +1,4 @@
-"""Progress of a study on stderr: one line that renews itself on a terminal, lines otherwise, JSON for machines."""
+"""Progress of a study on stderr: a bar that renews itself on a terminal, lines otherwise, one JSON object a line for machines."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Callable
 
+BAR = 24  # characters
 EVERY = 5.0  # s between lines where nothing renews itself
 
 
@@ -29,7 +30,15 @@ def reporter(kind: str) -> Callable[[int, int, int, float], None] | None:
         if kind == "json":
             print(json.dumps({"finished": finished, "total": total, "failed": failed, "rate_per_s": rate, "left_s": left}), file=sys.stderr, flush=True)
             return
-        line = f"{finished} of {total} trials, {failed} failed, {rate:.1f}/s" + (f", {left:.0f} s left" if left is not None and not last else "")
-        print(f"\r{line:70}" if renews else line, end="\n" if last or not renews else "", file=sys.stderr, flush=True)
+        line = f"{finished} of {total} trials, {failed} failed, {rate:.1f}/s" + (f", {_span(left)} left" if left is not None and not last else "")
+        if renews:
+            full = round(BAR * finished / total)
+            line = f"\r[{'#' * full}{'.' * (BAR - full)}] {line:60}"
+        print(line, end="\n" if last or not renews else "", file=sys.stderr, flush=True)
 
     return report
+
+
+def _span(seconds: float) -> str:
+    minutes, hours = round(seconds) // 60, round(seconds) // 3600
+    return f"{seconds:.0f} s" if seconds < 100 else f"{minutes} min" if hours < 2 else f"{hours} h {minutes % 60} min"

@@ -102,6 +102,8 @@ def run(
                     summary["not_reproduced"] = changed
         finally:
             dispatch.close()
+            if folder is not None:
+                studyfolder.failures(folder, study, ledger)
     if shard is not None:
         summary |= {"shard": list(shard), "n_requested": len(table)}
     summary["wall_s"] = round(perf_counter() - began, 3)
@@ -146,6 +148,7 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
                 dispatch.repeat(recorder.lacks(kept.values()))
             finally:
                 dispatch.close()
+            studyfolder.failures(folder, study, ledger)
     finally:
         for part in parts:
             part.close()

@@ -1,11 +1,12 @@
-"""The folder of a study: trials.csv, timing.csv, summary.json, study.toml, manifest.json, ledger.sqlite, trajectories/. All but the ledger and the
-trajectories are made from the ledger."""
+"""The folder of a study: trials.csv, timing.csv, summary.json, study.toml, manifest.json, failures.json where trials failed, ledger.sqlite,
+trajectories/. All but the ledger and the trajectories are made from the ledger."""
 
 from __future__ import annotations
 
 import json
 import os
 import platform
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib import metadata
@@ -23,6 +24,7 @@ from .study import Study
 if TYPE_CHECKING:
     import pandas as pd
 
+FAILURES = "failures.json"
 PACKAGES = ("numpy", "scipy", "fmpy", "pandas", "mujoco-core", "numba")
 
 
@@ -122,6 +124,24 @@ def tables(study: Study, ledger: Ledger, wanted: np.ndarray | None) -> tuple[pd.
         k += 1
     columns = {"trial": numbers, "status": status, "message": message} | dict(zip(study.headings, inputs.T, strict=True)) | metrics
     return pd.DataFrame(columns), pd.DataFrame({"trial": numbers, "wall_s": wall, "worker": worker, "attempts": attempts})
+
+
+def failures(folder: Path, study: Study, ledger: Ledger) -> None:
+    """failures.json: of each failed trial its inputs, how it ended, the last lines printed and the command that runs it again."""
+    listed = [
+        {
+            "trial": row.trial,
+            "status": row.outcome.status,
+            "message": row.outcome.message,
+            "attempts": row.outcome.attempts,
+            "inputs": dict(zip(study.headings, row.inputs.tolist(), strict=True)),
+            "log": row.outcome.log,
+            "replay": f"sprain-cosim trial {shlex.quote(str(folder))} {row.trial}",
+        }
+        for row in ledger.failed()
+    ]
+    if listed or (folder / FAILURES).exists():
+        write(folder / FAILURES, json.dumps(listed, indent=2) + "\n")
 
 
 def finish(folder: Path, trials: pd.DataFrame, timing: pd.DataFrame, summary: Mapping[str, Any], parquet: bool) -> None:

@@ -34,6 +34,7 @@ from ..ledger import Row
 from . import Job, Task
 
 PATIENCE = 10.0  # s for a scheduler to answer
+LOG = 20  # messages that Dask keeps for its developers
 AGAIN = 3  # times that a trial is sent anew after it was lost with its machine
 
 
@@ -52,6 +53,7 @@ class Dask:
 
     def __init__(self, task: Task, workers: int | None, address: str) -> None:
         try:
+            import dask
             import distributed
         except ImportError:
             raise EnvironmentProblem("--scheduler: needs Dask: pip install 'sprain-cosim[distributed]'") from None
@@ -66,6 +68,7 @@ class Dask:
         self._cluster: Any = None
         self._processes: list[subprocess.Popen[bytes]] = []
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        dask.config.set({"distributed.admin.low-level-log-length": LOG})  # else the last 1000 messages, batches with all their inputs, stay in memory
         try:
             if address == "local-cluster":
                 self._expected = workers or len(os.sched_getaffinity(0))
@@ -113,7 +116,8 @@ class Dask:
                     self._delivered[sha] = self._client.submit(_same, self._files[sha].read_bytes(), key=f"file-{sha}-{self._key}")
             self._submit(jobs, lost, answer.files)
             return []
-        return answer
+        rows: list[Row] = pickle.loads(answer)
+        return rows
 
     def close(self) -> list[Row]:
         for process in self._processes:
@@ -132,7 +136,7 @@ class Dask:
 
     def _submit(self, jobs: tuple[Job, ...], lost: int, files: Sequence[str] = ()) -> None:
         content = {sha: self._delivered[sha] for sha in files}
-        future = self._client.submit(_batch, self._key, self._task, __version__, jobs, content, pure=False, retries=0)
+        future = self._client.submit(_batch, self._key, self._task, __version__, pickle.dumps(jobs), content, pure=False, retries=0)
         self._out[future.key] = jobs, lost
         future.add_done_callback(self._done.put)
 
@@ -157,6 +161,7 @@ def _dask_worker(scheduler: str) -> subprocess.Popen[bytes]:
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
+        env=os.environ | {"DASK_DISTRIBUTED__ADMIN__LOW_LEVEL_LOG_LENGTH": str(LOG)},
         start_new_session=True,
     )
 
@@ -186,8 +191,9 @@ _workers: dict[int, tuple[str, Worker]] = {}
 _guard = threading.Lock()
 
 
-def _batch(key: str, pickled: bytes, version: str, jobs: Sequence[Job], content: Mapping[str, bytes]) -> list[Row] | Missing:
-    """The rows of a batch, or which files this machine lacks. Every thread keeps its child until another study comes."""
+def _batch(key: str, pickled: bytes, version: str, jobs: bytes, content: Mapping[str, bytes]) -> bytes | Missing:
+    """The rows of a batch, or which files this machine lacks. Every thread keeps its child until another study comes. Jobs and rows are pickled
+    here, because Dask makes a message of its own of every array."""
     if version != __version__:
         raise EnvironmentProblem(f"a worker has sprain-cosim {__version__}, the study {version}; install the same everywhere")
     me = threading.get_ident()
@@ -208,7 +214,7 @@ def _batch(key: str, pickled: bytes, version: str, jobs: Sequence[Job], content:
         with _guard:
             _workers[me] = held
     label = f"{os.uname().nodename}:{os.getpid()}"
-    return [Row(job.trial, job.values, held[1].run(job.values.tolist(), job.record), label) for job in jobs]
+    return pickle.dumps([Row(job.trial, job.values, held[1].run(job.values.tolist(), job.record), label) for job in pickle.loads(jobs)])
 
 
 def _place(path: Path, sha: str, content: bytes | None) -> Path | None:
