@@ -36,7 +36,6 @@ from . import archive
 from .archive import cache_folder
 from .errors import SimulationError, SprainError
 from .result import Result
-from .scenario import Scenario
 
 LENGTH = struct.Struct("<I")
 FRAME_LIMIT = 1 << 26  # B, longer replies are not ours
@@ -201,7 +200,7 @@ class Worker:
 
 def _marks(scenario: Openable) -> list[Path]:
     """Files whose being there says that an FMU has been opened on this machine before."""
-    fmus = scenario.fmus if isinstance(scenario, Scenario) else {}
+    fmus: Mapping[str, Path] = getattr(scenario, "fmus", {})
     return [cache_folder() / "opened" / archive.read(path).sha256[:32] for path in fmus.values()]
 
 

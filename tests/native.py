@@ -32,12 +32,15 @@ FAULTS = [
     "fork",
     "hang_start",
     "hang_reset",
+    "spin",
+    "gorge",
+    "hang_load",
 ]
 SUBTALAR = """
     <ScalarVariable name="subtalar_angle" valueReference="0" causality="input" variability="continuous"><Real unit="rad" start="0"/></ScalarVariable>
     <ScalarVariable name="subtalar_torque" valueReference="1" causality="output" variability="continuous"><Real unit="N.m"/></ScalarVariable>
     <ScalarVariable name="stiffness" valueReference="2" causality="parameter" variability="fixed"><Real unit="N.m/rad" start="20"/></ScalarVariable>
-    <ScalarVariable name="fault" valueReference="3" causality="parameter" variability="fixed"><Real start="0" min="0" max="18"/></ScalarVariable>
+    <ScalarVariable name="fault" valueReference="3" causality="parameter" variability="fixed"><Real start="0" min="0" max="20"/></ScalarVariable>
 """
 
 

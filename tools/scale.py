@@ -6,17 +6,25 @@ the ledger, and the memory of this process, sampled along the way."""
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
+import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
+
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
+from sprain_cosim.uq.backends import Task, open_backend
+from sprain_cosim.uq.dispatch import Dispatch
 from sprain_cosim.uq.distributions import JointDistribution, Normal
+from sprain_cosim.uq.ledger import FILE, Ledger
+from sprain_cosim.uq.sampling import monte_carlo_blocks
 
 INPUTS, METRICS = 10, 30
 
@@ -56,8 +64,38 @@ def measure(trials: int, workers: int, scheduler: str | None, landing: float, ou
     def progress(finished: int, total: int, failed: int, seconds: float) -> None:
         if finished >= total * len(seen) / 20:
             seen.append((finished, seconds, *memory()))
-            rate, each = options.trials / wall, size / options.trials
+            print(
+                f"{finished:9d} trials {seconds:8.1f} s  {seen[-1][2]:7.1f} MB resident, {seen[-1][3]:7.1f} MB private, {seen[-1][4]} descriptors", flush=True
+            )
 
+    def blocks() -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        for first, x in monte_carlo_blocks(joint, trials, 7):
+            yield np.arange(first, first + len(x)), x
+
+    with Ledger(out, "scale", {}) as ledger:
+        dispatch = Dispatch(ledger, open_backend(Task(Stub(landing), tuple(f"x{k}" for k in range(INPUTS))), workers, scheduler), progress=progress)
+        try:
+            dispatch.finish(blocks(), trials)
+        finally:
+            dispatch.close()
+        numbers, failed = ledger.finished()
+    assert len(numbers) == trials and numbers[0] == 0 and numbers[-1] == trials - 1 and not failed.any()
+    return seen
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--trials", type=int, default=20_000)
+    parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
+    parser.add_argument("--scheduler")
+    parser.add_argument("--landing", type=float, default=0.0)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        began = time.perf_counter()
+        seen = measure(options.trials, options.workers, options.scheduler, options.landing, Path(folder) / "scale")
+        wall = time.perf_counter() - began
+        size = (Path(folder) / "scale" / FILE).stat().st_size
+    rate, each = options.trials / wall, size / options.trials
     print(f"{options.trials} trials of {1e3 * options.landing:g} ms in {wall:.1f} s: {rate:.0f}/s; ledger {each:.0f} B a trial")
     print(f"driver: {seen[-1][2] - seen[len(seen) // 4][2]:+.1f} MB from a quarter of the trials to the end")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from pathlib import Path
@@ -9,13 +10,18 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 
 import sprain_cosim as sc
+from sprain_cosim import runfolder
+from sprain_cosim.cli import cli
+from sprain_cosim.errors import SimulationError
 from sprain_cosim.isolation import Limits, Worker
 from sprain_cosim.uq.study import Study
 from tests.native import FAULTS, compile_fmu
 
 LIMIT = 1.0  # s of wall time for a landing of 20 ms
+VARIED = FAULTS.index("hang_load")  # the others can be chosen by a trial
 EXPECTED = {
     "segfault": ("crashed", "SIGSEGV"),
     "abort": ("crashed", "SIGABRT"),
@@ -25,6 +31,8 @@ EXPECTED = {
     "error": ("failed", "brace"),
     "fatal": ("failed", "brace"),
     "discard": ("failed", "brace"),
+    "spin": ("timeout", "wall time"),
+    "gorge": ("crashed", "SIGSEGV"),
     "nan": ("failed", "subtalar_torque"),
     "positive_infinity": ("failed", "subtalar_torque"),
     "negative_infinity": ("failed", "subtalar_torque"),
@@ -55,7 +63,7 @@ def campaign(study: Study, faults: list[int], folder: Path, **options):
 def test_every_fault_is_classified_and_touches_no_other_trial(study: Study, tmp_path: Path) -> None:
     """One trial of each kind between clean ones; the clean ones equal a fault-free run to the bit."""
     rng = np.random.default_rng(7)
-    faults = [code for kind in rng.permutation(len(FAULTS)) for code in (0, int(kind))]
+    faults = [code for kind in rng.permutation(VARIED) for code in (0, int(kind))]
     (tmp_path / "with").mkdir()
     (tmp_path / "without").mkdir()
     broken = campaign(study, faults, tmp_path / "with", workers=2).trials
@@ -70,6 +78,82 @@ def test_every_fault_is_classified_and_touches_no_other_trial(study: Study, tmp_
         else:
             assert row["status"] == "completed", (kind, row["message"])
             assert row["peak_subtalar_angle_deg"] == clean["peak_subtalar_angle_deg"][k], kind
+
+
+@pytest.mark.long
+def test_a_thousand_trials_with_a_tenth_of_them_faulty(study: Study, tmp_path: Path) -> None:
+    """R4 in full: clean trials as in a fault-free run to the bit, every fault a row with its class and a command that runs it again."""
+    rng = np.random.default_rng(11)
+    faults = np.zeros(1000, int)
+    faults[rng.choice(1000, 100, replace=False)] = rng.integers(1, VARIED, 100)
+    (tmp_path / "with").mkdir()
+    (tmp_path / "without").mkdir()
+    broken = campaign(study, faults.tolist(), tmp_path / "with", workers=2).trials
+    clean = campaign(study, [0] * 1000, tmp_path / "without", workers=2).trials
+    kinds = [FAULTS[code] for code in faults]
+    harmless = np.array([kind not in EXPECTED for kind in kinds])
+    metrics = [c for c in clean.columns[3:] if c != "brace.fault"]
+    pd.testing.assert_frame_equal(broken.loc[harmless, metrics], clean.loc[harmless, metrics], check_exact=True)
+    for kind, status, message in zip(kinds, broken["status"], broken["message"], strict=True):
+        if kind in EXPECTED:
+            assert status == EXPECTED[kind][0]
+            assert EXPECTED[kind][1] in message
+        else:
+            assert status == "completed"
+    listed = json.loads((tmp_path / "with" / "out" / "failures.json").read_text())
+    assert [f["trial"] for f in listed] == np.flatnonzero(~harmless).tolist()
+    assert all(f["replay"].startswith("sprain-cosim trial ") and f["attempts"] == (1 if f["status"] == "failed" else 2) for f in listed)
+
+
+def test_a_failed_trial_is_quarantined_with_what_its_replay_needs(study: Study, tmp_path: Path) -> None:
+    campaign(study, [0, FAULTS.index("segfault"), FAULTS.index("nan")], tmp_path, workers=1)
+    out = tmp_path / "out"
+    crashed, failed = json.loads((out / "failures.json").read_text())
+    assert (crashed["trial"], crashed["status"], crashed["attempts"]) == (1, "crashed", 2)
+    assert crashed["inputs"]["brace.fault"] == FAULTS.index("segfault")
+    assert crashed["replay"] == f"sprain-cosim trial {out} 1"
+    assert failed["status"] == "failed"
+    record = runfolder.signals(out / "trajectories" / "000002.csv.gz")  # as far as it went
+    assert 0.009 < record.time[-1] <= 0.011
+    ran = CliRunner().invoke(cli, ["trial", str(out), "1"], standalone_mode=False)
+    assert isinstance(ran.exception, SimulationError)
+    assert "trial 1 crashed: ended by signal SIGSEGV (recorded: crashed)" in str(ran.exception)
+
+
+def test_a_leak_is_answered_by_a_fresh_process(study: Study) -> None:
+    leak = float(FAULTS.index("leak"))
+    with Worker(study.scenario, ("brace.fault",), Limits(growth=32 << 20)) as worker:
+        for _ in range(10):  # growth counts from the tenth trial on
+            worker.run([0.0])
+        child = worker._child
+        before = worker.run([0.0]).metrics
+        assert worker._child is child
+        assert worker.run([leak]).status == "completed"
+        assert worker.run([0.0]).metrics == before
+        assert worker._child is not child
+
+
+def test_too_much_processor_time_is_a_timeout(study: Study) -> None:
+    with Worker(study.scenario, ("brace.fault",), Limits(cpu=0.0)) as worker:
+        outcome = worker.run([float(FAULTS.index("spin"))])
+    assert (outcome.status, outcome.attempts) == ("timeout", 2)
+    assert "processor time" in outcome.message
+
+
+def test_too_much_memory_costs_the_trial(study: Study) -> None:
+    """The limit leaves room for the landing and not for what the device asks for."""
+    with Worker(study.scenario, ("brace.fault",), Limits(memory=4 << 30)) as worker:
+        assert worker.run([0.0]).status == "completed"
+        outcome = worker.run([float(FAULTS.index("gorge"))])
+        assert outcome.status == "crashed"
+        assert worker.run([0.0]).status == "completed"
+
+
+def test_a_device_that_hangs_when_it_is_loaded_is_one_message(tmp_path: Path) -> None:
+    hanging = compile_fmu(tmp_path / "hanging.fmu", fault="hang_load")
+    study = sc.load_study("study2").replace_fmu("brace", hanging)
+    with Worker(study.scenario, study.names, Limits(start=4.0)) as worker, pytest.raises(SimulationError, match=r"cannot be opened: .*wall time"):
+        worker.run([m.mean for m in study.marginals.values()])
 
 
 def test_a_hang_is_ended_in_time_with_its_grandchildren(study: Study) -> None:

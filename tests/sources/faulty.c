@@ -12,7 +12,7 @@
 enum { ANGLE, TORQUE, STIFFNESS, FAULT, VARIABLES };
 enum {
     NONE, SEGFAULT, ABORT, EXIT, HANG_STEP, ERROR, FATAL, DISCARD, NOT_A_NUMBER, POSITIVE_INFINITY, NEGATIVE_INFINITY, HUGE_VALUE_OUT,
-    FLOOD, LEAK, CHANGE_FOLDER, CHANGE_LOCALE, FORK, HANG_START, HANG_RESET, DEVICES
+    FLOOD, LEAK, CHANGE_FOLDER, CHANGE_LOCALE, FORK, HANG_START, HANG_RESET, SPIN, GORGE, HANG_LOAD
 };
 
 typedef struct { double value[VARIABLES]; char name[64]; const fmi2CallbackFunctions* callbacks; } Device;
@@ -29,6 +29,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     device->value[STIFFNESS] = 20.0;
     device->value[FAULT] = FAULT_AT_START;
     device->callbacks = callbacks;
+    if (FAULT_AT_START == HANG_LOAD) hang();
     return device;
 }
 void fmi2FreeInstance(fmi2Component c) { free(c); }
@@ -107,6 +108,8 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean
         case LEAK: memset(malloc(64 << 20), 1, 64 << 20); break;
         case CHANGE_FOLDER: if (chdir("/")) return fmi2Error; break;
         case CHANGE_LOCALE: setlocale(LC_ALL, "de_DE.UTF-8"); break;
+        case SPIN: for (volatile long i = 0;; i++) { }
+        case GORGE: memset(malloc(64ul << 30), 1, 64ul << 30); break; /* more than there is: a null pointer under a limit of memory */
         case FORK: if (fork() == 0) { for (;;) pause(); } break;
         default: break;
     }
