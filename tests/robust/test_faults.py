@@ -16,7 +16,7 @@ import sprain_cosim as sc
 from sprain_cosim import runfolder
 from sprain_cosim.cli import cli
 from sprain_cosim.errors import SimulationError
-from sprain_cosim.isolation import Limits, Worker
+from sprain_cosim.isolation import Child, Gone, Limits, Worker
 from sprain_cosim.uq.study import Study
 from tests.native import FAULTS, compile_fmu
 
@@ -157,19 +157,21 @@ def test_a_device_that_hangs_when_it_is_loaded_is_one_message(tmp_path: Path) ->
 
 
 def test_a_hang_is_ended_in_time_with_its_grandchildren(study: Study) -> None:
-    names = ("brace.fault",)
-    with Worker(study.scenario, names, Limits(trial=LIMIT)) as worker:
-        assert worker.run([0.0]).status == "completed"
-        assert worker.run([float(FAULTS.index("fork"))]).status == "completed"
-        assert worker._child is not None
-        group = worker._child._process.pid
+    names, limits = ("brace.fault",), Limits(trial=LIMIT)
+    child = Child(limits)
+    try:
+        child.open((study.scenario, names, limits), limits.start)
+        for fault in ("none", "fork"):
+            assert child.ask({"values": [float(FAULTS.index(fault))]}, 60.0)["status"] == "completed"
+        group = child._process.pid
+        assert len(_alive(group)) == 2
         began = time.monotonic()
-        worker._child.trials = worker.limits.recycle  # the next run is on a fresh child
-        outcome = worker.run([float(FAULTS.index("hang_step"))])
-        assert outcome.status == "timeout"
-        assert outcome.attempts == 2
-        assert time.monotonic() - began < 2 * (LIMIT + 1) + 6
+        with pytest.raises(Gone, match="wall time"):
+            child.ask({"values": [float(FAULTS.index("hang_step"))]}, limits.trial)
+    finally:
+        child.close()
     assert not _alive(group)
+    assert time.monotonic() - began < LIMIT + 1.0
 
 
 def _alive(group: int) -> list[str]:
