@@ -75,7 +75,7 @@ def sections(report: Report) -> Sequence[Section]:
         Section(
             "4a Verification: software",
             "Is the code right? Automatic checks against closed forms and other software.",
-            shown=_groups(report, "code", "uq", "fmi"),
+            shown=_groups(report, "code", "uq", "fmi", "pages"),
             supply=("that the installation is the one that was checked: run `sprain-cosim validate` on it",),
             missing=("no independent review of the code by a third party",),
         ),

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 QUICK_TRIALS = 200  # of each study
 MILLISECOND = 1e-3
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
 class Laboratory:
@@ -107,6 +108,15 @@ def _compiler(_: Laboratory) -> str:
     return "" if any(map(shutil.which, COMPILERS)) else f"no C compiler ({', '.join(COMPILERS)}) on this machine"
 
 
+def browser() -> str:
+    """Path of a Chromium, or ''."""
+    return next((path for name in BROWSERS if (path := shutil.which(name))), "")
+
+
+def _browser(_: Laboratory) -> str:
+    return "" if browser() else f"no browser ({', '.join(BROWSERS)}) on this machine"
+
+
 def _reference(laboratory: Laboratory) -> str:
     there = (laboratory.reference / "landing" / "index.csv").is_file()
     return "" if there else f"no reference trajectories and trials in {laboratory.reference} (set SPRAIN_REFERENCE)"
@@ -122,6 +132,7 @@ def _module(name: str, extra: str) -> Callable[[Laboratory], str]:
 
 NEEDS: dict[str, Callable[[Laboratory], str]] = {
     "compiler": _compiler,
+    "browser": _browser,
     "reference": _reference,
     "clone": _clone,
     "openturns": _module("openturns", "reliability"),

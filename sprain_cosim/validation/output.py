@@ -137,6 +137,7 @@ TITLES: Mapping[str, str] = {
     "plant": "The plant against OpenSim",
     "uq": "Uncertainty numerics",
     "fmi": "FMI conformance",
+    "pages": "What people look at",
     "paper": "The paper's studies",
     "custom": "Your own checks",
 }

@@ -18,7 +18,7 @@ from typing import Any
 
 from .. import __version__
 from ..errors import InputError, SprainError, nearest
-from . import code, custom, fmi, paper, plant, uncertainty
+from . import code, custom, fmi, pages, paper, plant, uncertainty
 from .check import FAIL, GAP, NOT_RUN, PASS, STATUSES, Check, Outcome, judge
 from .laboratory import Laboratory
 
@@ -61,7 +61,7 @@ class Report:
 
 def suite(folder: Path | None = None) -> list[Check]:
     """All checks in the order of their ids' groups; those of a user's `folder` last. Raises InputError for the folder's files."""
-    found = [*code.checks(), *plant.checks(), *uncertainty.checks(), *fmi.checks(), *paper.checks()]
+    found = [*code.checks(), *plant.checks(), *uncertainty.checks(), *fmi.checks(), *pages.checks(), *paper.checks()]
     return found + (custom.read(folder) if folder is not None else [])
 
 

@@ -29,12 +29,12 @@ LEVELS = [
     {"uq"},
     {"doctor"},
     {"brace"},
-    {"validation"},
     {"folders"},
     {"gallery"},
     {"report"},
     {"trajectory"},
     {"animate", "storage", "reproduce"},
+    {"validation"},
     {"cli"},
     {"__main__", "__init__"},
 ]
