@@ -33,6 +33,7 @@ def cli() -> None:
 @click.option("--scheme", help="auto, jacobi, gauss-seidel, gauss-seidel-extrapolated, iterative, impedance.")
 @click.option("--step", metavar='"0.5 ms"', help="Communication step.")
 @click.option("--identify", type=click.IntRange(0), metavar="N", help="Find undeclared stiffness and damping anew every N steps (0: at the start only).")
+@click.option("--adaptive", is_flag=False, flag_value="0.1 %", metavar="[SHARE]", help="Divide steps whose residual energy exceeds SHARE (0.1 %).")
 @click.option("--check-coupling", is_flag=True, help="Run again at half the step and report the change of every metric.")
 @ISOLATE
 @OUT
@@ -45,6 +46,7 @@ def run(
     scheme: str | None,
     step: str | None,
     identify: int | None,
+    adaptive: str | None,
     check_coupling: bool,
     isolate: bool,
     out: Path | None,
@@ -60,7 +62,7 @@ def run(
     for text in settings:
         name, value = _pair(text, "--set", "COMPONENT.PARAMETER=VALUE")
         chosen = chosen.override(name, parse_value(value))
-    chosen = chosen.with_master(scheme, step, identify=identify)
+    chosen = chosen.with_master(scheme, step, identify=identify, adaptive=adaptive)
     if isolate:
         chosen = chosen.isolated()
     for warning in chosen.warnings:

@@ -20,7 +20,7 @@ from time import perf_counter
 
 import numpy as np
 
-from .coupling import begin, exchange, residual
+from .coupling import begin
 from .errors import InputError, SimulationError, SimulationStopped, StepDiscarded
 from .result import Result
 from .system import Assembly
@@ -30,7 +30,8 @@ from .system import Assembly
 class Master:
     """Times in s. `guard`: refuse a run whose coupling would be unstable, before it starts. `record`: patterns of local variables to record
     besides the connectors, such as "plant.*"; they cost nothing when left out. `identify`: number of steps after which stiffness and damping that a
-    device does not declare are found anew; 0: at the start only."""
+    device does not declare are found anew; 0: at the start only. `adaptive`: the communication steps are divided where the residual energy exceeds this
+    share of the energy exchanged; 0: never. The record stays on the regular grid."""
 
     communication_step: float = 5e-4
     stop: float = 0.150
@@ -39,6 +40,7 @@ class Master:
     guard: bool = True
     record: tuple[str, ...] = ()
     identify: int = 1
+    adaptive: float = 0.0
 
     @property
     def steps(self) -> int:
@@ -76,7 +78,7 @@ class Master:
         coupling, done, status, message = None, 0, "completed", ""
         try:
             assembly.start(parameters, self.start, self.stop)
-            coupling = begin(self.scheme, assembly, h, n, self.identify, self.guard)
+            coupling = begin(self.scheme, assembly, h, n, self.identify, self.guard, self.adaptive)
             scheme = coupling.scheme
             record[0] = assembly.record
             if more:
@@ -94,6 +96,7 @@ class Master:
             status, message = "stopped", str(end)
         except SimulationError as problem:
             status, message = "failed", str(problem)
+        exchanges, smallest = coupling.effort(max(0, done - 1), h) if coupling else (0, h)
         return Result(
             time=self.start + h * np.arange(done),
             values=np.hstack([record[:done], seen[:done]]) if more else record[:done],
@@ -104,7 +107,9 @@ class Master:
             scheme=coupling.scheme.name if coupling else self.scheme,
             scheme_reason=coupling.reason if coupling else "",
             warning=coupling.warning if coupling else "",
-            coupling_error=None if message or not coupling else residual(coupling.scheme, exchange(assembly, record)),
+            coupling_error=None if message or not coupling else coupling.error(assembly, record),
+            exchanges=exchanges,
+            smallest_step=smallest,
             parameters=dict(parameters),
             wall=perf_counter() - began,
         )

@@ -21,7 +21,8 @@ class Result:
 
     `status` is completed, stopped (an FMU asked to end the run) or failed; the latter two have the record until then and a `message`, but no
     metrics. `scheme` is the coupling scheme that ran and `scheme_reason` why, `coupling_error` the residual energy as a share of the exchanged or
-    None, `warning` what the stability guard has to say, `wall` the wall time [s], `parameters` those that were set."""
+    None, `warning` what the stability guard has to say, `wall` the wall time [s], `parameters` those that were set. `exchanges` counts the
+    communication steps taken, the `smallest_step` [s] of which is shorter than the record's under an adaptive step."""
 
     time: np.ndarray
     values: np.ndarray
@@ -35,6 +36,8 @@ class Result:
     parameters: dict[str, float] = field(default_factory=dict)
     coupling_error: float | None = None
     wall: float = 0.0
+    exchanges: int = 0
+    smallest_step: float = 0.0
 
     @cached_property
     def signals(self) -> pd.DataFrame:

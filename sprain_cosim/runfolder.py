@@ -32,6 +32,8 @@ def summary(scenario: Scenario, result: Result) -> dict[str, Any]:
         "scheme_reason": result.scheme_reason,
         "warning": result.warning,
         "communication_step_s": scenario.master.communication_step,
+        "exchanges": result.exchanges,
+        "smallest_step_s": result.smallest_step,
         "fmus": {name: path.name for name, path in scenario.fmus.items()},
         "parameters": dict(scenario.parameters),
         "dropped": list(scenario.dropped),

@@ -8,6 +8,7 @@ title = "..."
 [connections] "input" = "output"      left out, devices connect themselves (system.py)
 [master] communication_step = "0.5 ms", stop = "150 ms", scheme = "auto"
          identify = 1                 steps after which undeclared stiffness and damping are found anew; 0: at the start only
+         adaptive = "0.1 %"           divides communication steps where the residual energy exceeds this share; true: 0.1 %
 """
 
 from __future__ import annotations
@@ -32,8 +33,9 @@ from .units import quantity, unit
 PACKAGE = Path(__file__).parent
 ROLES = ("plant", "controller", "brace")
 KEYS = ("base", "title", "components", "parameters", "connections", "master")
-MASTER_KEYS = ("communication_step", "scheme", "stop", "identify")
+MASTER_KEYS = ("communication_step", "scheme", "stop", "identify", "adaptive")
 SECOND = unit("s")
+ADAPTIVE = 1e-3
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 Value = float | int | str | bool
@@ -111,9 +113,18 @@ class Scenario:
             connections={t: s for t, s in self.connections.items() if name not in (t.partition(".")[0], s.partition(".")[0])},
         )
 
-    def with_master(self, scheme: str | None = None, communication_step: str | None = None, stop: str | None = None, identify: int | None = None) -> Self:
+    def with_master(
+        self,
+        scheme: str | None = None,
+        communication_step: str | None = None,
+        stop: str | None = None,
+        identify: int | None = None,
+        adaptive: str | None = None,
+    ) -> Self:
         """Other settings of the master; times as "0.5 ms". Raises InputError."""
         master = self.master if identify is None else replace(self.master, identify=identify)
+        if adaptive is not None:
+            master = replace(master, adaptive=_share(adaptive, "adaptive"))
         if scheme is not None:
             check_scheme(scheme)
             master = replace(master, scheme=scheme)
@@ -293,6 +304,11 @@ def _read(path: Path) -> dict[str, Any]:
         check_scheme(master.get("scheme", "auto"))
     except InputError as problem:
         problems.append(f"master: {problem}")
+    if "adaptive" in master:
+        try:
+            master["adaptive"] = _share(master["adaptive"], "master.adaptive")
+        except InputError as problem:
+            problems.append(str(problem))
     if not (isinstance(master.get("identify", 1), int) and master.get("identify", 1) >= 0):
         problems.append(f"master.identify = {master['identify']!r}: must be a whole number of steps, 0 or more")
     for key in ("communication_step", "stop"):
@@ -305,6 +321,16 @@ def _read(path: Path) -> dict[str, Any]:
         problems.append("title: must be text")
     problems_to_error(str(path), problems)
     return content
+
+
+def _share(given: Any, what: str) -> float:
+    """0.001 or "0.1 %"; true is 0.1 %, false 0."""
+    if isinstance(given, bool):
+        return ADAPTIVE if given else 0.0
+    share = quantity(re.sub(r"\s*%", " %", given) if isinstance(given, str) else given, None, what)
+    if not 0.0 <= share < 1.0:
+        raise InputError(f"{what} = {given}: must lie between 0 and 1 (100 %)")
+    return share
 
 
 def _text(content: Mapping[str, Any], key: str, path: Path) -> str:

@@ -82,10 +82,11 @@ class System:
             if not touched and len(self.components) > 1 and component.name != "plant":
                 problems.append(f"{component.name}: connects to nothing; its variables match none of the plant's, so name the connections in [connections]")
         if communication_step is not None:
-            problems += self._check_step(communication_step)
+            problems += self.check_step(communication_step)
         return problems
 
-    def _check_step(self, h: float) -> list[str]:
+    def check_step(self, h: float) -> list[str]:
+        """Components that cannot take a communication step of `h` [s], one line each."""
         problems = []
         for component in self.components:
             own = component.capabilities.fixed_step

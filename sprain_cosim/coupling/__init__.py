@@ -5,8 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..errors import InputError, nearest
 from ..system import Assembly
+from .adaptive import Adaptive
 from .energy import Exchange, exchange, residual
 from .extrapolated import Extrapolated
 from .gauss_seidel import GaussSeidel
@@ -16,7 +20,7 @@ from .impedance import Impedance
 from .iterative import Iterative
 from .jacobi import Jacobi
 
-__all__ = ["SCHEMES", "Coupling", "Scheme", "begin", "check_scheme", "exchange", "residual"]
+__all__ = ["SCHEMES", "Coupling", "Scheme", "begin", "check_scheme"]
 
 
 class Scheme(Protocol):
@@ -54,10 +58,19 @@ class Coupling:
     reason: str
     warning: str
 
+    def error(self, assembly: Assembly, record: NDArray[np.float64]) -> float | None:
+        """The coupling error of the run recorded (n, slots)."""
+        return self.scheme.error if isinstance(self.scheme, Adaptive) else residual(self.scheme, exchange(assembly, record))
 
-def begin(name: str, assembly: Assembly, step: float, steps: int, identify: int = 1, guard: bool = True) -> Coupling:
+    def effort(self, steps: int, step: float) -> tuple[int, float]:
+        """Communication steps taken and the smallest of them [s], for `steps` recorded steps of `step` [s]."""
+        return (self.scheme.exchanges, step / max(1, self.scheme.most)) if isinstance(self.scheme, Adaptive) else (steps, step)
+
+
+def begin(name: str, assembly: Assembly, step: float, steps: int, identify: int = 1, guard: bool = True, adaptive: float = 0.0) -> Coupling:
     """Chooses and starts the scheme of an assembly that has started, for `steps` steps of `step` [s]; `identify`: after how many steps
-    stiffness and damping are found anew. Raises InputError for a scheme that the system cannot run or, with `guard`, that would be unstable."""
+    stiffness and damping are found anew; `adaptive` > 0: the tolerance of steps divided as the residual energy asks. Raises InputError for
+    a scheme that the system cannot run or, with `guard`, that would be unstable."""
     check_scheme(name)
     unable = [m.name for m in assembly.members if not m.component.capabilities.state]
     if name == Iterative.name and unable:
@@ -71,14 +84,17 @@ def begin(name: str, assembly: Assembly, step: float, steps: int, identify: int 
     elif name == Impedance.name:
         reason = f"asked for; {_handed_over(found)}"
     warnings = []
+    plain: dict[str, type[Scheme]] = {s.name: s for s in (Jacobi, GaussSeidel, Extrapolated, Iterative)}
+    scheme: Scheme = plain[name]() if name in plain else Impedance(identification or Identification(assembly, step), identify)
+    if adaptive:
+        scheme = Adaptive(scheme, assembly, step, adaptive)
     if guard:
+        finest = scheme.allowed[-1] if isinstance(scheme, Adaptive) else 1
         others = [Impedance.name] if unable else [Impedance.name, Iterative.name]
-        level, said = verdict(name, found, step, steps, others)
+        level, said = verdict(name, found, step / finest, steps * finest, others)
         if level == "refusal":
             raise InputError(said)
         warnings = [said, found.doubt if found else ""]
-    plain: dict[str, type[Scheme]] = {s.name: s for s in (Jacobi, GaussSeidel, Extrapolated, Iterative)}
-    scheme: Scheme = plain[name]() if name in plain else Impedance(identification or Identification(assembly, step), identify)
     scheme.start(assembly)
     return Coupling(scheme, reason, "; ".join(w for w in warnings if w))
 

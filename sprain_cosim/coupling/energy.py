@@ -22,7 +22,7 @@ TORQUE = "_torque"
 @dataclass(frozen=True)
 class Exchange:
     """What passed between devices and plant at the n communication points: `torque`, `angle`, `velocity` (n, axes) in SI, `stiffness` and
-    `damping` (n, axes, axes) as handed over (zeros otherwise)."""
+    `damping` (n, axes, axes) as handed over (zeros otherwise); `steps` (n - 1,) their distances, in any unit."""
 
     Torques = NDArray[np.float64]
 
@@ -31,6 +31,7 @@ class Exchange:
     velocity: NDArray[np.float64]
     stiffness: NDArray[np.float64]
     damping: NDArray[np.float64]
+    steps: NDArray[np.float64]
 
 
 class Applies(Protocol):
@@ -43,8 +44,9 @@ class Applies(Protocol):
         ...
 
 
-def exchange(assembly: Assembly, values: NDArray[np.float64]) -> Exchange | None:
-    """From a record (n, slots) of the assembly's bus; None without a device that gives a torque about an axis of the plant."""
+def exchange(assembly: Assembly, values: NDArray[np.float64], steps: NDArray[np.float64] | None = None) -> Exchange | None:
+    """From a record (n, slots) of the assembly's bus at points `steps` (n - 1,) apart (equal ones if left out); None without a device that gives a
+    torque about an axis of the plant."""
     system = assembly.system
 
     def column(name: str) -> NDArray[np.float64]:
@@ -66,17 +68,25 @@ def exchange(assembly: Assembly, values: NDArray[np.float64]) -> Exchange | None
     torque, angle, velocity = (
         np.stack([column(name.format(a)) for a in axes], axis=1) for name in ("plant.brace_{}_torque", "plant.{}_angle", "plant.{}_velocity")
     )
-    return Exchange(torque, angle, velocity, matrices["stiffness"], matrices["damping"])
+    return Exchange(torque, angle, velocity, matrices["stiffness"], matrices["damping"], np.ones(n - 1) if steps is None else steps)
+
+
+def shares(scheme: Applies, passed: Exchange | None) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Residual and exchanged energy [J] of each step, both (n - 1,) magnitudes."""
+    if passed is None or len(passed.torque) < 2:
+        return None
+    moved = np.diff(passed.angle, axis=0)
+    device = passed.torque
+    if scheme.lag:  # the last ones are not known yet: straight on
+        slope = passed.torque[-1] - passed.torque[-2]
+        device = np.vstack([passed.torque[scheme.lag :], [passed.torque[-1] + (k + 1) * slope for k in range(scheme.lag)]])
+    given = 0.5 * (device[1:] + device[:-1])
+    return np.abs(((scheme.applied(passed) - given) * moved).sum(axis=1)), np.abs(given * moved).sum(axis=1)
 
 
 def residual(scheme: Applies, passed: Exchange | None) -> float | None:
     """The coupling error, a share of the energy exchanged; None where nothing was."""
-    if passed is None or len(passed.torque) < 2:
+    found = shares(scheme, passed)
+    if found is None or not found[1].any():
         return None
-    moved = np.diff(passed.angle, axis=0)
-    device = np.vstack([passed.torque[scheme.lag :], np.repeat(passed.torque[-1:], scheme.lag, axis=0)])
-    given = 0.5 * (device[1:] + device[:-1])
-    exchanged = float(np.abs(given * moved).sum())
-    if exchanged == 0.0:
-        return None
-    return float(np.abs(((scheme.applied(passed) - given) * moved).sum(axis=1)).sum()) / exchanged
+    return float(found[0].sum()) / float(found[1].sum())

@@ -17,12 +17,13 @@ class Extrapolated:
     def start(self, assembly: Assembly) -> None:
         self._slots = assembly.slots(lambda name: name.endswith(TORQUE))
         self._before: np.ndarray | None = None
+        self._last_step = 0.0
 
     def step(self, assembly: Assembly, time: float, step: float) -> None:
         now = assembly.bus[self._slots].copy()
         if self._before is not None:
-            assembly.bus[self._slots] = 1.5 * now - 0.5 * self._before
-        self._before = now
+            assembly.bus[self._slots] = now + 0.5 * step / self._last_step * (now - self._before)
+        self._before, self._last_step = now, step
         for member in assembly.members:
             if member.late:
                 member.sent = False  # its inputs on the bus are the extrapolated ones
@@ -33,5 +34,5 @@ class Extrapolated:
 
     def applied(self, exchange: Exchange) -> Exchange.Torques:
         ahead = exchange.torque[:-1].copy()
-        ahead[1:] += 0.5 * np.diff(exchange.torque[:-1], axis=0)
+        ahead[1:] += 0.5 * (exchange.steps[1:] / exchange.steps[:-1])[:, None] * np.diff(exchange.torque[:-1], axis=0)
         return ahead

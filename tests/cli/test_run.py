@@ -56,6 +56,18 @@ def test_table_and_folder(tmp_path: Path) -> None:
     assert (tmp_path / "figures" / "landing.png").stat().st_size > 20_000
 
 
+def test_an_adaptive_step_reports_on_the_regular_grid(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    outcome = call("run", "incline30_brace", "--scheme", "gauss-seidel", "--adaptive", "1 %", "--identify", "5", "--out", str(out), "--json")
+    assert outcome.returncode == 0, outcome.stderr
+    summary = json.loads(outcome.stdout)
+    assert summary["exchanges"] > 300
+    assert summary["smallest_step_s"] < summary["communication_step_s"] == 5e-4
+    assert summary["coupling_error"] <= 0.01
+    assert len(pd.read_csv(out / "signals.csv")) == 301
+    refused(call("run", "incline30", "--adaptive", "150 %"), 2, "adaptive", "100 %")
+
+
 def test_json_is_one_object_with_the_promised_keys() -> None:
     outcome = call("run", "incline30", "--json")
     summary = json.loads(outcome.stdout)

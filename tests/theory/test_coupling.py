@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -21,14 +22,19 @@ from tests.fake import FakeComponent, connector, make_fmu
 INERTIA, START = 0.005, np.array([0.1, 0.0])
 
 
+@lru_cache(maxsize=1024)
+def transition(k: float, c: float, inertia: float, step: float) -> np.ndarray:
+    """(2, 3): angle, velocity and a constant torque to angle and velocity one step later."""
+    return expm(step * np.array([[0, 1, 0], [-k / inertia, -c / inertia, 1 / inertia], [0, 0, 0]]))[:2]
+
+
 def foot(damping: float, inertia: float = INERTIA) -> FakeComponent:
     """I dw/dt = torque - K (angle - angle at the exchange) - C (w - w at the exchange) - damping w, solved exactly over every step."""
 
     def law(state, inputs, time, step):
         k, c = inputs["brace_subtalar_stiffness"], inputs["brace_subtalar_damping"]
         force = inputs["brace_subtalar_torque"] + k * state[0] + c * state[1]
-        matrix = np.array([[0, 1, 0], [-k / inertia, -(c + damping) / inertia, force / inertia], [0, 0, 0]])
-        return (expm(step * matrix) @ np.array([*state, 1.0]))[:2]
+        return transition(k, c + damping, inertia, step) @ np.array([*state, force])
 
     names = {"subtalar_angle": ("output", "rad"), "subtalar_velocity": ("output", "rad/s")}
     names |= {f"brace_subtalar_{kind}": ("input", u) for kind, u in (("torque", "N.m"), ("stiffness", "N.m/rad"), ("damping", "N.m.s/rad"))}
