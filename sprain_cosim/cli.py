@@ -469,7 +469,9 @@ def build(models: tuple[str, ...]) -> None:
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for validation.html, validation.json, junit.xml, credibility.md.")
 @click.option("--junit", type=click.Path(path_type=Path), metavar="FILE", help="JUnit XML.")
 @JSON
+@click.pass_obj
 def validate(
+    received: list[int] | None,
     quick: bool,
     listed: bool,
     only: tuple[str, ...],
@@ -489,13 +491,13 @@ def validate(
         for check in checks:
             click.echo(f"{check.id:14}{'quick' if check.quick else 'full':7}{check.title}")
         return 0
-    if out is not None:
-        output.check_folder(out)
-    report = suite.run(checks, Laboratory(quick, workers), lambda done: click.echo(suite.line(done), err=as_json), only)
-    if out is not None:
-        output.write(report, out)
-    if junit is not None:
-        output.write_text(junit, output.junit(report))
+    output.check_targets(out, junit)
+
+    def keep(report: suite.Report) -> None:
+        output.write(report, out, junit)
+
+    report = suite.run(checks, Laboratory(quick, workers), lambda done: click.echo(suite.line(done), err=as_json), only, keep, lambda: bool(received))
+    keep(report)
     click.echo(output.json_text(report).strip() if as_json else f"\n{suite.summary(report)}" + (f"\nwritten: {out}" if out else ""))
     return 0 if report.passes(strict) else 1
 
@@ -563,7 +565,7 @@ def main(arguments: list[str] | None = None) -> None:
 def _run(arguments: list[str] | None, received: list[int]) -> int:
     """The exit code. A signal that arrives while a Python FMU runs in this interpreter comes back as an FMI error, hence `received`."""
     try:
-        code = cli.main(arguments, prog_name="sprain-cosim", standalone_mode=False) or 0
+        code = cli.main(arguments, prog_name="sprain-cosim", standalone_mode=False, obj=received) or 0
     except click.ClickException as problem:
         where = problem.ctx.command_path if isinstance(problem, click.UsageError) and problem.ctx else "sprain-cosim"
         code = _say(f"{_one_line(problem.format_message())} (see `{where} --help`)", 2)

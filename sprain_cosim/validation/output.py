@@ -31,27 +31,37 @@ details > summary { cursor: pointer; padding: .15rem 0 } td.id { white-space: no
 """
 
 
-def check_folder(out: Path) -> None:
-    """Before anything runs. Raises InputError."""
-    if out.exists() and not out.is_dir():
+def check_targets(out: Path | None, junit: Path | None) -> None:
+    """Before anything runs: the folder `out` is there, `junit` can become a file. Raises InputError, EnvironmentProblem."""
+    if out is not None and out.exists() and not out.is_dir():
         raise InputError(f"{out}: is a file; name a folder with --out")
+    if junit is not None and junit.is_dir():
+        raise InputError(f"{junit}: is a folder; name a file with --junit")
+    for folder in (out, junit and junit.parent):
+        if folder is not None:
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+            except OSError as problem:
+                raise EnvironmentProblem(f"{folder}: cannot be made: {problem.strerror}") from None
 
 
-def write(report: Report, out: Path) -> list[Path]:
-    """All files into the folder `out`. Raises EnvironmentProblem."""
-    texts = {"validation.html": page(report), "validation.json": json_text(report), "junit.xml": junit(report), "credibility.md": markdown(report)}
-    return [write_text(out / name, texts[name]) for name in FILES]
+def write(report: Report, out: Path | None = None, xml: Path | None = None) -> None:
+    """All files into the folder `out`, JUnit XML also as the file `xml`. Raises EnvironmentProblem."""
+    if out is not None:
+        texts = {"validation.html": page(report), "validation.json": json_text(report), "junit.xml": junit(report), "credibility.md": markdown(report)}
+        for name in FILES:
+            write_text(out / name, texts[name])
+    if xml is not None:
+        write_text(xml, junit(report))
 
 
-def write_text(path: Path, text: str) -> Path:
+def write_text(path: Path, text: str) -> None:
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_name(f".{path.name}")
         partial.write_text(text, "utf-8")
         os.replace(partial, path)
     except OSError as problem:
         raise EnvironmentProblem(f"{path}: cannot be written: {problem.strerror or problem}") from None
-    return path
 
 
 def json_text(report: Report) -> str:

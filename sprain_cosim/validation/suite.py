@@ -22,8 +22,6 @@ from . import code, custom, fmi, pages, paper, plant, uncertainty
 from .check import FAIL, GAP, NOT_RUN, PASS, STATUSES, Check, Outcome, judge
 from .laboratory import Laboratory
 
-Told = Callable[[Outcome], None]
-
 
 @dataclass(frozen=True)
 class Report:
@@ -78,14 +76,36 @@ def select(checks: Sequence[Check], only: Sequence[str]) -> list[Check]:
     return [c for c in checks if c.id in chosen]
 
 
-def run(checks: Sequence[Check], laboratory: Laboratory, told: Told | None = None, named: Collection[str] = ()) -> Report:
-    """Runs the checks; `told` hears every outcome at once. A quick run leaves long checks out unless their id is among the `named`."""
-    began, outcomes = perf_counter(), []
-    for check in checks:
-        outcomes.append(_outcome(check, laboratory, check.id in named))
-        if told:
-            told(outcomes[-1])
-    return Report(tuple(outcomes), laboratory.quick, perf_counter() - began, datetime.now(UTC).isoformat(timespec="seconds"), environment())
+def run(
+    checks: Sequence[Check],
+    laboratory: Laboratory,
+    told: Callable[[Outcome], None] | None = None,
+    named: Collection[str] = (),
+    keep: Callable[[Report], None] | None = None,
+    interrupted: Callable[[], bool] = lambda: False,
+) -> Report:
+    """Runs the checks; `told` hears every outcome at once. A quick run leaves long checks out unless their id is among the `named`. When the run is
+    interrupted `keep` gets what is known, the checks that are left are not run, and the interrupt goes on. `interrupted` tells of a signal that a
+    Python FMU has swallowed: such an FMU reports it as an error of its own."""
+    began, outcomes = perf_counter(), list[Outcome]()
+
+    def report() -> Report:
+        return Report(tuple(outcomes), laboratory.quick, perf_counter() - began, datetime.now(UTC).isoformat(timespec="seconds"), environment())
+
+    try:
+        for check in checks:
+            outcome = _outcome(check, laboratory, check.id in named)
+            if interrupted():
+                raise KeyboardInterrupt
+            outcomes.append(outcome)
+            if told:
+                told(outcome)
+    except BaseException:
+        outcomes += [Outcome(check, NOT_RUN, reason="interrupted") for check in checks[len(outcomes) :]]
+        if keep:
+            keep(report())
+        raise
+    return report()
 
 
 def _outcome(check: Check, laboratory: Laboratory, named: bool) -> Outcome:

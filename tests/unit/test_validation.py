@@ -76,6 +76,7 @@ def test_a_check_that_cannot_be_measured_fails() -> None:
 
 
 def test_what_is_written(report: suite.Report, tmp_path: Path) -> None:
+    output.check_targets(tmp_path / "v", None)
     output.write(report, tmp_path / "v")
     assert {p.name for p in (tmp_path / "v").iterdir()} == set(output.FILES)
     data = json.loads((tmp_path / "v" / "validation.json").read_text())
@@ -101,7 +102,9 @@ def test_what_is_written(report: suite.Report, tmp_path: Path) -> None:
     )
     assert "unit-02 KNOWN GAP" in text
     with pytest.raises(InputError, match="is a file"):
-        output.check_folder(tmp_path / "v" / "junit.xml")
+        output.check_targets(tmp_path / "v" / "junit.xml", None)
+    with pytest.raises(InputError, match="is a folder"):
+        output.check_targets(None, tmp_path)
 
 
 def test_a_failure_reaches_every_output() -> None:
@@ -109,6 +112,21 @@ def test_a_failure_reaches_every_output() -> None:
     assert json.loads(output.json_text(report))["status"] == "failed"
     assert "<failure" in output.junit(report)
     assert "<h1>Validation failed: 1 check</h1>" in output.page(report)
+
+
+def test_an_interrupt_keeps_what_is_known() -> None:
+    def interrupt(_: Laboratory) -> list[Row]:
+        raise KeyboardInterrupt
+
+    kept: list[suite.Report] = []
+    checks = [check("unit-01", WITHIN), Check("unit-02", "t", "w", "s", interrupt), check("unit-03", WITHIN)]
+    with pytest.raises(KeyboardInterrupt):
+        suite.run(checks, Laboratory(), keep=kept.append)
+    swallowed = [check("unit-01", WITHIN), Check("unit-02", "t", "w", "s", explode), check("unit-03", WITHIN)]
+    with pytest.raises(KeyboardInterrupt):
+        suite.run(swallowed, Laboratory(), keep=kept.append, interrupted=iter([False, True]).__next__)
+    for report in kept:
+        assert [(o.status, o.reason) for o in report.outcomes] == [("pass", ""), ("not run", "interrupted"), ("not run", "interrupted")]
 
 
 def test_the_suite_is_numbered_and_says_why() -> None:
