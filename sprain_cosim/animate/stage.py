@@ -147,7 +147,7 @@ class Stage:
             self.height - 13,
             "force on the foot at the centre of pressure; moments about the subtalar axis, + resists supination; parallel projection",
             9,
-            FAINT,
+            MUTED,
         )
 
     def _charts(self, top: int) -> list[_Chart]:
