@@ -106,7 +106,7 @@ def test_opensim_reads_it(landing: Trajectory, tmp_path: Path) -> None:
     }
     for name, label in asked.items():
         rows, columns = write(landing, tmp_path / name)
-        ended = subprocess.run([OPENSIM, "-c", READ, str(tmp_path / name), label], capture_output=True, text=True, timeout=120)
+        ended = subprocess.run([OPENSIM, "-c", READ, name, label], cwd=tmp_path, capture_output=True, text=True, timeout=120)
         if ended.returncode == 77:
             pytest.skip("the package opensim is not installed (set SPRAIN_OPENSIM_PYTHON to a Python that has it)")
         assert ended.returncode == 0, ended.stderr
