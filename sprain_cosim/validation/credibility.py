@@ -23,8 +23,11 @@ class Section:
     missing: tuple[str, ...] = ()
 
 
-def _groups(report: Report, *groups: str) -> tuple[str, ...]:
-    return tuple(_said(o) for o in report.outcomes if o.check.group in groups)
+def _evidence(report: Report, title: str, intro: str, groups: Sequence[str], supply: Sequence[str] = (), missing: Sequence[str] = ()) -> Section:
+    """A section whose evidence is checks: what passed is shown, what did not is missing."""
+    found = [o for o in report.outcomes if o.check.group in groups]
+    shown = tuple(_said(o) for o in found if o.status == PASS)
+    return Section(title, intro, shown, tuple(supply), (*(_said(o) for o in found if o.status != PASS), *missing))
 
 
 def _said(outcome: Outcome) -> str:
@@ -42,9 +45,8 @@ def _said(outcome: Outcome) -> str:
 
 
 def sections(report: Report) -> Sequence[Section]:
-    gaps = tuple(_said(o) for o in report.outcomes if o.status == GAP)
-    failed = tuple(_said(o) for o in report.outcomes if o.status == FAIL)
-    skipped = tuple(_said(o) for o in report.outcomes if o.status == NOT_RUN)
+    short = tuple(_said(o) for status in (FAIL, GAP, NOT_RUN) for o in report.outcomes if o.status == status)
+    converged = any(o.check.id == "numerics-01" and o.status == PASS for o in report.outcomes)
     return [
         Section(
             "1 Question of interest and context of use",
@@ -72,44 +74,49 @@ def sections(report: Report) -> Sequence[Section]:
             supply=("influence: how much weight the model has beside other evidence", "consequence: what happens to a person if the model is wrong"),
             missing=("nothing here grades the risk; the software cannot know it",),
         ),
-        Section(
+        _evidence(
+            report,
             "4a Verification: software",
             "Is the code right? Automatic checks against closed forms and other software.",
-            shown=_groups(report, "code", "uq", "fmi", "pages"),
+            ("code", "uq", "fmi", "pages"),
             supply=("that the installation is the one that was checked: run `sprain-cosim validate` on it",),
             missing=("no independent review of the code by a third party",),
         ),
-        Section(
+        _evidence(
+            report,
             "4b Verification: calculation",
             "Are the numbers converged? Time step, tolerance and coupling over the whole domain of the inputs.",
-            shown=_groups(report, "numerics", "coupling"),
+            ("numerics", "coupling"),
             supply=(
                 "for a device of your own: `sprain-cosim check`, and `run --check-coupling` at the corners of your study",
                 "that inputs were typed as meant: read the table of inputs in the study's folder",
             ),
         ),
-        Section(
+        _evidence(
+            report,
             "5a Validation: the model against the paper's model",
             "Is the plant the musculoskeletal model of Yoder et al. 2021? Term by term and landing by landing.",
-            shown=_groups(report, "plant"),
+            ("plant",),
             missing=(
                 "this compares one implementation of the model with another; it is no comparison with people",
                 "the published pose starts 28 to 35 mm inside the floor; its first milliseconds are an artefact of the records",
             ),
         ),
-        Section(
+        _evidence(
+            report,
             "5b Validation: outcomes against the published studies",
             "Do the six Monte Carlo studies and the AMV study give the published tables?",
-            shown=_groups(report, "paper"),
+            ("paper",),
             missing=(
                 "the published outcomes are simulated as well; there are no measured ankle sprains in the comparison",
                 "ground reactions of 7 to 8 kN (10 body weights) are not human, in the paper's records neither",
             ),
         ),
-        Section(
+        _evidence(
+            report,
             "5c Validation: your own comparisons",
             "Bench tests of a brace, measured landings: checks from your own folder, `--checks FOLDER`.",
-            shown=_groups(report, "custom"),
+            ("custom",),
             supply=(
                 "torque-angle measurements of the brace, with repeatability and the condition of the samples",
                 "measured landings or a rig's landings under the inputs that the model was given, with their uncertainty",
@@ -125,18 +132,22 @@ def sections(report: Report) -> Sequence[Section]:
         Section(
             "7 Applicability",
             "Is the evidence relevant to the context of use?",
-            shown=("the domain in which the numerics were checked: talocrural -49...-19°, subtalar ±15°, drop 0.1...0.45 m, incline 0...30°",),
+            shown=(DOMAIN,) if converged else (),
             supply=(
                 "a comparison of your context with that domain: posture, slope, drop, surface, brace, person",
                 "why evidence from one subject may be used for others",
             ),
             missing=("one subject (67.5 kg), one landing movement; braces that act beyond ankle and subtalar joint are outside",),
         ),
-        Section("8 What falls short", "Everything in this run that did not pass.", shown=failed + gaps, missing=skipped),
+        Section("8 What falls short", "Everything in this run that did not pass.", missing=short),
     ]
 
 
-LABELS = (("shown", "Shown by this run"), ("supply", "To be supplied by you"), ("missing", "Missing"))
+DOMAIN = (
+    "the domain in which the numerics were checked (numerics-01): talocrural -49...-19°, subtalar ±15°, drop 0.1...0.45 m, dissipation 2...8 s/m, "
+    "modulus 35...65 MPa/m, incline 0...30°"
+)
+LABELS = (("shown", "Shown automatically"), ("supply", "To be supplied by you"), ("missing", "Missing"))
 NOTE = "No score is given: how much evidence is enough follows from the model's risk (section 3), which only its user can judge."
 
 
