@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import signal
 from pathlib import Path
@@ -79,10 +80,10 @@ def test_files_travel_to_a_worker_that_lacks_them(tmp_path: Path, monkeypatch: p
         rows = _batch("test", pickled, __version__, jobs, content)
         assert isinstance(rows, bytes)
         assert pickle.loads(rows)[0].outcome.metrics == scenario.override("plant.drop_height", "0.3 m").run().metrics
-        module._release("test")
+        asyncio.run(module._release("test"))
         assert not isinstance(_batch("test", pickled, __version__, jobs, {}), Missing), "the next study finds them in the cache"
     finally:
-        module._release("test")
+        asyncio.run(module._release("test"))
     with pytest.raises(EnvironmentProblem, match=r"has sprain-cosim .* the study 0\.0"):
         _batch("test", pickled, "0.0", jobs, {})
 

@@ -152,6 +152,22 @@ def test_killed_at_random_moments(whole: bytes, tmp_path: Path) -> None:
     assert kills(tmp_path / "out", 3, TRIALS, random.Random(3)) == whole
 
 
+def test_killed_here_and_finished_on_dask(tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    out, mark = tmp_path / "out", uuid.uuid4().hex
+    process = start(out, "--workers", "1", "--progress", "json", trials=400, mark=mark)
+    until_some_are_finished(process, 5)
+    process.kill()
+    process.communicate()
+    with Ledger.read(out) as ledger:
+        kept = {row.trial: row.outcome.wall for row in ledger.rows()}
+    assert 5 <= len(kept) < 400
+    table = finish(out, "--resume", "--scheduler", "local-cluster", "--workers", "2", trials=400)
+    assert table == finish(tmp_path / "whole", "--workers", "2", trials=400)
+    with Ledger.read(out) as ledger:
+        assert {row.trial: row.outcome.wall for row in ledger.rows() if row.trial in kept} == kept
+
+
 @pytest.mark.long
 def test_killed_a_hundred_times(tmp_path: Path) -> None:
     assert kills(tmp_path / "out", 100, 4000, random.Random(4)) == finish(tmp_path / "whole", "--workers", "2", trials=4000)

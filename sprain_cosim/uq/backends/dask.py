@@ -126,7 +126,6 @@ class Dask:
             process.wait()
         with contextlib.suppress(Exception):
             if self._cluster is None and self._client.status == "running":
-                self._client.cancel(list(self._delivered.values()), force=True)
                 self._client.run(_release, self._key, wait=False)
         for close in (lambda: self._client.close(timeout=1), self._cluster and (lambda: self._cluster.close(timeout=1))):
             if close:
@@ -236,7 +235,8 @@ def _place(path: Path, sha: str, content: bytes | None) -> Path | None:
     return cached
 
 
-def _release(key: str) -> None:
+async def _release(key: str) -> None:
+    """Ends the children of a study; a coroutine, so that nobody need wait for it."""
     with _guard:
         for thread in [t for t, (k, _) in _workers.items() if k == key]:
             _workers.pop(thread)[1].kill()
