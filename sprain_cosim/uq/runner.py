@@ -79,7 +79,7 @@ def run(
     if folder is not None:
         studyfolder.check(folder, resume)
     began = perf_counter()
-    recorder = Trajectories(folder, ALL if study.method in SEARCHES else trajectories)
+    recorder = Trajectories(folder, ALL if study.method in SEARCHES and study.method != "sobol-indices" else trajectories)
     with Ledger(folder, study.digest, study.identity, json.dumps(encode(study))) as ledger:
         if folder is not None:
             studyfolder.begin(folder, study, command)
