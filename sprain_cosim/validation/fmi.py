@@ -167,6 +167,12 @@ def compiled(laboratory: Laboratory) -> list[Row]:
     return [Row("problems of the contract", problems, 0, 0), Row("peak subtalar angle", run.metrics[PEAK], ours.metrics[PEAK], 1e-9, "deg")]
 
 
+def isolated(laboratory: Laboratory) -> list[Row]:
+    """Largest difference of any signal between FMUs in this process and each in a process of its own."""
+    here = laboratory.run("incline30_brace")
+    return [Row("incline30_brace", float(np.abs(laboratory.land(scenario("incline30_brace").isolated()).values - here.values).max()), 0, 0)]
+
+
 BITS = "to the bit: nothing random, the same operations in the same order"
 
 
@@ -181,4 +187,5 @@ def checks() -> Sequence[Check]:
         Check("fmi-07", "Our braces fit the brace contract", "none is allowed", "docs/brace-contract.md", contract),
         Check("fmi-08", "Building an FMU again gives the same bytes", "to the byte", "by construction", rebuilt, needs=("clone",)),
         Check("fmi-09", "The paper's brace compiled from C", "rounding of the same formula", "brace_bushing, in Python", compiled, needs=("compiler",)),
+        Check("fmi-10", "FMUs in processes of their own give the same landing", BITS, "the same FMUs in this process", isolated),
     ]
