@@ -65,7 +65,7 @@ def run(
     chosen = chosen.with_master(scheme, step, identify=identify, adaptive=adaptive)
     if isolate:
         chosen = chosen.isolated()
-    for warning in chosen.warnings:
+    for warning in (*chosen.warnings, *chosen.doubts()):
         click.echo(f"warning: {warning}", err=True)
     if out is not None:
         runfolder.check(out)
@@ -165,7 +165,7 @@ def study(
         if method not in (None, "table") or trials is not None:
             raise InputError("--inputs: its rows are the trials; leave --method and --trials out")
         chosen = chosen.with_inputs(inputs)
-    for warning in chosen.warnings:
+    for warning in (*chosen.warnings, *chosen.scenario.doubts()):
         click.echo(f"warning: {warning}", err=True)
     share = quantity(max_failed.replace("%", " %"), None, "--max-failed")
     portion = part(shard) if shard else None

@@ -24,7 +24,7 @@ from .component import Component
 from .coupling import check_scheme
 from .errors import EnvironmentProblem, InputError, SimulationError, nearest
 from .isolated import isolated
-from .mapping import read_component
+from .mapping import carried, read_component
 from .master import Master
 from .result import Result
 from .system import Assembly, System, connect, problems_to_error
@@ -176,6 +176,20 @@ class Scenario:
         connections, problems = connect(components, self.connections)
         problems_to_error(self.source, problems)
         return System(tuple(components), connections)
+
+    def doubts(self) -> list[str]:
+        """What is assumed without being said anywhere, one line each: undeclared units of connected variables, a mapping that another replaces."""
+        system = self._described()
+        found = []
+        for component in system.components:
+            ends = {end.partition(".")[2]: None for pair in system.connections.items() for end in pair if end.partition(".")[0] == component.name}
+            connectors = [component.connectors[n] for n in ends if n in component.connectors]
+            silent = [c.name for c in connectors if c.unit is None and c.kind == "real"]
+            if silent:
+                found.append(f"{component.name}: {component.fmu.name} declares no unit for {', '.join(silent)}; SI is assumed")
+            if component.name in self.maps and carried(component) is not None:
+                found.append(f"{component.name}: the mapping inside {component.fmu.name} is not used, but {self.maps[component.name]} in its place")
+        return found
 
     def open(self) -> Session:
         return Session(self)

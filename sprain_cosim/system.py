@@ -81,6 +81,11 @@ class System:
             touched = any(end.split(".")[0] == component.name for pair in self.connections.items() for end in pair)
             if not touched and len(self.components) > 1 and component.name != "plant":
                 problems.append(f"{component.name}: connects to nothing; its variables match none of the plant's, so name the connections in [connections]")
+            elif component.name == "brace" and not any(source.startswith("brace.") for source in self.connections.values()):
+                problems.append(
+                    f"brace: is moved by the plant but gives nothing back: none of its outputs ({', '.join(component.outputs) or 'it has none'}) is named"
+                    " A_torque for an axis A; give a mapping file (`sprain-cosim check` proposes one) or name it in [connections]"
+                )
         if communication_step is not None:
             problems += self.check_step(communication_step)
         return problems

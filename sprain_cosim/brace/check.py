@@ -80,10 +80,13 @@ def check_brace(fmu: Path | str, mapping: Path | str | None = None) -> Report:
     unusable = component.library_problem()
     if unusable:
         raise InputError(f"{fmu}: {unusable}")
-    found = load_mapping(mapping) if mapping is not None else carried(component)
+    inside = carried(component)
+    found = load_mapping(mapping) if mapping is not None else inside
     report = Report(str(fmu), component.capabilities.interface, component.capabilities.tool)
     if component.capabilities.shared_modules:
         report.notes.append("its Python modules could clash with another FMU's: a run gives it a process of its own")
+    if inside is not None and mapping is not None:
+        report.notes.append(f"the mapping inside the FMU is not used, but {mapping} in its place")
     if found is not None:
         component, report.mapping = found.apply(component), found.source
     axes = _contract(component, report)

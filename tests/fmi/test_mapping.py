@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sprain_cosim import load_scenario
+from sprain_cosim import check_brace, load_scenario, load_study
+from sprain_cosim.cli import _run
 from sprain_cosim.errors import InputError
 from sprain_cosim.mapping import INSIDE, parse, read_component
+from tests.fake import brace_variables, make_fmu
 from tests.fmi.test_versions import angles, baseline  # noqa: F401
 from tests.native import device
 
@@ -92,3 +95,72 @@ def test_refused(content: str, message: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=message) as caught:
         load_scenario("incline30").replace_fmu("brace", fmu, tmp_path / "bad.toml")
     assert "\n" not in str(caught.value)
+
+
+def test_nothing_is_dropped_in_silence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A torque that no name connects, undeclared units, a mapping that replaces another: refused or said."""
+    fmu = device(tmp_path / "half.fmu", names=("subtalar_angle", "M_out"))
+    assert _run(["run", "incline30", "--fmu", f"brace={fmu}"], []) == 2
+    assert re.search(r"error: .*brace: is moved by the plant but gives nothing back: .*M_out.* mapping file", capsys.readouterr().err)
+
+    fmu = device(tmp_path / "silent.fmu", declared=False)
+    assert _run(["run", "incline30", "--fmu", f"brace={fmu}", "--scheme", "gauss-seidel"], []) == 0
+    assert "warning: brace: silent.fmu declares no unit for subtalar_angle, subtalar_torque; SI is assumed" in capsys.readouterr().err
+
+    fmu = device(tmp_path / "vendor.fmu", sign=-1.0, names=NAMES, extra={INSIDE: text(-1.0)})
+    (tmp_path / "own.toml").write_text(text(-1.0))
+    options = ["incline30", "--fmu", f"brace={fmu}", "--map", f"brace={tmp_path / 'own.toml'}", "--scheme", "gauss-seidel"]
+    assert _run(["run", *options], []) == 0
+    assert "the mapping inside vendor.fmu is not used" in capsys.readouterr().err
+    assert "is not used" in check_brace(fmu, tmp_path / "own.toml").text()
+
+
+def make_spring(folder: Path, axis: str, stiffness: float) -> Path:
+    law = f"""
+        def refresh(self):
+            self["{axis}_torque"] = -{stiffness} * self["{axis}_angle"]
+
+        def initialise(self):
+            self.refresh()
+
+        def step(self, time, step):
+            self.refresh()
+    """
+    return make_fmu(folder, f"spring_{axis}", brace_variables(axis=axis), law)
+
+
+@pytest.mark.parametrize("axis", ["subtalar", "inversion", "internal_rotation", "rotation_x", "talocrural"])
+def test_one_axis_of_any_profile_connects_itself(axis: str, tmp_path: Path) -> None:
+    """On the real plant: what the spring sees and gives is its law, the plant feels it, and no other axis is fed."""
+    scenario = load_scenario("incline30").replace_fmu("brace", make_spring(tmp_path, axis, 20.0))
+    connections = scenario.system().connections
+    assert {t: s for t, s in connections.items() if "brace" in t + s} == {
+        f"brace.{axis}_angle": f"plant.{axis}_angle",
+        f"plant.brace_{axis}_torque": f"brace.{axis}_torque",
+    }
+    free, braced = load_scenario("incline30").run(), scenario.run()
+    assert braced.status == "completed", braced.message
+    angle = braced[f"plant.{axis}_angle"]
+    assert braced[f"brace.{axis}_torque"] == pytest.approx(-20.0 * angle, abs=1e-9)
+    assert np.abs(angle - free[f"plant.{axis}_angle"]).max() > np.deg2rad(0.5)
+    if axis != "talocrural":  # which begins at its largest angle
+        assert np.abs(angle).max() < np.abs(free[f"plant.{axis}_angle"]).max()
+    assert braced[f"plant.brace_{axis}_moment"] == pytest.approx(20.0 * angle, abs=0.05 * 20.0 * np.abs(angle).max())
+
+
+def test_a_study_takes_device_and_mapping_as_a_run_does(tmp_path: Path) -> None:
+    """The same landings as with the SI brace, trial by trial; the mapping is part of the study's identity."""
+    good = device(tmp_path / "good.fmu")
+    turned = device(tmp_path / "vendor.fmu", sign=-1.0, angle="deg", torque="lbf.in", names=NAMES)
+    (tmp_path / "vendor.map.toml").write_text(text(-1.0))
+    study = load_study("study2")
+    trials = []
+    for fmu, mapping in ((good, None), (turned, tmp_path / "vendor.map.toml")):
+        chosen = study.replace_fmu("brace", fmu, mapping)
+        trials.append(chosen.run(trials=3, workers=1, out=tmp_path / fmu.stem).trials)
+    numbers = [t.select_dtypes("number").to_numpy() for t in trials]
+    assert (trials[1]["status"] == "completed").all()
+    assert numbers[1] == pytest.approx(numbers[0], abs=1e-7)
+    before = chosen.digest
+    (tmp_path / "vendor.map.toml").write_text(text(-1.0) + "\n# changed")
+    assert chosen.digest != before
