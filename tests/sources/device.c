@@ -41,6 +41,15 @@ enum { ANGLE, TORQUE, STIFFNESS, STATE, RATE, TIME, VARIABLES };
 typedef struct { double value[VARIABLES]; double reached; int ended, mode, waits; } Device;
 static const double TAU = 0.01;
 
+#ifdef FOOT /* instead of a brace: a foot (inertia 0.005 kg m2) that a torque, held over the step, turns; it starts at 0.1 rad */
+static void fresh(Device* d) { memset(d, 0, sizeof *d); d->value[TORQUE] = 0.1; }
+static void evaluate(Device* d) {}
+static void advance(Device* d, double h) {
+    double faster = d->value[ANGLE] / 0.005 * h;
+    d->value[TORQUE] += (d->value[STATE] + 0.5 * faster) * h;
+    d->value[STATE] += faster;
+}
+#else
 static void fresh(Device* d) { memset(d, 0, sizeof *d); d->value[STIFFNESS] = 20.0; }
 static void evaluate(Device* d) {
     double x = ANGLE_UNIT * d->value[ANGLE];
@@ -52,6 +61,7 @@ static void advance(Device* d, double h) {
     d->value[STATE] = x + (d->value[STATE] - x) * exp(-h / TAU);
     evaluate(d);
 }
+#endif
 static void* make(void) { Device* d = malloc(sizeof *d); fresh(d); evaluate(d); return d; }
 static void get(Device* d, const unsigned vr[], size_t n, double v[]) { for (size_t i = 0; i < n; i++) v[i] = d->value[vr[i]]; }
 static void set(Device* d, const unsigned vr[], size_t n, const double v[]) {
