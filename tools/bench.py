@@ -119,8 +119,9 @@ def parts(repeat: int) -> dict[str, float]:
     return out
 
 
-def traffic(name: str) -> tuple[float, dict[str, float], dict[str, float]]:
-    """Wall time of a run [s], microseconds per communication step spent in each member's calls, wall time [s] by communication step."""
+def traffic(name: str) -> tuple[float, dict[str, float], dict[str, float], float]:
+    """Wall time of a run [s], microseconds per communication step spent in each member's calls, wall time [s] by communication step, cost of the
+    default coupling over that of plain Gauss-Seidel at the same step."""
     spent: dict[str, float] = defaultdict(float)
     with load_scenario(name).open() as session:
         plain = best(lambda: session.run().metrics, 15)
@@ -137,11 +138,16 @@ def traffic(name: str) -> tuple[float, dict[str, float], dict[str, float]]:
                 setattr(member.instance, call, timed)
         session.run()
     steps = round(STOP / STEP)
+    with load_scenario(name).open() as default, load_scenario(name).with_master("gauss-seidel").open() as held:
+        sides: list[list[float]] = [[], []]
+        for _ in range(30):  # in turn, so that both meet the same machine
+            for session, times in zip((default, held), sides, strict=True):
+                times.append(best(session.run, 1))
     by_step = {}
     for step in ("0.1 ms", "0.25 ms", "0.5 ms", "1 ms", "2 ms"):
         with load_scenario(name).with_master(communication_step=step).open() as session:
             by_step[step] = best(session.run, 5)
-    return plain, {key: 1e6 * value / steps for key, value in spent.items()}, by_step
+    return plain, {key: 1e6 * value / steps for key, value in spent.items()}, by_step, min(sides[0]) / min(sides[1])
 
 
 def peer(name: str, package: str) -> tuple[float, float] | str:
@@ -202,9 +208,10 @@ def main() -> None:
     for name in ("incline30", "incline30_brace", "incline30_mixed"):
         # in a process of its own: two copies of the kernels in one process make numba compare their record types at every call
         child = subprocess.run([sys.executable, __file__, "--traffic", name], capture_output=True, text=True, check=True)
-        seconds, spent, by_step = json.loads(child.stdout)
+        seconds, spent, by_step, ratio = json.loads(child.stdout)
         extra = f"FMI and master {1e6 * (seconds - together) / 300:.1f} us per step over the line above" if name == "incline30_brace" else ""
         row(f"co-simulated, {name}", seconds, f"{OPENSIM / seconds:.0f} times faster than OpenSim 4.6. {extra}")
+        print(f"{'  default coupling over plain gauss-seidel':46}{ratio:9.3f}")
         if name == "incline30_brace":
             brace_traffic, brace_steps = spent, by_step
     for label, name, package in () if arguments.no_peers else (("libcosim", "libcosim", "libcosimpy"), ("CoFmuPy", "cofmupy", "cofmupy")):

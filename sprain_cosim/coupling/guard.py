@@ -11,7 +11,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from .identify import Found
 
@@ -42,10 +41,23 @@ def growth(scheme: str, device: Found, step: float, steps: int) -> float:
         motion = np.zeros((3 * d, 3 * d))
         motion[:d, d : 2 * d] = unit
         motion[d : 2 * d, : 2 * d], motion[d : 2 * d, 2 * d :] = -given / inertia[:, None], unit / inertia[:, None]
-        exact = expm(step * motion)
+        exact = _exponential(step * motion)
         matrix = exact[: 2 * d, : 2 * d] + exact[: 2 * d, 2 * d :] @ (given - law)
     radius = float(np.abs(np.linalg.eigvals(matrix)).max())
     return float(np.exp(min(700.0, steps * np.log(max(radius, 1e-300)))))
+
+
+def _exponential(matrix: Matrix) -> Matrix:
+    """Scaling and squaring of the Taylor series. scipy's wakes the threads of its BLAS, which then spin for longer than a landing takes."""
+    halvings = max(0, int(np.ceil(np.log2(max(np.abs(matrix).sum(axis=1).max(), 1e-300)))) + 1)
+    scaled = matrix / 2.0**halvings
+    out = term = np.eye(len(matrix))
+    for k in range(1, 14):
+        term = term @ scaled / k
+        out = out + term
+    for _ in range(halvings):
+        out = out @ out
+    return out
 
 
 def largest_step(scheme: str, device: Found, step: float, span: float) -> float:
