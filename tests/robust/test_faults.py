@@ -50,14 +50,14 @@ def study(faulty: Path) -> Study:
     return sc.load_study("study2").replace_fmu("brace", faulty)
 
 
-def campaign(study: Study, faults: list[int], folder: Path, **options):
+def campaign(study: Study, faults: list[int], folder: Path, limit: float = LIMIT, **options):
     """A study of the published marginals with a column of faults."""
     sampled = sc.load_study("study2")
     table = pd.DataFrame(sampled.sample()[: len(faults)], columns=sampled.headings)
     table["brace.fault"] = faults
     path = folder / "inputs.csv"
     table.to_csv(path, index=False)
-    return study.with_inputs(path).run(out=folder / "out", limits=Limits(trial=LIMIT), max_failed=1.0, **options)
+    return study.with_inputs(path).run(out=folder / "out", limits=Limits(trial=limit), max_failed=1.0, **options)
 
 
 def test_every_fault_is_classified_and_touches_no_other_trial(study: Study, tmp_path: Path) -> None:
@@ -88,8 +88,8 @@ def test_a_thousand_trials_with_a_tenth_of_them_faulty(study: Study, tmp_path: P
     faults[rng.choice(1000, 100, replace=False)] = rng.integers(1, VARIED, 100)
     (tmp_path / "with").mkdir()
     (tmp_path / "without").mkdir()
-    broken = campaign(study, faults.tolist(), tmp_path / "with", workers=2).trials
-    clean = campaign(study, [0] * 1000, tmp_path / "without", workers=2).trials
+    broken = campaign(study, faults.tolist(), tmp_path / "with", limit=4.0, workers=2).trials  # 100 MB of output take a while
+    clean = campaign(study, [0] * 1000, tmp_path / "without", limit=4.0, workers=2).trials
     kinds = [FAULTS[code] for code in faults]
     harmless = np.array([kind not in EXPECTED for kind in kinds])
     metrics = [c for c in clean.columns[3:] if c != "brace.fault"]

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ import pytest
 import sprain_cosim as sc
 from sprain_cosim.errors import InputError, SimulationError
 from sprain_cosim.isolation import Limits
+from sprain_cosim.uq.distributions import Normal
 from sprain_cosim.uq.ledger import Ledger
 
 TRIALS = 24
@@ -50,6 +52,24 @@ def test_enlarging_keeps_rows_and_runs_only_new_ones(whole: Path, tmp_path: Path
     sc.load_study("study6").run(trials=TRIALS, workers=2, out=out, resume=True)
     assert (out / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
     assert (out / "timing.csv").read_text().splitlines()[: len(before)] == before
+
+
+def test_enlarging_sobol_keeps_rows_and_a_changed_marginal_leaves_the_other_columns() -> None:
+    study = sc.load_study("study6")
+    few, many = (replace(study, method="sobol", trials=n).sample() for n in (128, 1024))
+    assert np.array_equal(many[:128], few)
+    other = replace(study, marginals={**study.marginals, "plant.drop_height": Normal(0.4, 0.01)})
+    for method in ("monte-carlo", "sobol"):
+        before, after = (replace(s, method=method, trials=64).sample() for s in (study, other))
+        changed = (before != after).any(axis=0)
+        assert [n for n, c in zip(study.names, changed, strict=True) if c] == ["plant.drop_height"]
+
+
+def test_a_latin_hypercube_cannot_be_enlarged(tmp_path: Path) -> None:
+    study = sc.load_study("study6")
+    study.run(method="lhs", trials=2, workers=1, out=tmp_path / "lhs", trajectories=0)
+    with pytest.raises(InputError, match=r"holds another study \(trials differ\)"):
+        study.run(method="lhs", trials=4, workers=1, out=tmp_path / "lhs", resume=True)
 
 
 def test_given_inputs_repeat_the_study(whole: Path, tmp_path: Path) -> None:
