@@ -19,6 +19,7 @@ from .result import Result
 if TYPE_CHECKING:
     import pandas as pd
 
+SAMPLES = ("monte-carlo", "lhs", "sobol", "table")
 LEDGER = "ledger.sqlite"
 PUBLISHED_WITH = {"plant.fmu", "reflex_controller.fmu", "brace_bushing.fmu"}
 
@@ -70,6 +71,11 @@ class StudyFolder:
         """What the advanced mean value method or FORM found, or None for a sample."""
         found: Mapping[str, Any] | None = self.head.get("amv") or self.head.get("form")
         return found
+
+    @property
+    def is_sample(self) -> bool:
+        """Whether its trials are drawn from the marginals, so that shares of them are probabilities."""
+        return self.head["method"] in SAMPLES
 
     @property
     def response(self) -> str:

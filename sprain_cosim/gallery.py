@@ -123,7 +123,8 @@ def spread(study: StudyFolder, response: str) -> dict[str, tuple[float, float, f
         value = None if name.startswith("_") else row.get("dsd_dsd")
         if value is not None:
             half = 1.96 * (row.get("standard_error", {}).get("dsd_dsd") or 0.0)
-            found[name] = (float(value), value - half, value + half)
+            low, high = (row.get("ci") or {}).get("dsd_dsd") or (value - half, value + half)
+            found[name] = (float(value), _or(low, value), _or(high, value))
     return found
 
 
@@ -156,7 +157,7 @@ def _of_runs(runs: Sequence[tuple[str, Run]]) -> Iterator[Drawn]:
 
 def _of_studies(studies: Sequence[tuple[str, StudyFolder]]) -> Iterator[Drawn]:
     samples = {name: sample(name, study) for name, study in studies}
-    distributions = [(name, study) for name, study in studies if len(samples[name].values) >= FEWEST]
+    distributions = [(name, study) for name, study in studies if study.is_sample and len(samples[name].values) >= FEWEST]
     for response in dict.fromkeys(study.response for _, study in distributions):
         chosen = [(name, study) for name, study in distributions if study.response == response]
         suffix = "" if response == distributions[0][1].response else f"_{response}"
@@ -179,7 +180,8 @@ def _of_studies(studies: Sequence[tuple[str, StudyFolder]]) -> Iterator[Drawn]:
             caption = "What moves the response (Pearson's r) and what widens it (normalised sensitivity of its standard deviation), with 95 % intervals."
             drawn = plots.tornado(sensitivity, spread(study, study.response), name, quantity(study.response), r, _note([(name, study)]))
             yield Drawn(f"tornado{end}", f"Sensitivities: {name}", caption, drawn)
-    yield from _fans(studies)
+    yield from _grids(studies)
+    yield from _fans([(name, study) for name, study in studies if study.is_sample])
     yield from _published(distributions)
 
 
@@ -230,6 +232,30 @@ def _groups(chosen: Sequence[tuple[str, StudyFolder]], key: Any) -> list[list[tu
     return [members for _, members in groups]
 
 
+def _grids(studies: Sequence[tuple[str, StudyFolder]]) -> Iterator[Drawn]:
+    """Grids of one or two parameters: the first along the axis, a line for each level of the second."""
+    for name, study in studies:
+        columns = {str(c).partition(" [")[0]: str(c) for c in study.done}
+        axes = [columns[p] for p in study.file.get("grid", {}) if p in columns]
+        if study.head["method"] != "grid" or not 1 <= len(axes) <= 2 or study.response not in study.done:
+            continue
+        done, rows = study.done.sort_values(axes[0]), []
+        levels = np.unique(done[axes[0]])
+        for level, part in done.groupby(axes[1]) if len(axes) == 2 else [("", done)]:
+            if len(part) == len(levels):
+                title = f"{_with_unit(axes[1])} = {level:g}" if len(axes) == 2 else name
+                rows.append((title, part[study.response].to_numpy(float)))
+        if rows:
+            end = "" if sum(s.head["method"] == "grid" for _, s in studies) == 1 else "_" + re.sub(r"[^\w.-]", "_", study.path.resolve().name)
+            drawn = plots.grid(levels, rows, _with_unit(axes[0]), quantity(study.response), _note([(name, study)]))
+            yield Drawn(f"grid{end}", name, "The response at the points of the grid. A grid is no sample: no probability is in it.", drawn)
+
+
+def _with_unit(column: str) -> str:
+    name, bracket, unit = column.partition(" [")
+    return plots.label(name) + bracket + unit
+
+
 def _fans(studies: Sequence[tuple[str, StudyFolder]]) -> Iterator[Drawn]:
     groups = []
     for name, study in studies:
@@ -262,10 +288,10 @@ def _phase(runs: Sequence[tuple[str, Run]], studies: Sequence[tuple[str, StudyFo
     points = []
     for name, study in studies:
         median = (study.head.get("trajectories") or {}).get("p50")
-        if study.search is None and all(c in study.done for c in columns):
+        if study.is_sample and all(c in study.done for c in columns):
             both = study.done[columns].dropna().to_numpy(float)
             points.append((name, both[:, 0], both[:, 1]))
-        if median is not None and median in study.trajectories and len(studies) <= 2:
+        if study.is_sample and median is not None and median in study.trajectories and len(studies) <= 2:
             record = study.trajectory(median)
             if "plant.inversion_angle" in record.index:
                 tracks.append((name, degrees * record["plant.inversion_angle"], degrees * record["plant.inversion_velocity"]))
@@ -284,7 +310,7 @@ def _moments(item: Run | StudyFolder) -> tuple[Any, Any]:
         metrics = item.head.get("metrics", {})
         return metrics.get(names[0]), metrics.get(names[1], 0.0)
     done = item.done
-    if item.search is not None or names[0] not in done or len(done) < FEWEST:
+    if not item.is_sample or names[0] not in done or len(done) < FEWEST:
         return None, None
     return done[names[0]].to_numpy(float), done[names[1]].to_numpy(float) if names[1] in done else np.zeros(len(done))
 

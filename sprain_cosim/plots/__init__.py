@@ -2,7 +2,7 @@
 
 from .landing import DEGREES, PANELS, fan, landing, moment_angle, phase, sharing
 from .law import torque_angle
-from .sample import Sample, amv, cdf, percentiles, poses, published, tornado
+from .sample import Sample, amv, cdf, grid, percentiles, poses, published, tornado
 from .style import ANATOMY, BRACE, FAINT, GROUND, INK, SUBTALAR, TALOCRURAL, label, picture, save, shorten
 
 __all__ = [
@@ -19,6 +19,7 @@ __all__ = [
     "amv",
     "cdf",
     "fan",
+    "grid",
     "label",
     "landing",
     "moment_angle",

@@ -197,6 +197,23 @@ def published(studies: Sequence[tuple[str, Array, Array]], note: str = "") -> Fi
     return figure
 
 
+@styled
+def grid(levels: Array, rows: Sequence[tuple[str, Array]], parameter: str, quantity: str, note: str = "") -> Figure:
+    """A response over the `levels` (n,) of a `parameter`, one line for each of the `rows` (title, values (n,)): a grid is no sample."""
+    figure, (axis,) = sheet([6.0], note)
+    entries = []
+    for k, (title, values) in enumerate(rows):
+        shade = k / max(len(rows) - 1, 1)
+        color: Any = tuple(np.array([0.90, 0.62, 0.0]) * (1 - shade) + np.array([0.0, 0.27, 0.50]) * shade) if len(rows) > len(LINES) else SERIES[k]
+        axis.plot(levels, values, color=color, linestyle=LINES[k % len(LINES)], marker="o", markersize=2.5)
+        entries.append((line(color, LINES[k % len(LINES)], marker="o", markersize=2.5), title))
+    axis.set_xlabel(parameter)
+    axis.set_ylabel(quantity)
+    axis.grid()
+    legend_above(figure, entries, 1 if len(rows) <= len(LINES) else 2)
+    return figure
+
+
 def steps(axis: Axes, sample: Sample, color: str, style: Any = "-", bounds: bool = False) -> None:
     """The empirical distribution function of a sample, with its bounds as a band."""
     values = np.sort(sample.values)

@@ -145,7 +145,7 @@ def looks(count: int) -> list[tuple[str, Any]]:
     return [(SERIES[k % len(SERIES)], LINES[k // len(SERIES) % len(LINES)]) for k in range(count)]
 
 
-def line(color: str, style: Any = "-", **options: Any) -> Line2D:
+def line(color: Any, style: Any = "-", **options: Any) -> Line2D:
     return Line2D([], [], color=color, linestyle=style, **options)
 
 

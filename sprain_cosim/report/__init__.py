@@ -199,9 +199,14 @@ def _of_study(study: StudyFolder) -> str:
     n, done, failed = (int(study.head[k]) for k in ("n_requested", "n_completed", "n_failed"))
     response = study.response
     found = study.head.get("responses", {}).get(response)
-    text = ""
-    if found:
-        unit = _unit(response)
+    text, unit = "", _unit(response)
+    values = study.done[response].dropna().to_numpy(float) if response in study.done else np.empty(0)
+    if len(values) and not (found and study.is_sample):
+        kind = f"At {done} points of a grid" if study.head["method"] == "grid" else f"In {done} simulated landings"
+        low, high = _n(float(values.min())), _n(float(values.max()))
+        lay = f"was <b>{low}{unit}</b>" if len(values) == 1 else f"lay between <b>{low} and {high}{unit}</b>"
+        text = f"{'In one landing' if done == 1 else kind} the {escape(gallery.quantity(response))} {lay}."
+    elif found:
         level = {k: found["percentiles"].get(k, {}) for k in ("5", "50", "95")}
         name = "peak of supination" if response == "peak_subtalar_angle_deg" else plots.label(response).partition(",")[0]
         text = f"In {done} simulated landings the {escape(name)} was <b>{_n(level['50'].get('value'))}{unit}</b> in the median"
@@ -215,7 +220,7 @@ def _of_study(study: StudyFolder) -> str:
         text += f" <b>{failed} of {n} landings failed</b> ({escape(kinds)}); percentiles count only the others."
     else:
         text += " No landing failed." if done == n else f" {n - done} landings are missing."
-    return text
+    return text + "".join(f" {escape(str(note))[:1].upper()}{escape(str(note))[1:]}." for note in study.head.get("notes", []))
 
 
 def _of_search(study: StudyFolder) -> str:
@@ -226,10 +231,14 @@ def _of_search(study: StudyFolder) -> str:
         levels = ", ".join(f"{_n(v['value'])}{unit} ({level} %)" for level, v in found["levels"].items())
         text = f"With {cost} the method {escape(str(study.head['method']))} puts the {escape(gallery.quantity(study.response))} at <b>{levels}</b>."
     else:
-        text = f"With {cost}: the probability that {escape(gallery.quantity(study.response))} exceeds {_n(found.get('threshold'))}{unit} is "
+        text = f"With {cost}: the probability that {escape(gallery.quantity(study.response))} exceeds {_threshold(found.get('threshold'), unit)} is "
         text += f"<b>{_percent(found['probability'])}</b> (β = {found['beta']:.2f})."
     status, reasons = str(found.get("status", "")), "; ".join(str(r) for r in found.get("reasons", []))
     return text + f" The method's own check says <b>{escape(status)}</b>{': ' + escape(reasons) if reasons else ''}."
+
+
+def _threshold(given: Any, unit: str) -> str:
+    return escape(f"the uncertain threshold {given.get('distribution', given.get('mean'))}") if isinstance(given, dict) else f"{_n(given)}{unit}"
 
 
 # ---- tables
@@ -237,7 +246,7 @@ def _of_search(study: StudyFolder) -> str:
 
 def _numbers(given: Sequence[Folder], items: Sequence[tuple[str, Run | StudyFolder]]) -> str:
     parts = [_comparison_table(folder) for folder in given if isinstance(folder, Comparison)]
-    studies = [(n, s) for n, s in items if isinstance(s, StudyFolder) and s.search is None]
+    studies = [(n, s) for n, s in items if isinstance(s, StudyFolder) and s.is_sample]
     if studies:
         columns = [_levels(study) for _, study in studies]
         labels = list(dict.fromkeys(label for column in columns for label in column))
@@ -322,7 +331,12 @@ def _sensitivities(items: Sequence[tuple[str, Run | StudyFolder]]) -> str:
         if not isinstance(study, StudyFolder):
             continue
         rows = []
-        if study.search is not None:
+        indices = study.head.get("sobol", {}).get("indices", {})
+        if indices:
+            for parameter, v in sorted(indices.items(), key=lambda kv: -(kv[1]["total"] or 0.0)):
+                rows.append([_parameter(parameter), *(_n(v[k]) + _ci(v, 1, f"{k}_low", f"{k}_high") for k in ("first", "total"))])
+            heads = [escape(gallery.quantity(study.response)), "Sobol' first", "Sobol' total"]
+        elif study.search is not None:
             levels = study.search.get("levels", {"": study.search})
             names = [name for v in list(levels.values())[:1] for name in v.get("importance", {})]
             for parameter in sorted(names, key=lambda p: -max(abs(v["importance"][p]) for v in levels.values())):
@@ -469,7 +483,7 @@ def _charts(items: Sequence[tuple[str, Run | StudyFolder]]) -> list[dict[str, An
     """What chart.js draws: distributions of studies, signals of runs."""
     looks = [(SERIES[k % len(SERIES)], "" if k % len(LINES) == 0 else ("7 3", "2 3", "7 3 2 3")[k % len(LINES) - 1]) for k in range(len(items))]
     charts, options = [], []
-    studies = [(name, item, look) for (name, item), look in zip(items, looks, strict=True) if isinstance(item, StudyFolder) and item.search is None]
+    studies = [(name, item, look) for (name, item), look in zip(items, looks, strict=True) if isinstance(item, StudyFolder) and item.is_sample]
     for response in dict.fromkeys([*(s.response for _, s, _ in studies), *EXPLORED]):
         series = []
         for name, study, (color, dash) in studies:

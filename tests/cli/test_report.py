@@ -99,6 +99,24 @@ def test_a_landing_a_search_and_two_poses(results: Path) -> None:
     assert page.sections["verdict"].count("landings the peak of supination") == 2
 
 
+def test_a_grid_is_no_sample(tmp_path: Path) -> None:
+    head = {"title": "g", "method": "grid", "n_requested": 6, "n_completed": 6, "n_failed": 0, "initial_pose": "touching", "study": "g", "responses": {}}
+    (tmp_path / "summary.json").write_text(json.dumps(head))
+    (tmp_path / "study.toml").write_text(
+        'scenario = "x"\n[grid]\n"controller.coactivation" = [0, 1, 2]\n"brace.angle_scale" = [1, 2]\n[study]\nmethod = "grid"'
+    )
+    points = [(a, b) for a in (0.0, 1.0, 2.0) for b in (1.0, 2.0)]
+    table = pd.DataFrame(points, columns=["controller.coactivation", "brace.angle_scale"])
+    table = table.assign(trial=range(6), status="completed", message="", peak_subtalar_angle_deg=range(30, 36))
+    table.to_csv(tmp_path / "trials.csv", index=False)
+    _, page = made(tmp_path)
+    assert figures(page) == {"grid", "torque_angle"}
+    assert "At 6 points of a grid" in page.sections["verdict"]
+    assert "between 30.0 and 35.0°" in page.sections["verdict"]
+    assert "nine of ten" not in page.sections["verdict"]
+    assert "explore" not in page.sections
+
+
 def test_a_comparison(results: Path) -> None:
     _, page = made(results / "compared")
     data = json.loads((results / "compared" / "compare.json").read_text())

@@ -54,6 +54,7 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "percentiles": lambda: plots.percentiles([sample(1), sample(2)], QUANTITY, NOTE),
     "poses": lambda: plots.poses([("published", sample(1)), ("touching", sample(2))], QUANTITY, NOTE),
     "published": lambda: plots.published([("s", np.arange(5.0), np.arange(5.0) + 0.1)], NOTE),
+    "grid": lambda: plots.grid(np.arange(4.0), [(f"gain {k}", np.arange(4.0) + k) for k in range(6)], "co-activation", QUANTITY, NOTE),
     "torque_angle": plots.torque_angle,
 }
 
@@ -122,6 +123,8 @@ def test_the_data_drawn_are_the_data_given() -> None:
     scatter, error = plots.published([("s", theirs, ours)]).axes
     np.testing.assert_allclose(scatter.lines[1].get_xydata(), np.column_stack([theirs, ours]))
     np.testing.assert_allclose(error.lines[0].get_ydata(), 0.25)
+    lines = plots.grid(theirs, [("gain 1", ours), ("gain 2", 2 * ours)], "co-activation", QUANTITY).axes[0].lines
+    np.testing.assert_allclose(lines[1].get_xydata(), np.column_stack([theirs, 2 * ours]))
     signals = {"plant.subtalar_angle": np.random.default_rng(1).normal(size=(40, len(TIME)))}
     median = plots.fan([("s", TIME, signals)]).axes[0].lines[0]
     np.testing.assert_allclose(median.get_ydata(), np.degrees(np.median(signals["plant.subtalar_angle"], axis=0)))
