@@ -278,7 +278,7 @@ def _levels(study: StudyFolder) -> dict[str, str]:
             cells[f"{name}: {level} %"] = _n(p.get("value")) + _ci(p) + _beside(published.get(f"{level} % [deg]"))
         cells[f"{name}: mean ± SD"] = _mean_sd(found)
     for key, question in study.head.get("questions", {}).items():
-        cells[f"P({escape(plots.label(key))} {escape(str(question['event']))})"] = _percent(question["probability"]) + _ci(question, 100)
+        cells[f"P({escape(plots.label(key).partition(', +')[0])} {escape(str(question['event']))})"] = _percent(question["probability"]) + _ci(question, 100)
     return cells
 
 

@@ -102,9 +102,8 @@ def test_a_landing_a_search_and_two_poses(results: Path) -> None:
 def test_a_grid_is_no_sample(tmp_path: Path) -> None:
     head = {"title": "g", "method": "grid", "n_requested": 6, "n_completed": 6, "n_failed": 0, "initial_pose": "touching", "study": "g", "responses": {}}
     (tmp_path / "summary.json").write_text(json.dumps(head))
-    (tmp_path / "study.toml").write_text(
-        'scenario = "x"\n[grid]\n{grid}\n[study]\nmethod = "grid"'
-    )
+    grid = '"controller.coactivation" = [0, 1, 2]\n"brace.angle_scale" = [1, 2]'
+    (tmp_path / "study.toml").write_text(f'scenario = "x"\n[grid]\n{grid}\n[study]\nmethod = "grid"')
     points = [(a, b) for a in (0.0, 1.0, 2.0) for b in (1.0, 2.0)]
     table = pd.DataFrame(points, columns=["controller.coactivation", "brace.angle_scale"])
     table = table.assign(trial=range(6), status="completed", message="", peak_subtalar_angle_deg=range(30, 36))
