@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ from tests.fake import FakeComponent, connector
 from tests.native import FAULTS, QUIRKS, SUBTALAR, compile_fmu, device, quirk
 
 OWN = [n for n in shipped_fmus() if n.startswith("brace_")]
+HANGS = ("hang_step", "hang_start", "hang_reset", "spin")
 HARMLESS = ("none", "leak", "flood", "change_folder", "change_locale", "fork", "huge")
 
 
@@ -59,19 +61,26 @@ def test_own_braces_fit(name: str) -> None:
     assert not report.warnings, report.text()
 
 
-@pytest.mark.parametrize("fault", [f for f in FAULTS if f not in ("hang_step", "hang_start", "hang_reset")])
+@pytest.mark.parametrize("fault", [f for f in FAULTS if f not in HANGS and f != "hang_load"])
 def test_faults(fault: str, tmp_path: Path) -> None:
     report = check_brace(compile_fmu(tmp_path / "device.fmu", fault=fault))
     assert report.fits == (fault in HARMLESS), report.text()
     assert all("\n" not in line for line in (*report.problems, *report.warnings))
 
 
-@pytest.mark.parametrize("fault", ["hang_step", "hang_start", "hang_reset"])
+@pytest.mark.parametrize("fault", HANGS)
 def test_hangs(fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "PROBE_LIMIT", 1.0)
+    monkeypatch.setattr(module, "PROBE_LIMIT", 2.0)
     report = check_brace(compile_fmu(tmp_path / "device.fmu", fault=fault))
     assert report.fits == (fault == "hang_reset")
     assert "overran its limit" in report.text()
+
+
+def test_a_library_that_hangs_when_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No usable FMU: exit 2."""
+    monkeypatch.setattr(module, "START_LIMIT", 3.0)
+    with pytest.raises(InputError, match="cannot be instantiated: overran its limit"):
+        check_brace(compile_fmu(tmp_path / "device.fmu", fault="hang_load"))
 
 
 HABITS = {  # quirk: (verdict, a word of the report)
@@ -155,10 +164,8 @@ def test_runs_repeat_whatever_the_reset_does(name: str, tmp_path: Path) -> None:
 
 
 def test_names_that_read_the_same(tmp_path: Path) -> None:
-    variables = SUBTALAR.replace(
-        'name="fault" valueReference="3" causality="parameter" variability="fixed"', 'name="Subtalar.Torque" valueReference="3" causality="output"'
-    )
-    variables = variables.replace('<Real start="0" min="0" max="18"/>', "<Real/>")
+    second = '<ScalarVariable name="Subtalar.Torque" valueReference="3" causality="output"><Real/></ScalarVariable>'
+    variables = re.sub(r'<ScalarVariable name="fault".*?</ScalarVariable>', second, SUBTALAR)
     report = check_brace(compile_fmu(tmp_path / "twice.fmu", variables=variables, outputs=(2, 4)))
     assert "subtalar_torque and Subtalar.Torque both read as subtalar_torque" in report.problems[0]
 
