@@ -169,7 +169,7 @@ def device(
     return target
 
 
-QUIRKS = ["plain", "late", "refuses", "silent", "stale_reset", "stale_state", "memory", "extra", "preload", "plastic", "damper", "snap", "ball"]
+QUIRKS = ["plain", "late", "refuses", "silent", "stale_reset", "stale_state", "memory", "extra", "preload", "plastic", "damper", "snap", "ball", "once"]
 
 
 def quirk(target: Path, name: str, sign: float = 1.0, extra: dict[str, str] | None = None) -> Path:
@@ -197,7 +197,8 @@ def quirk(target: Path, name: str, sign: float = 1.0, extra: dict[str, str] | No
     structure = '<Unknown index="3"/><Unknown index="4"/>'
     description = f"""<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="{name}" guid="{{{name}}}">
-  <CoSimulation modelIdentifier="quirks" canHandleVariableCommunicationStepSize="true" canGetAndSetFMUstate="true"/>
+  <CoSimulation modelIdentifier="quirks" canHandleVariableCommunicationStepSize="true" canGetAndSetFMUstate="true"
+    canBeInstantiatedOnlyOncePerProcess="{str(name == "once").lower()}"/>
   <UnitDefinitions>{units}</UnitDefinitions><ModelVariables>{variables}</ModelVariables>
   <ModelStructure><Outputs>{structure}</Outputs><InitialUnknowns>{structure}</InitialUnknowns></ModelStructure>
 </fmiModelDescription>

@@ -85,6 +85,8 @@ def check_brace(fmu: Path | str, mapping: Path | str | None = None) -> Report:
     report = Report(str(fmu), component.capabilities.interface, component.capabilities.tool)
     if component.capabilities.shared_modules:
         report.notes.append("its Python modules could clash with another FMU's: a run gives it a process of its own")
+    if component.capabilities.single:
+        report.notes.append("allows one instance per process: two of them in one run need --isolate")
     if inside is not None and mapping is not None:
         report.notes.append(f"the mapping inside the FMU is not used, but {mapping} in its place")
     if found is not None:

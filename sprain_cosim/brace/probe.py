@@ -133,11 +133,12 @@ def landing(axes: tuple[str, ...], h: float) -> tuple[np.ndarray, np.ndarray]:
 
 def start(bench: Bench, h: float) -> dict[str, Any]:
     """Instantiated twice; outputs at the start values."""
-    second = Bench(bench.component, bench.axes)
+    second = None if bench.component.capabilities.single else Bench(bench.component, bench.axes)
     bench.begin()
-    second.begin()
     torques = bench.torques()
-    second.close()
+    if second is not None:
+        second.begin()
+        second.close()
     return {"torque": torques.tolist()}
 
 
@@ -145,6 +146,7 @@ def reset(bench: Bench, h: float) -> dict[str, Any]:
     """The device's own reset against a fresh instance, to the bit."""
     angles, velocities = landing(bench.axes, h)
     runs = []
+    bench.close()
     other = Bench(replace(bench.component, capabilities=replace(bench.component.capabilities, reusable=True)), bench.axes)
     for _ in range(2):
         other.begin()

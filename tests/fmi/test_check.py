@@ -97,6 +97,7 @@ HABITS = {  # quirk: (verdict, a word of the report)
     "damper": ("fits", "it slows the foot; velocity and torque both of the other sign would look the same"),
     "snap": ("does not fit", "away from rest at +20, +30 deg"),
     "ball": ("does not fit", "no brace"),
+    "once": ("fits", "one instance per process"),
 }
 
 

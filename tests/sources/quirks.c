@@ -5,11 +5,12 @@
 #include <string.h>
 #include "fmi2Functions.h"
 
-enum { PLAIN, LATE, REFUSES, SILENT, STALE_RESET, STALE_STATE, MEMORY, EXTRA, PRELOAD, PLASTIC, DAMPER, SNAP, BALL };
+enum { PLAIN, LATE, REFUSES, SILENT, STALE_RESET, STALE_STATE, MEMORY, EXTRA, PRELOAD, PLASTIC, DAMPER, SNAP, BALL, ONCE };
 enum { ANGLE, VELOCITY, TORQUE, TENSION, STATE, TIME, VARIABLES };
 typedef struct { double value[VARIABLES]; } Device;
 static const double OWN = 1e-3;
 static double lasting;
+static int alive;
 
 static double law(Device* d) {
     double x = d->value[ANGLE], w = d->value[VELOCITY], slip;
@@ -61,10 +62,12 @@ const char* fmi2GetVersion(void) { return fmi2Version; }
 fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String s[]) { return fmi2OK; }
 fmi2Component fmi2Instantiate(fmi2String n, fmi2Type t, fmi2String g, fmi2String r, const fmi2CallbackFunctions* f, fmi2Boolean v, fmi2Boolean l) {
     Device* d = calloc(1, sizeof *d);
+    if (QUIRK == ONCE && alive) return NULL;
+    alive++;
     fresh(d);
     return d;
 }
-void fmi2FreeInstance(fmi2Component c) { free(c); }
+void fmi2FreeInstance(fmi2Component c) { alive--; free(c); }
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean t, fmi2Real tol, fmi2Real start, fmi2Boolean s, fmi2Real stop) { return fmi2OK; }
 fmi2Status fmi2EnterInitializationMode(fmi2Component c) { return fmi2OK; }
 fmi2Status fmi2ExitInitializationMode(fmi2Component c) { evaluate(c); return fmi2OK; }
