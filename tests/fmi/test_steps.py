@@ -7,8 +7,11 @@ from pathlib import Path
 import pytest
 
 from sprain_cosim.component import Component
+from sprain_cosim.coupling import SCHEMES
+from sprain_cosim.errors import InputError
 from sprain_cosim.master import Master
 from sprain_cosim.result import Result
+from sprain_cosim.scenario import load_scenario
 from sprain_cosim.system import System, connect
 from tests.fake import FakeComponent, connector
 from tests.native import device
@@ -69,6 +72,18 @@ def test_a_refused_step_without_saved_states_says_how_far_it_came_and_what_to_do
         "take a smaller communication step"
     )
     assert run(device(tmp_path / "other.fmu", behaviour={"REFUSES": 3e-4}, saves=False), step=2.5e-4).status == "completed"
+
+
+def test_an_fmu_without_saved_states_runs_under_every_scheme_that_needs_none(tmp_path: Path) -> None:
+    """On the real plant, its stiffness found from its direct answer; the iteration names it."""
+    scenario = load_scenario("incline30").replace_fmu("brace", device(tmp_path / "device.fmu", saves=False)).with_master(stop="60 ms")
+    for scheme in SCHEMES:
+        if scheme == "iterative":
+            with pytest.raises(InputError, match="iterative: brace cannot save and restore its state"):
+                scenario.with_master(scheme).run()
+        else:
+            assert scenario.with_master(scheme).run().status == "completed"
+    assert scenario.run().scheme_reason.startswith("found by finite differences: stiffness of brace about subtalar from its direct answer")
 
 
 def test_a_device_that_refuses_every_step_ends_the_run(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from sprain_cosim.result import Result
 from sprain_cosim.scenario import load_scenario
 from sprain_cosim.system import System, connect
 from tests.fake import FakeComponent, connector, make_fmu
-from tests.theory.test_coupling import INERTIA, START, exact, foot, light_foot
+from tests.theory.test_coupling import INERTIA, START, exact, foot, light_foot, two_axes
 
 UNABLE = Capabilities("2.0", state=False)
 KINDS = ("direct", "late", "mute")
@@ -96,37 +96,6 @@ def test_identification_leaves_the_device_as_it_was() -> None:
 
     told, probed = run(element(True)), run(element(False))
     assert probed["plant.subtalar_angle"] == pytest.approx(told["plant.subtalar_angle"], abs=1e-10)
-
-
-def two_axes(k: np.ndarray, c: np.ndarray, inertia: float) -> tuple[FakeComponent, FakeComponent]:
-    """A plant with two coupled axes that takes all cross terms, and a black box with full matrices."""
-    axes = ("talocrural", "subtalar")
-    inputs = [f"brace_{a}_torque" for a in axes]
-    pairs = [(a, b) for a in axes for b in axes]
-    names = {
-        f"brace_{a}_{kind}" if a == b else f"brace_{a}_{b}_{kind}": u for kind, u in (("stiffness", "N.m/rad"), ("damping", "N.m.s/rad")) for a, b in pairs
-    }
-    plant = {n: connector(n, "input", "N.m") for n in inputs} | {n: connector(n, "input", u) for n, u in names.items()}
-    plant |= {f"{a}_{q}": connector(f"{a}_{q}", "output", u, depends_on=()) for q, u in (("angle", "rad"), ("velocity", "rad/s")) for a in axes}
-
-    def law(state, given, time, step):
-        torque = np.array([given[n] for n in inputs])
-        stiffness, damping = (np.array([given[n] for n in names if n.endswith(kind)]).reshape(2, 2) for kind in ("stiffness", "damping"))
-        matrix = np.zeros((5, 5))
-        matrix[:2, 2:4] = np.eye(2)
-        matrix[2:4, :2], matrix[2:4, 2:4] = -stiffness / inertia, -damping / inertia
-        matrix[2:4, 4] = (torque + stiffness @ state[:2] + damping @ state[2:]) / inertia
-        return (expm(step * matrix) @ np.array([*state, 1.0]))[:4]
-
-    foot = FakeComponent("plant", plant, law=law, output=lambda s, i: s, initial=np.array([0.05, 0.1, 0.0, 1.0]))
-    given = {f"{a}_{q}": connector(f"{a}_{q}", "input", u) for q, u in (("angle", "deg"), ("velocity", "deg/s")) for a in axes}
-    gives = {f"{a}_torque": connector(f"{a}_torque", "output", "N.mm") for a in axes}
-
-    def output(state, inputs):
-        x, v = (np.radians([inputs[f"{a}_{q}"] for a in axes]) for q in ("angle", "velocity"))
-        return -1e3 * (k @ x + c @ v)
-
-    return foot, FakeComponent("brace", given | gives, output=output)
 
 
 def test_cross_terms_are_found_in_the_device_s_own_units() -> None:
