@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from operator import mul
 from typing import Any
 
 import numpy as np
@@ -19,12 +20,15 @@ from numpy.typing import NDArray
 from ..system import Assembly, Member, impedance_input
 
 ANGLE, VELOCITY = 1e-4, 0.05  # rad, rad/s: least movements
+DRIFT = 1e-3  # of a change of torque that the slopes may miss before they are found anew
+ROUNDING = 1e-9
 KINDS = (("stiffness", "angle"), ("damping", "velocity"))
 
 DIRECT, STEP, START = "direct", "step", "start"
 
 Matrix = NDArray[np.float64]
 Slopes = NDArray[np.float64]  # (2, d, d): stiffness and damping
+Recent = tuple[list[list[float]], list[float]]
 
 
 @dataclass(frozen=True)
@@ -74,13 +78,26 @@ class Identification:
         self._open = [device for device in self._devices if device.targets and device.held is None]
 
     def update(self, time: float, step: float) -> bool:
-        """Finds what is not declared anew, at the present values of the bus, over a step of that size. The plant's inputs are left to be
-        transferred; False where there was nothing to find."""
+        """Finds what is not declared anew, at the present values of the bus and over a step of that size, for devices whose torques have changed
+        otherwise than the last numbers say. The plant's inputs are left to be transferred; False where nothing was found."""
+        found = False
         for device in self._open:
-            slopes = device.again(time, step)
-            if np.isfinite(slopes).all():  # else the coming step will fail and say where
-                device.write(slopes)
-        return bool(self._open)
+            if device.due():
+                slopes = device.again(time, step)
+                if np.isfinite(slopes).all():  # else the coming step will fail and say where
+                    device.write(slopes)
+                    found = True
+        return found
+
+    @property
+    def memory(self) -> list[Recent]:
+        """What `update` judges by; to be put back when a step is taken back."""
+        return [device.recent for device in self._open]
+
+    @memory.setter
+    def memory(self, memory: list[Recent]) -> None:
+        for device, recent in zip(self._open, memory, strict=True):
+            device.recent = recent
 
     def _at_start(self, step: float) -> Found:
         assembly, axes = self.assembly, self.axes
@@ -165,6 +182,8 @@ class _Device:
             for column in range(len(axes))
             if (slot := assembly.identified.get(impedance_input(axes[row], axes[column], name))) is not None
         ]
+        self._looked_at = np.array([c.slot for c in self.columns] + self._torques, dtype=np.intp)
+        self.recent: Recent = ([], [])  # of `write` and `due`: torques by inputs, and both
         self.ways = [DIRECT] * len(self.columns)
         self.answers, self.hidden = False, False
         self.held: Slopes | None = None
@@ -202,7 +221,20 @@ class _Device:
             found += self._probe(way, [c for c, own in zip(self.columns, self.ways, strict=True) if own == way], time, span)
         return found
 
+    def due(self) -> bool:
+        """Whether the torques have changed since the last call otherwise than by the slopes at hand. Plain lists: it runs at every step."""
+        law, before = self.recent
+        now = self.assembly.bus.take(self._looked_at).tolist()
+        self.recent = law, now
+        moved = [x - y for x, y in zip(now, before, strict=True)]
+        n = len(self.columns)
+        told = [sum(map(mul, row, moved)) for row in law]
+        missed = max(abs(change - t) for change, t in zip(moved[n:], told, strict=True))
+        return not missed <= DRIFT * max(map(abs, told)) + ROUNDING * max(map(abs, now[n:]))
+
     def write(self, slopes: Slopes) -> None:
+        law = [[-float(slopes[c.kind, row, c.axis]) * c.factor / f for c in self.columns] for row, f in zip(self.rows, self._factors, strict=True)]
+        self.recent = law, self.assembly.bus.take(self._looked_at).tolist()
         for t in self.targets:
             self.assembly.bus[t.slot] = slopes[t.kind, t.row, t.column]
 

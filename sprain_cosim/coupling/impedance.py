@@ -13,14 +13,14 @@ from .identify import Identification
 
 
 class Impedance(GaussSeidel):
-    """`every` steps the identification is done anew; 0: at the start only."""
+    """Every `every` steps the identification is done anew where it has become wrong; 0: at the start only."""
 
     name = "impedance"
     order = 2
 
     def __init__(self, identification: Identification, every: int = 1) -> None:
         self._identification, self._every = identification, every
-        self._count = 0
+        self._count, self._memory = 0, identification.memory
 
     def start(self, assembly: Assembly) -> None:
         assembly.hand_over(True)
@@ -30,9 +30,11 @@ class Impedance(GaussSeidel):
     def step(self, assembly: Assembly, time: float, step: float) -> None:
         super().step(assembly, time, step)
         self._count += 1
+        self._identification.memory = self._memory
         again = self._every and self._count % self._every == 0 and time + 2 * step <= assembly.stop + 1e-9 * step
         if again and self._identification.update(time + step, step) and self._plant:
             assembly.transfer(self._plant)
+        self._memory = self._identification.memory
 
     def applied(self, exchange: Exchange) -> Exchange.Torques:
         """The mean of a torque that starts at the device's and changes with K and C over the step."""
