@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import IO, Any
 
+from . import __version__
 from .errors import EnvironmentProblem, InputError
 from .result import Result
 from .scenario import Scenario
@@ -35,6 +36,8 @@ def summary(scenario: Scenario, result: Result) -> dict[str, Any]:
         "exchanges": result.exchanges,
         "smallest_step_s": result.smallest_step,
         "fmus": {name: path.name for name, path in scenario.fmus.items()},
+        "sha256": {component.name: component.sha256 for component in scenario.system().components},
+        "version": __version__,
         "parameters": dict(scenario.parameters),
         "dropped": list(scenario.dropped),
     }

@@ -47,14 +47,14 @@ def landing(runs: Sequence[tuple[str, Signals]], note: str = "") -> Figure:
     for (color, _), (_, run), (k, peak) in zip(looks(len(runs)), runs, peaks, strict=True):
         at = 1e3 * run.time[k]
         axes[0].plot(at, peak, "o", color=color, markeredgecolor="white", markeredgewidth=0.6, zorder=4)
-        if len(runs) <= 4:
+        if len(runs) <= 2:
             above = peak == max(p for _, p in peaks)
             style_of_text: Any = dict(textcoords="offset points", ha="center", va="bottom" if above else "top", color=color, fontsize=SMALL, bbox=PATCH)
             axes[0].annotate(f"{peak:.1f}° at {at:.1f} ms", (at, peak), (0, 5 if above else -5), **style_of_text)
     band_above(axes[0], 0.18)
     axes[-1].set_xlabel(TIME)
     axes[-1].set_xlim(0, max(1e3 * run.time[-1] for _, run in runs))
-    names = [title if len(runs) <= 4 else f"{title} (peak {peak:.1f}°)" for (title, _), (_, peak) in zip(runs, peaks, strict=True)]
+    names = [title if len(runs) <= 2 else f"{title} (peak {peak:.1f}°)" for (title, _), (_, peak) in zip(runs, peaks, strict=True)]
     legend_above(figure, [(line(color, style), name) for (color, style), name in zip(looks(len(runs)), names, strict=True)])
     return figure
 

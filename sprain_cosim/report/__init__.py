@@ -423,10 +423,11 @@ def _provenance(items: Sequence[tuple[str, Run | StudyFolder]]) -> str:
         rows += [["versions", ", ".join(f"{k} {v}" for k, v in versions.items())]] if versions else []
         if isinstance(item, Run):
             rows += [["coupling", f"{head['scheme']} every {1e3 * head.get('communication_step_s', math.nan):g} ms; {head.get('scheme_reason', '')}"]]
-        for fmu, fact in (manifest.get("fmus") or head.get("fmus") or {}).items():
-            known = isinstance(fact, dict)
-            file = Path(str(fact.get("file") if known else fact)).name
-            rows.append([f"FMU {fmu}", f"{file}{'  sha256 ' + str(fact.get('sha256')) if known else ''}"])
+            rows += [["versions", f"sprain-cosim {head['version']}"]] if head.get("version") else []
+        ran = manifest.get("fmus") or {n: {"file": f, "sha256": head.get("sha256", {}).get(n)} for n, f in head.get("fmus", {}).items()}
+        for fmu, fact in ran.items():
+            digest = f"  sha256 {fact['sha256']}" if fact and fact.get("sha256") else ""
+            rows.append([f"FMU {fmu}", f"{Path(str((fact or {}).get('file'))).name}{digest}"])
         out.append((name, _table(["", ""], [[escape(str(k)), f"<code>{escape(str(v))}</code>"] for k, v in rows if str(v)], "text")))
     sources = (
         "Model and studies: A. J. Yoder, A. J. Petrella, S. Farrokhi 2021, doi 10.3389/fbioe.2021.765331; M. S. DeMers, J. L. Hicks, S. L. Delp 2017, "

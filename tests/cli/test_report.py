@@ -89,6 +89,7 @@ def test_a_landing_a_search_and_two_poses(results: Path) -> None:
     head = json.loads((results / "run" / "summary.json").read_text())
     assert f"{head['metrics']['peak_subtalar_angle_deg']:.1f}°" in page.sections["verdict"]
     assert "the brace bore" in page.sections["verdict"]
+    assert head["sha256"]["brace"] in page.sections["provenance"]
     assert {"landing", "moment_angle", "phase", "sharing"} <= figures(page)
     _, page = made(results / "amv")
     assert "The method's own check says" in page.sections["verdict"]
