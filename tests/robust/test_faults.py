@@ -170,7 +170,8 @@ def test_a_hang_is_ended_in_time_with_its_grandchildren(study: Study) -> None:
             child.ask({"values": [float(FAULTS.index("hang_step"))]}, limits.trial)
     finally:
         child.close()
-    assert not _alive(group)
+    while left := _alive(group):  # killed, and not yet buried by the system
+        assert time.monotonic() - began < LIMIT + 1.0, left
     assert time.monotonic() - began < LIMIT + 1.0
 
 

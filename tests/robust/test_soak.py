@@ -33,11 +33,11 @@ def own_temporary_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def soak(folder: Path, trials: int, warm: int) -> None:
-    scenario = Scenario("light", {"brace": device(folder / "light.fmu")}, {}, {}, Master(stop=1e-3), "light")
+    scenario = Scenario("light", {"device": device(folder / "light.fmu")}, {}, {}, Master(stop=1e-3), "light")
     values = np.linspace(1.0, 50.0, trials)[:, None]
     seen: list[tuple[int, float, int, int, int, int]] = []
     with Ledger(folder / "soak", "soak", {}) as ledger:
-        backend = open_backend(Task(scenario, ("brace.stiffness",), Limits(recycle=trials + 1)), 1, None)
+        backend = open_backend(Task(scenario, ("device.stiffness",), Limits(recycle=trials + 1)), 1, None)
         assert isinstance(backend, Local)
 
         def look(finished: int, total: int, failed: int, seconds: float) -> None:
