@@ -265,8 +265,13 @@ def check(fmu: Path, mapping: Path | None, as_json: bool) -> int:
     report = check_brace(fmu, mapping)
     proposed = Path(f"{fmu.stem}.map.toml")
     if report.proposal and mapping is None and not proposed.exists():
-        proposed.write_text(report.proposal, "utf-8")
-        report.next_step = f"look at the lines marked review in {proposed}, then sprain-cosim check {fmu} --map {proposed}"
+        try:
+            proposed.write_text(report.proposal, "utf-8")
+            report.next_step = f"look at the lines marked review in {proposed}, then sprain-cosim check {fmu} --map {proposed}"
+        except OSError as problem:
+            report.next_step = (
+                f"write these lines to a mapping file ({proposed} cannot be written: {problem.strerror}), then check with --map:\n{report.proposal}"
+            )
     if as_json:
         click.echo(json.dumps(report.as_dict(), allow_nan=False))
     else:

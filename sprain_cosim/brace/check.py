@@ -22,6 +22,7 @@ from .probe import CYCLE_SPEED, STATIC_DEG, own_step
 
 START_LIMIT, PROBE_LIMIT = 60.0, 6.0  # s
 SMALL = 1e-9
+LEAST, LARGEST = 0.5, 1000.0  # N.m at the peak of a landing; beyond, a unit is suspected
 WORDS = {  # of vendors' names, for the proposal of a mapping
     "subtalar": ("subtalar", "supin", "inv", "ever", "roll"),
     "talocrural": ("talocrural", "dorsi", "plantar", "flex", "pitch"),
@@ -60,7 +61,7 @@ class Report:
 
     def as_dict(self) -> dict[str, Any]:
         names = ("fmu", "interface", "tool", "profile", "mapping", "problems", "warnings", "notes", "facts", "proposal", "next_step")
-        return {"verdict": self.verdict, "fits": self.fits, **{n: getattr(self, n) for n in names}}
+        return {"verdict": self.verdict, "fits": self.fits, **{n: _finite(getattr(self, n)) for n in names}}
 
     def text(self) -> str:
         made = f", made by {self.tool}" if self.tool else ""
@@ -70,6 +71,15 @@ class Report:
         if self.next_step:
             lines.append(f"\nnext: {self.next_step}")
         return "\n".join(lines)
+
+
+def _finite(value: Any) -> Any:
+    """JSON has no infinity: what overflowed becomes null."""
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
 
 
 def check_brace(fmu: Path | str, mapping: Path | str | None = None) -> Report:
@@ -240,6 +250,9 @@ def _measure(component: Component, axes: tuple[str, ...], active: bool, report: 
     _judge_dynamics(measured, report)
     for k, axis in enumerate(axes):
         _judge_physics(axis, k, measured, step, active, report)
+    peak = max(measured["recorded"]["peak_torque"])
+    if peak > LARGEST or 0 < peak < LEAST:
+        report.warnings.append(f"at most {peak:.3g} N.m in a landing, where braces give tens: are its units right, those of its angles too?")
     report.facts["landing"] = {
         "peak_torque_Nm": dict(zip(axes, measured["recorded"]["peak_torque"], strict=True)),
         "work_taken_J": measured["recorded"]["work_taken"],

@@ -37,10 +37,14 @@ def test_sign(fmi: int, model_exchange: bool, sign: float, tmp_path: Path) -> No
         assert "factor = -1" in report.problems[0]
 
 
+QUICK = [(3, "deg", "N.mm"), (2, "rad", "lbf.in")]
+ALL = [(f, a, t) for f in (2, 3) for a in ("rad", "deg") for t in ("N.m", "N.mm", "lbf.in")]
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize(("angle", "torque"), [("deg", "N.mm"), ("rad", "lbf.in")])
-def test_wrong_sign_in_a_mapping(sign: float, angle: str, torque: str, tmp_path: Path) -> None:
-    fmu = device(tmp_path / "device.fmu", 3, sign=-1.0, angle=angle, torque=torque, names=("In1_InvAngle", "M_out"))
+@pytest.mark.parametrize(("fmi", "angle", "torque"), [c if c in QUICK else pytest.param(*c, marks=pytest.mark.long) for c in ALL])
+def test_wrong_sign_in_a_mapping(sign: float, fmi: int, angle: str, torque: str, tmp_path: Path) -> None:
+    fmu = device(tmp_path / "device.fmu", fmi, sign=-1.0, angle=angle, torque=torque, names=("In1_InvAngle", "M_out"))
     (tmp_path / "map.toml").write_text(f'[inputs]\nsubtalar_angle = "In1_InvAngle"\n[outputs]\nsubtalar_torque = {{ from = "M_out", factor = {sign} }}')
     report = check_brace(fmu, tmp_path / "map.toml")
     assert report.fits == (sign < 0), report.text()
@@ -119,7 +123,7 @@ def test_a_damper_of_the_wrong_sign(tmp_path: Path) -> None:
     assert check_brace(tmp_path / "device.fmu", tmp_path / "map.toml").fits
 
 
-@pytest.mark.parametrize(("fmi", "angle", "torque"), [(f, a, t) for f in (2, 3) for a in ("rad", "deg") for t in ("N.m", "N.mm", "lbf.in")])
+@pytest.mark.parametrize(("fmi", "angle", "torque"), ALL)
 def test_every_wrong_sign_is_caught(fmi: int, angle: str, torque: str, tmp_path: Path) -> None:
     """And the mapping that the report proposes makes it fit."""
     fmu = device(tmp_path / "device.fmu", fmi, sign=-1.0, angle=angle, torque=torque)
@@ -185,6 +189,26 @@ def test_proposal_for_a_joint_coordinate_system() -> None:
     assert {k: v.variable for k, v in parsed.outputs.items()} == {
         "dorsiflexion_torque": "DorsiFlex_Mom", "inversion_torque": "Inv_Mom", "internal_rotation_torque": "IntRot_Mom",
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(("torque", "factor"), [("N.mm", 1e-3), ("N.m", 1e3)])
+def test_a_unit_that_is_declared_wrong(torque: str, factor: float, tmp_path: Path) -> None:
+    """Newton metres declared as millimetres, and the other way round: the size gives it away."""
+    (tmp_path / "map.toml").write_text(
+        f'[outputs]\nsubtalar_torque = {{ from = "subtalar_torque", factor = {factor if torque == "N.m" else 1.0}, unit = "{torque}" }}'
+    )
+    report = check_brace(device(tmp_path / "device.fmu"), tmp_path / "map.toml")
+    assert report.verdict == "fits with warnings"
+    assert "are its units right" in report.warnings[0]
+
+
+def test_a_folder_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The proposal is printed instead; the verdict stands."""
+    device(tmp_path / "vendor.fmu", names=("In1_InvAngle", "M_out"))
+    monkeypatch.setattr(Path, "write_text", lambda *_: (_ for _ in ()).throw(PermissionError(13, "Permission denied")))
+    told = CliRunner().invoke(cli, ["check", str(tmp_path / "vendor.fmu")], standalone_mode=False)
+    assert told.return_value == 1
+    assert 'subtalar_torque = { from = "M_out" }' in told.output
 
 
 def test_no_brace(tmp_path: Path) -> None:
