@@ -29,7 +29,7 @@ bench: build
 
 # needs root on Debian when there is no Chromium yet
 browser: build
-	command -v chromium chromium-browser google-chrome >/dev/null || { apt-get update -qq && apt-get install -y -qq chromium; }
+	command -v chromium >/dev/null || command -v google-chrome >/dev/null || { apt-get update -qq && apt-get install -y -qq chromium; }
 	SPRAIN_BROWSER=required $(BIN)/python -m pytest tests/cli/test_browser.py
 
 lint: .venv/installed
