@@ -245,7 +245,9 @@ class _Device:
         if not columns:
             return out
         kept = bus.copy()
-        state = member.instance.save() if way == STEP else None
+        able = member.component.capabilities
+        saved = way == STEP or (way == DIRECT and able.model_exchange and able.state)  # an input that moves is an event of a model exchange FMU
+        state = member.instance.save() if saved else None
         try:
             base = self._present() if way == DIRECT else self._answer(way, time, span, state)
             for c in columns:
@@ -259,7 +261,9 @@ class _Device:
                 out[c.kind, self.rows, c.axis] = (base - self._answer(way, time, span, state)) / delta
         finally:
             bus[:] = kept
-            if way == STEP:
+            if saved:
+                if way == DIRECT:
+                    member.instance.restore(state)
                 member.instance.release(state)
         if way == DIRECT:
             member.instance.push()

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from tests.fake import brace_variables, make_fmu
+from tests.native import device
 
 ROOT = Path(__file__).parent.parent.parent
 
@@ -179,6 +180,16 @@ def test_a_failing_device_ends_the_run_with_exit_3(fault: str, tmp_path: Path) -
     summary = json.loads(call("run", "incline30", "--fmu", f"brace={fmu}", "--json").stdout)
     assert summary["status"] == "failed"
     assert summary["metrics"] == {}
+
+
+def test_a_run_that_a_device_ends_is_stopped(tmp_path: Path) -> None:
+    fmu = device(tmp_path / "device.fmu", behaviour={"ENDS": 0.0303})
+    outcome = call("run", "incline30", "--fmu", f"brace={fmu}", "--json", "--out", str(tmp_path / "out"))
+    assert outcome.returncode == 3
+    assert outcome.stderr.strip() == "error: brace: asked to end the simulation at 0.0303 s"
+    summary = json.loads(outcome.stdout)
+    assert (summary["status"], summary["metrics"]) == ("stopped", {})
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_step_the_device_cannot_take(tmp_path: Path) -> None:

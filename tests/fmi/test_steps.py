@@ -9,6 +9,7 @@ import pytest
 from sprain_cosim.component import Component
 from sprain_cosim.coupling import SCHEMES
 from sprain_cosim.errors import InputError
+from sprain_cosim.isolated import isolated
 from sprain_cosim.master import Master
 from sprain_cosim.result import Result
 from sprain_cosim.scenario import load_scenario
@@ -54,6 +55,16 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Result:
 def test_a_refused_step_is_taken_in_parts(fmi: int, tells: int, plain: Result, tmp_path: Path) -> None:
     """At most 0.3 ms of 1 ms; whether it says how far it came or not."""
     result = run(device(tmp_path / "device.fmu", fmi, behaviour={"REFUSES": 3e-4, "TELLS": tells}))
+    assert result.status == "completed", result.message
+    assert result["brace.subtalar_torque"] == pytest.approx(plain["brace.subtalar_torque"], rel=1e-12, abs=1e-14)
+
+
+def test_a_refused_step_in_a_process_of_its_own(plain: Result, tmp_path: Path) -> None:
+    brace = isolated(Component.read("brace", device(tmp_path / "device.fmu", behaviour={"REFUSES": 3e-4})))
+    parts = (moving(), brace)
+    assembly = System(parts, connect(parts, {})[0]).open()
+    result = Master(1e-3, 0.02, scheme="gauss-seidel", guard=False).run(assembly, {})
+    assembly.close()
     assert result.status == "completed", result.message
     assert result["brace.subtalar_torque"] == pytest.approx(plain["brace.subtalar_torque"], rel=1e-12, abs=1e-14)
 
