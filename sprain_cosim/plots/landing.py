@@ -104,7 +104,7 @@ def phase(tracks: Sequence[tuple[str, Array, Array]], points: Sequence[tuple[str
     if points:
         entries.append((line(INK, "none", marker=".", markersize=5), "peak angle and peak velocity of each trial"))
     if tracks:
-        entries.append((line(INK, "none", marker="D", markersize=3.5), "the same of the landing drawn as a line"))
+        entries.append((line(INK, "none", marker="D", markersize=3.5), "peak angle and peak velocity of the landing drawn as a line"))
     low, high = LI_VELOCITY
     axis.add_patch(Rectangle((LI_SAFE[0], low), LI_SAFE[1] - LI_SAFE[0], high - low, fill=False, edgecolor=INK, linewidth=0.9, linestyle=LINES[1]))
     axis.plot([LI_SPRAIN, LI_SPRAIN], [low, high], color=INK, linewidth=1.8, solid_capstyle="butt")
