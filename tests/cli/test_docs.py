@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -13,9 +15,17 @@ WITH_COMMANDS = [page for page in PAGES if any(b.commands for b in blocks(page))
 HEAVY = [page for page in WITH_COMMANDS if any(b.mark == "long" and b.commands for b in blocks(page))]
 
 
+@pytest.fixture(scope="module")
+def played(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[Path, Future[int]]]:
+    """The pages under test, two at a time: each is a story of its own in a folder of its own."""
+    pages = [item.callspec.params["page"] for item in request.session.items if getattr(item, "function", None) is test_commands_of_a_page]
+    with ThreadPoolExecutor(2) as pool:
+        yield {page: pool.submit(play, page, tmp_path_factory.mktemp(page.stem)) for page in pages}
+
+
 @pytest.mark.parametrize("page", WITH_COMMANDS, ids=lambda p: p.name)
-def test_commands_of_a_page(page: Path, tmp_path: Path) -> None:
-    play(page, tmp_path)
+def test_commands_of_a_page(page: Path, played: dict[Path, Future[int]]) -> None:
+    played[page].result()
 
 
 @pytest.mark.long
