@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import re
+import tomllib
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 
@@ -12,6 +15,8 @@ from sprain_cosim import check_brace, load_scenario, load_study
 from sprain_cosim.cli import _run
 from sprain_cosim.errors import InputError
 from sprain_cosim.mapping import INSIDE, parse, read_component
+from sprain_cosim.scenario import PACKAGE
+from tests.docs_commands import blocks
 from tests.fake import brace_variables, make_fmu
 from tests.fmi.test_versions import angles, baseline  # noqa: F401
 from tests.native import device
@@ -164,3 +169,31 @@ def test_a_study_takes_device_and_mapping_as_a_run_does(tmp_path: Path) -> None:
     before = chosen.digest
     (tmp_path / "vendor.map.toml").write_text(text(-1.0) + "\n# changed")
     assert chosen.digest != before
+
+
+SCHEMA = json.loads((PACKAGE / "mapping.schema.json").read_text())
+
+
+def test_schema() -> None:
+    """Its names are the contract's; the examples of the page and the mapping that ships pass, near misses do not."""
+    from sprain_cosim.contract import INPUTS, OUTPUTS
+
+    assert SCHEMA["properties"]["inputs"]["propertyNames"]["enum"] == list(INPUTS)
+    assert SCHEMA["properties"]["outputs"]["propertyNames"]["enum"] == list(OUTPUTS)
+    root = PACKAGE.parent
+    examples = [b.text for b in blocks(root / "docs" / "brace-contract.md") if b.language == "toml" and "base" not in b.text]
+    examples.append((root / "fmus" / "brace_active" / "extra" / "sprain-cosim" / "map.toml").read_text())
+    assert len(examples) == 4
+    for example in examples:
+        jsonschema.validate(tomllib.loads(example), SCHEMA)
+        parse(example, "here")
+    for wrong in (
+        '[inputs]\nsubtalar_angel = "x"',
+        '[outputs]\nsubtalar_torque = { from = "x", gain = 2 }',
+        "activ = true",
+        '[inputs]\nsubtalar_angle = { to = "x", factor = 0 }',
+    ):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(tomllib.loads(wrong), SCHEMA)
+        with pytest.raises(InputError):
+            parse(wrong, "here")
