@@ -3,6 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 RUN := $(BIN)/sprain-cosim
 OUT ?= out
+ON_ALL_CORES := -n auto --dist worksteal
 
 .PHONY: bench browser demo docs test validate lint build lock clean
 
@@ -13,11 +14,13 @@ demo: build
 	@echo
 	$(RUN) plot $(OUT)/incline30 $(OUT)/incline30_brace --out $(OUT)
 
+# doctor compiles the plant's kernels once, before the test processes would do it all at the same time
 test: build lint
-	$(BIN)/python -m pytest
+	$(RUN) doctor
+	$(BIN)/python -m pytest $(ON_ALL_CORES)
 
 validate: build
-	$(BIN)/python -m pytest -m "long or not long"
+	$(BIN)/python -m pytest $(ON_ALL_CORES) -m "long or not long"
 	$(RUN) validate --out $(OUT)/validation
 
 docs: build
