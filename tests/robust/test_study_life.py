@@ -155,15 +155,15 @@ def test_killed_at_random_moments(whole: bytes, tmp_path: Path) -> None:
 def test_killed_here_and_finished_on_dask(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     out, mark = tmp_path / "out", uuid.uuid4().hex
-    process = start(out, "--workers", "1", "--progress", "json", trials=400, mark=mark)
+    process = start(out, "--workers", "1", "--progress", "json", trials=1500, mark=mark)
     until_some_are_finished(process, 5)
     process.kill()
     process.communicate()
     with Ledger.read(out) as ledger:
         kept = {row.trial: row.outcome.wall for row in ledger.rows()}
-    assert 5 <= len(kept) < 400
-    table = finish(out, "--resume", "--scheduler", "local-cluster", "--workers", "2", trials=400)
-    assert table == finish(tmp_path / "whole", "--workers", "2", trials=400)
+    assert 5 <= len(kept) < 1500
+    table = finish(out, "--resume", "--scheduler", "local-cluster", "--workers", "2", trials=1500)
+    assert table == finish(tmp_path / "whole", "--workers", "2", trials=1500)
     with Ledger.read(out) as ledger:
         assert {row.trial: row.outcome.wall for row in ledger.rows() if row.trial in kept} == kept
 
