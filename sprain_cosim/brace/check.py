@@ -224,12 +224,6 @@ def _measure(component: Component, axes: tuple[str, ...], active: bool, report: 
             try:
                 measured[probe] = child.ask({"probe": probe, "step": step}, PROBE_LIMIT)
             except Gone as gone:
-                if probe == "reset":  # the master then takes a fresh instance for every run
-                    report.warnings.append(f"its reset {gone}; every run takes a fresh instance")
-                    child.close()
-                    child = Child(Limits(memory=8 << 30), "sprain_cosim.brace.probe")
-                    child.open((component, axes), START_LIMIT)
-                    continue
                 report.problems.append(f"{DOING[probe]}: the device {gone}{_last(child)}")
                 return
             if probe == "steps":
@@ -237,9 +231,6 @@ def _measure(component: Component, axes: tuple[str, ...], active: bool, report: 
                 if not report.fits:
                     return
             elif "error" in measured[probe]:
-                if probe == "reset":
-                    report.warnings.append(f"its reset fails ({measured[probe]['error']}); every run takes a fresh instance")
-                    continue
                 report.problems.append(f"{DOING[probe]}: {measured[probe]['error'].removeprefix('brace: ')}")
                 return
             elif probe == "reset" and component.capabilities.reusable and not measured[probe]["equal"]:
@@ -326,9 +317,9 @@ def _judge_dynamics(measured: dict[str, dict[str, Any]], report: Report) -> None
         report.problems.append(
             f"a fresh instance gives other torques than the one before it (by up to {measured['repeat']['difference']:.3g} N.m): runs cannot be repeated"
         )
-    reset = measured.get("reset", {})
-    report.facts["reset_works"] = bool(reset.get("equal"))
-    if "equal" in reset and not reset["equal"]:
+    reset = measured["reset"]
+    report.facts["reset_works"] = bool(reset["equal"])
+    if not reset["equal"]:
         report.warnings.append(f"its reset leaves something behind (up to {reset['difference']:.3g} N.m); every run takes a fresh instance")
     state = measured.get("state")
     report.facts["state_works"] = bool(state and state["equal"])
