@@ -15,22 +15,21 @@ from typing import TYPE_CHECKING, Any
 from . import runfolder
 from .errors import InputError
 from .result import Result
+from .uq import ledger, trajectory
 
 if TYPE_CHECKING:
     import pandas as pd
 
 SAMPLES = ("monte-carlo", "lhs", "sobol", "table")
-LEDGER = "ledger.sqlite"
 PUBLISHED_WITH = {"plant.fmu", "reflex_controller.fmu", "brace_bushing.fmu"}
 
 
 @dataclass(frozen=True)
-class Run:
-    """One landing: `head` is summary.json, `result` the signals."""
+class _Finished:
+    """What a run and a study share: `head` is summary.json."""
 
     path: Path
     head: Mapping[str, Any]
-    result: Result
 
     @property
     def title(self) -> str:
@@ -46,21 +45,18 @@ class Run:
 
 
 @dataclass(frozen=True)
-class StudyFolder:
-    """Many landings: `head` is summary.json, `trials` the table, `file` the study file as run."""
+class Run(_Finished):
+    """One landing: `result` the signals."""
 
-    path: Path
-    head: Mapping[str, Any]
+    result: Result
+
+
+@dataclass(frozen=True)
+class StudyFolder(_Finished):
+    """Many landings: `trials` the table, `file` the study file as run."""
+
     trials: pd.DataFrame
     file: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def title(self) -> str:
-        return str(self.head["title"])
-
-    @property
-    def pose(self) -> str:
-        return str(self.head.get("initial_pose") or "")
 
     @property
     def done(self) -> pd.DataFrame:
@@ -95,14 +91,10 @@ class StudyFolder:
         return self.file.get("published", {}) if same else {}
 
     @cached_property
-    def manifest(self) -> Mapping[str, Any]:
-        return _json(self.path / "manifest.json", {})
-
-    @cached_property
     def trajectories(self) -> Mapping[int, Path]:
         """{trial: file} of the signals kept."""
         found = {}
-        for path in sorted((self.path / "trajectories").glob("*.csv.gz")):
+        for path in sorted((self.path / trajectory.FOLDER).glob("*.csv.gz")):
             number = path.name.removesuffix(".csv.gz")
             if number.isdigit():
                 found[int(number)] = path
@@ -138,7 +130,7 @@ def read(path: Path) -> Folder:
         return Comparison(path, data, {name: m for name, m in members.items() if not isinstance(m, Comparison)})
     if (path / "trials.csv").is_file() and (path / "summary.json").is_file():
         return _study(path)
-    if (path / LEDGER).is_file():
+    if (path / ledger.FILE).is_file():
         raise InputError(f"{path}: the study is not finished; continue it with --resume")
     if (path / "signals.csv").is_file() or (path / "summary.json").is_file():
         head, result = runfolder.read(path)

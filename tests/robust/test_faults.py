@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from sprain_cosim.errors import SimulationError
 from sprain_cosim.isolation import Child, Gone, Limits, Worker
 from sprain_cosim.uq.study import Study
 from tests.native import FAULTS, compile_fmu
+from tests.processes import alive_in
 
 LIMIT = 1.0  # s of wall time for a landing of 20 ms
 VARIED = FAULTS.index("hang_load")  # the others can be chosen by a trial
@@ -164,29 +164,15 @@ def test_a_hang_is_ended_in_time_with_its_grandchildren(study: Study) -> None:
         for fault in ("none", "fork"):
             assert child.ask({"values": [float(FAULTS.index(fault))]}, 60.0)["status"] == "completed"
         group = child._process.pid
-        assert len(_alive(group)) == 2
+        assert len(alive_in(group)) == 2
         began = time.monotonic()
         with pytest.raises(Gone, match="wall time"):
             child.ask({"values": [float(FAULTS.index("hang_step"))]}, limits.trial)
     finally:
         child.close()
-    while left := _alive(group):  # killed, and not yet buried by the system
+    while left := alive_in(group):  # killed, and not yet buried by the system
         assert time.monotonic() - began < LIMIT + 1.0, left
     assert time.monotonic() - began < LIMIT + 1.0
-
-
-def _alive(group: int) -> list[str]:
-    """Processes of a group that are not zombies."""
-    found = []
-    for entry in os.listdir("/proc"):
-        if entry.isdigit():
-            try:
-                fields = (Path("/proc") / entry / "stat").read_text().rpartition(")")[2].split()
-            except OSError:
-                continue
-            if int(fields[2]) == group and fields[0] != "Z":
-                found.append(entry)
-    return found
 
 
 def test_what_a_device_prints_last_is_kept(study: Study) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import time
@@ -20,6 +19,7 @@ from sprain_cosim.component import Component
 from sprain_cosim.errors import EnvironmentProblem
 from sprain_cosim.isolated import Proxy, isolated
 from tests.native import compile_fmu, device
+from tests.processes import alive_in
 
 SLAVE = """
 from law import STIFFNESS
@@ -196,18 +196,6 @@ def test_nothing_stays_behind(tmp_path: Path) -> None:
         groups = [m.instance._child._process.pid for m in session._assembly.members if m.name == "brace"]  # type: ignore[union-attr]
         assert session.run().status == "completed"
     deadline = time.monotonic() + 5.0
-    while (alive := [g for g in groups if _alive(g)]) and time.monotonic() < deadline:
+    while (alive := [g for g in groups if alive_in(g)]) and time.monotonic() < deadline:
         time.sleep(0.05)
     assert not alive
-
-
-def _alive(group: int) -> bool:
-    for entry in os.listdir("/proc"):
-        if entry.isdigit():
-            try:
-                fields = (Path("/proc") / entry / "stat").read_text().rpartition(")")[2].split()
-            except OSError:
-                continue
-            if int(fields[2]) == group and fields[0] != "Z":
-                return True
-    return False
