@@ -128,3 +128,17 @@ def brace_variables(angle_unit: str = "rad", torque_unit: str = "N.m", axis: str
         dict(name="{axis}_angle", causality="input", variability="continuous", unit="{angle_unit}", start=0.0, description="angle"),
         dict(name="{axis}_torque", causality="output", variability="continuous", unit="{torque_unit}", description="torque", depends=["{axis}_angle"]),
     ]"""
+
+
+def linear_variables(declares: bool) -> str:
+    """The list for a spring-damper on the subtalar axis, k [N.m/rad] and c [N.m.s/rad]; `declares`: it has outputs for both."""
+    declared = """
+        dict(name="subtalar_stiffness", causality="output", variability="continuous", unit="N.m/rad", description="stiffness"),
+        dict(name="subtalar_damping", causality="output", variability="continuous", unit="N.m.s/rad", description="damping"),"""
+    return f"""[
+        dict(name="k", causality="parameter", variability="fixed", unit="N.m/rad", start=0.0, description="stiffness"),
+        dict(name="c", causality="parameter", variability="fixed", unit="N.m.s/rad", start=0.0, description="damping"),
+        dict(name="subtalar_angle", causality="input", variability="continuous", unit="rad", start=0.0, description="angle"),
+        dict(name="subtalar_velocity", causality="input", variability="continuous", unit="rad/s", start=0.0, description="velocity"),
+        dict(name="subtalar_torque", causality="output", variability="continuous", unit="N.m", description="torque"),{declared if declares else ""}
+    ]"""

@@ -17,7 +17,7 @@ from sprain_cosim.master import Master
 from sprain_cosim.result import Result
 from sprain_cosim.scenario import load_scenario
 from sprain_cosim.system import System, connect
-from tests.fake import FakeComponent, connector, make_fmu
+from tests.fake import FakeComponent, connector, linear_variables, make_fmu
 
 INERTIA, START = 0.005, np.array([0.1, 0.0])
 
@@ -326,21 +326,12 @@ LINEAR = """
     def step(self, time, step):
         self.refresh()
 """
-VARIABLES = """[
-    dict(name="k", causality="parameter", variability="fixed", unit="N.m/rad", start=0.0, description="stiffness"),
-    dict(name="c", causality="parameter", variability="fixed", unit="N.m.s/rad", start=0.0, description="damping"),
-    dict(name="subtalar_angle", causality="input", variability="continuous", unit="rad", start=0.0, description="angle"),
-    dict(name="subtalar_velocity", causality="input", variability="continuous", unit="rad/s", start=0.0, description="velocity"),
-    dict(name="subtalar_torque", causality="output", variability="continuous", unit="N.m", description="torque"),
-    dict(name="subtalar_stiffness", causality="output", variability="continuous", unit="N.m/rad", description="stiffness"),
-    dict(name="subtalar_damping", causality="output", variability="continuous", unit="N.m.s/rad", description="damping"),
-]"""
 
 
 @pytest.mark.parametrize(("stiffness", "damping"), [(2000.0, 0.0), (0.0, 20.0)])
 def test_stiff_linear_braces_on_the_real_plant(stiffness: float, damping: float, tmp_path) -> None:
     """2000 N.m/rad and 20 N.m.s/rad run stably by default, and half the step changes the peak by less than 0.05°."""
-    fmu = make_fmu(tmp_path, "linear", VARIABLES, LINEAR)
+    fmu = make_fmu(tmp_path, "linear", linear_variables(True), LINEAR)
     scenario = load_scenario("incline30").replace_fmu("brace", fmu).override("brace.k", f"{stiffness} N.m/rad").override("brace.c", f"{damping} N.m.s/rad")
     result = scenario.run()
     assert result.status == "completed"
@@ -359,6 +350,6 @@ def test_a_device_with_a_smaller_step_of_its_own(tmp_path) -> None:
             assert abs(step - 1e-4) < 1e-12 and abs(time - (self.count - 1) * 1e-4) < 1e-9
             self["subtalar_torque"] = 0.0
     """
-    fmu = make_fmu(tmp_path, "quick", VARIABLES, counting, "FIXED_STEP = 0.0001")
+    fmu = make_fmu(tmp_path, "quick", linear_variables(True), counting, "FIXED_STEP = 0.0001")
     result = load_scenario("incline30").replace_fmu("brace", fmu).with_master(stop="10 ms").run()
     assert result.status == "completed", result.message

@@ -16,7 +16,7 @@ from sprain_cosim.master import Master
 from sprain_cosim.result import Result
 from sprain_cosim.scenario import load_scenario
 from sprain_cosim.system import System, connect
-from tests.fake import FakeComponent, connector, make_fmu
+from tests.fake import FakeComponent, connector, linear_variables, make_fmu
 from tests.theory.test_coupling import INERTIA, START, device, exact, foot, light_foot, two_axes
 
 UNABLE = Capabilities("2.0", state=False)
@@ -183,19 +183,12 @@ SLAVES = {
     "direct": f"def initialise(self):\n    self.refresh()\n\ndef refresh(self):\n    {TORQUE}\n\ndef step(self, time, step):\n    self.refresh()\n",
     "late": f"def step(self, time, step):\n    {TORQUE}\n",
 }
-VARIABLES = """[
-    dict(name="k", causality="parameter", variability="fixed", unit="N.m/rad", start=0.0, description="stiffness"),
-    dict(name="c", causality="parameter", variability="fixed", unit="N.m.s/rad", start=0.0, description="damping"),
-    dict(name="subtalar_angle", causality="input", variability="continuous", unit="rad", start=0.0, description="angle"),
-    dict(name="subtalar_velocity", causality="input", variability="continuous", unit="rad/s", start=0.0, description="velocity"),
-    dict(name="subtalar_torque", causality="output", variability="continuous", unit="N.m", description="torque"),
-]"""
 
 
 @pytest.mark.parametrize("kind", SLAVES)
 def test_a_stiff_black_box_on_the_real_plant(kind: str, tmp_path) -> None:
     """2000 N.m/rad and 20 N.m.s/rad, undeclared: stable by default, the peak as with the shipped linear brace, which declares both."""
-    fmu = make_fmu(tmp_path, kind, VARIABLES, SLAVES[kind])
+    fmu = make_fmu(tmp_path, kind, linear_variables(False), SLAVES[kind])
     box, known = load_scenario("incline30").replace_fmu("brace", fmu), load_scenario("incline30").replace_fmu("brace", "brace_linear")
     for k, c in ((2000.0, 0.0), (0.0, 20.0)):
         result = box.override("brace.k", f"{k} N.m/rad").override("brace.c", f"{c} N.m.s/rad").run()
