@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 from .errors import EnvironmentProblem, InputError
 from .scenario import fmu_path
 from .uq import studyfolder
-from .uq.codec import decode
 from .uq.dispatch import Progress
 from .uq.ledger import FILE, Ledger
 from .uq.runner import run
@@ -126,9 +125,7 @@ def _table(folder: Path) -> pd.DataFrame:
 def _study(folder: Path, then: Mapping[str, Any]) -> Study:
     if (folder / FILE).is_file():
         with Ledger.read(folder) as ledger:
-            study = decode(json.loads(ledger.facts.get("study", "null")))
-        if not isinstance(study, Study):
-            raise InputError(f"{folder}: the ledger does not say what study it belongs to")
+            study = studyfolder.described(folder, ledger)
         study = replace(study, scenario=replace(study.scenario, fmus={n: _there(n, p) for n, p in study.scenario.fmus.items()}))
         for name, path in study.scenario.maps.items():
             if not path.is_file():

@@ -19,7 +19,7 @@ from .result import Result
 from .scenario import Scenario, fmu_path
 from .units import quantity
 from .uq import studyfolder
-from .uq.ledger import Ledger
+from .uq.ledger import FILE, Ledger
 from .uq.study import Study
 from .uq.trajectory import file as recorded
 
@@ -77,7 +77,7 @@ def load(folder: Path, trial: str | None = None) -> Trajectory:
         return _of_study(folder, trial or "p50")
     if (folder / "compare.json").is_file():
         raise InputError(f"{folder}: holds one folder for each brace; name one of them")
-    if (folder / "ledger.sqlite").is_file():
+    if (folder / FILE).is_file():
         raise InputError(f"{folder}: the study is not finished; continue it with --resume")
     head, result = runfolder.read(folder)
     if trial is not None:

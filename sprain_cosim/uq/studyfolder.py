@@ -42,11 +42,17 @@ def check(folder: Path, resume: bool) -> None:
         raise InputError(f"{folder}: holds other files; name a new folder with --out")
 
 
-def load(folder: Path, ledger: Ledger) -> Study:
-    """The study that a ledger was made with. Raises InputError when one of its files is gone or has changed."""
+def described(folder: Path, ledger: Ledger) -> Study:
+    """The study that a ledger was made with, whatever has become of its files. Raises InputError when the ledger does not say."""
     study = decode(json.loads(ledger.facts.get("study", "null")))
     if not isinstance(study, Study):
         raise InputError(f"{folder}: the ledger does not say what study it belongs to")
+    return study
+
+
+def load(folder: Path, ledger: Ledger) -> Study:
+    """The study that a ledger was made with. Raises InputError when one of its files is gone or has changed."""
+    study = described(folder, ledger)
     for name, path in (*study.scenario.fmus.items(), *study.scenario.maps.items()):
         if not path.is_file():
             raise InputError(f"{folder}: was made with {name} = {path}, which is gone; put it back")
