@@ -15,6 +15,12 @@ from . import __version__
 from .errors import InputError, SimulationError, SprainError
 
 OUT = click.option("--out", type=click.Path(path_type=Path), help="Folder for signals, summary and figure.")
+FOLDERS = click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
+FMUS = click.option("--fmu", "fmus", multiple=True, metavar="NAME=FILE", help="Put another FMU in a component's place.")
+MAPS = click.option("--map", "maps", multiple=True, metavar="NAME=FILE", help="Mapping file of the FMU given with --fmu.")
+WORKERS = click.option("--workers", type=click.IntRange(1), help="Worker processes (default: one per core).")
+PARQUET = click.option("--parquet", is_flag=True, help="Write trials.parquet beside trials.csv.")
+PROGRESS = click.option("--progress", type=click.Choice(["auto", "plain", "json", "none"]), default="auto", show_default=True)
 JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
 ISOLATE = click.option("--isolate", is_flag=True, help="Every FMU in a process of its own: a crash or a hang ends the run, not this program.")
 
@@ -27,8 +33,8 @@ def cli() -> None:
 
 @cli.command()
 @click.argument("scenario")
-@click.option("--fmu", "fmus", multiple=True, metavar="NAME=FILE", help="Put another FMU in a component's place.")
-@click.option("--map", "maps", multiple=True, metavar="NAME=FILE", help="Mapping file of the FMU given with --fmu.")
+@FMUS
+@MAPS
 @click.option("--set", "settings", multiple=True, metavar="COMPONENT.PARAMETER=VALUE", help='Such as plant.drop_height="0.35 m".')
 @click.option("--scheme", help="auto, jacobi, gauss-seidel, gauss-seidel-extrapolated, iterative, impedance.")
 @click.option("--step", metavar='"0.5 ms"', help="Communication step.")
@@ -54,14 +60,9 @@ def run(
 ) -> None:
     """Run one landing: SCENARIO is a file, or the name of one that ships."""
     from . import runfolder
-    from .scenario import load_scenario, parse_value
+    from .scenario import load_scenario
 
-    chosen = load_scenario(scenario)
-    for name, file, mapping in _devices(fmus, maps):
-        chosen = chosen.replace_fmu(name, file, mapping)
-    for text in settings:
-        name, value = _pair(text, "--set", "COMPONENT.PARAMETER=VALUE")
-        chosen = chosen.override(name, parse_value(value))
+    chosen = _changed(load_scenario(scenario), fmus, maps, settings)
     chosen = chosen.with_master(scheme, step, identify=identify, adaptive=adaptive)
     if isolate:
         chosen = chosen.isolated()
@@ -110,18 +111,18 @@ def _print_table(title: str, summary: dict[str, Any], result: Any) -> None:
 @click.option("--trials", type=click.IntRange(1), help="Number of trials.")
 @click.option("--seed", type=click.IntRange(0), help="Seed of the sample.")
 @click.option("--inputs", type=click.Path(path_type=Path), metavar="TABLE.csv", help="Run these rows: header component.parameter [unit].")
-@click.option("--fmu", "fmus", multiple=True, metavar="NAME=FILE", help="Put another FMU in a component's place.")
-@click.option("--map", "maps", multiple=True, metavar="NAME=FILE", help="Mapping file of the FMU given with --fmu.")
+@FMUS
+@MAPS
 @click.option("--set", "settings", multiple=True, metavar="COMPONENT.PARAMETER=VALUE", help="Fix a parameter.")
-@click.option("--workers", type=click.IntRange(1), help="Worker processes (default: one per core).")
+@WORKERS
 @click.option("--scheduler", metavar="ADDRESS", help="Run on Dask: tcp://host:8786, or local-cluster.")
 @click.option("--shard", metavar="K/N", help="Run the K-th of N parts; `merge` joins them.")
 @ISOLATE
 @click.option("--resume", is_flag=True, help="Continue what --out holds.")
 @click.option("--max-failed", default="1%", show_default=True, help="Share of failed trials that is accepted.")
 @click.option("--trajectories", default="100", show_default=True, metavar="N|all|none", help="Record the first N trials besides percentile and failed ones.")
-@click.option("--parquet", is_flag=True, help="Write trials.parquet beside trials.csv.")
-@click.option("--progress", type=click.Choice(["auto", "plain", "json", "none"]), default="auto", show_default=True)
+@PARQUET
+@PROGRESS
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of the study (default: runs/STUDY).")
 @JSON
 def study(
@@ -146,19 +147,12 @@ def study(
     as_json: bool,
 ) -> None:
     """Run many landings: STUDY is a file, or the name of one that ships."""
-    from .scenario import parse_value
-    from .units import quantity
     from .uq.progress import reporter
     from .uq.runner import first_trajectories, part
     from .uq.study import load_study
     from .uq.summary import text
 
-    chosen = load_study(study)
-    for name, file, mapping in _devices(fmus, maps):
-        chosen = chosen.replace_fmu(name, file, mapping)
-    for pair in settings:
-        name, value = _pair(pair, "--set", "COMPONENT.PARAMETER=VALUE")
-        chosen = chosen.override(name, parse_value(value))
+    chosen = _changed(load_study(study), fmus, maps, settings)
     if isolate:
         chosen = chosen.isolated()
     if inputs is not None:
@@ -167,7 +161,7 @@ def study(
         chosen = chosen.with_inputs(inputs)
     for warning in (*chosen.warnings, *chosen.scenario.doubts()):
         click.echo(f"warning: {warning}", err=True)
-    share = quantity(max_failed.replace("%", " %"), None, "--max-failed")
+    share = _share(max_failed)
     portion = part(shard) if shard else None
     folder = out or Path("runs") / (Path(study).stem + (f"-{portion[0]}of{portion[1]}" if portion else ""))
     again = f"sprain-cosim {' '.join(_without_resume(sys.argv[1:]))}"
@@ -187,9 +181,9 @@ def study(
 
 
 @cli.command()
-@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
+@FOLDERS
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of the whole study (default: runs/STUDY).")
-@click.option("--parquet", is_flag=True, help="Write trials.parquet beside trials.csv.")
+@PARQUET
 @JSON
 def merge(folders: tuple[Path, ...], out: Path | None, parquet: bool, as_json: bool) -> None:
     """Join the FOLDERS of a study's shards into one, as if it had run in one piece."""
@@ -234,8 +228,8 @@ def trial(folder: Path, number: int, out: Path | None, as_json: bool) -> int:
 
 @cli.command()
 @click.argument("manifest", type=click.Path(path_type=Path))
-@click.option("--workers", type=click.IntRange(1), help="Worker processes (default: one per core).")
-@click.option("--progress", type=click.Choice(["auto", "plain", "json", "none"]), default="auto", show_default=True)
+@WORKERS
+@PROGRESS
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of the repetition (default: the study's folder with -again).")
 @JSON
 def reproduce(manifest: Path, workers: int | None, progress: str, out: Path | None, as_json: bool) -> int:
@@ -288,7 +282,7 @@ def check(fmu: Path, mapping: Path | None, as_json: bool) -> int:
 @click.option("--workers", type=click.IntRange(1), help="Worker processes of a study (default: one per core).")
 @click.option("--resume", is_flag=True, help="Continue what --out holds of a study.")
 @click.option("--max-failed", default="1%", show_default=True, help="Share of failed landings that is accepted.")
-@click.option("--progress", type=click.Choice(["auto", "plain", "json", "none"]), default="auto", show_default=True)
+@PROGRESS
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of the comparison (default: runs/compare_NAME).")
 @JSON
 def compare(
@@ -307,7 +301,6 @@ def compare(
     """The same landings with each brace and with none: peaks, paired differences, loads, ordinary motion."""
     from .brace.compare import compare_braces, text
     from .scenario import parse_value
-    from .units import quantity
     from .uq.progress import reporter
 
     devices = _devices(braces, maps, "--brace")
@@ -324,7 +317,7 @@ def compare(
             workers=workers,
             resume=resume,
             command=again,
-            max_failed=quantity(max_failed.replace("%", " %"), None, "--max-failed"),
+            max_failed=_share(max_failed),
             progress=reporter(progress),
             say=lambda name: None if progress == "none" else click.echo(f"{name} ...", err=True),
         )
@@ -380,7 +373,7 @@ def from_csv(table: Path, output: Path | None) -> None:
 
 
 @cli.command()
-@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
+@FOLDERS
 @click.option("--out", type=click.Path(path_type=Path), help="Where figures/ goes (default: the first folder).")
 def plot(folders: tuple[Path, ...], out: Path | None) -> None:
     """Draw what the FOLDERS of runs, studies and comparisons hold, over each other: PNG and SVG, one journal column wide."""
@@ -395,7 +388,7 @@ TRIAL = click.option("--trial", metavar="N|worst|pXX", help="Of a study: a numbe
 
 
 @cli.command()
-@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
+@FOLDERS
 @TRIAL
 @click.option("--slow", type=float, default=20.0, show_default=True, help="How many times slower than real time.")
 @click.option("--out", type=click.Path(path_type=Path), help="File: .webp, .gif, .mp4, or .png for one picture (default: animation.webp in the first folder).")
@@ -430,7 +423,7 @@ def export(folder: Path, trial: str | None, kind: str | None, content: str | Non
 
 
 @cli.command()
-@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
+@FOLDERS
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE|DIR", help="Where report.html goes (default: the first folder).")
 def report(folders: tuple[Path, ...], out: Path | None) -> None:
     """Write one HTML file about what the FOLDERS of runs, studies and comparisons hold: verdict, tables, figures, inputs, provenance, limits."""
@@ -521,6 +514,24 @@ def doctor(as_json: bool) -> None:
             click.echo(f"{'ok     ' if ok else 'problem'}  {what:18}{detail}")
     if not all(ok for ok, _, _ in found):
         raise SystemExit(4)
+
+
+def _changed(chosen: Any, fmus: tuple[str, ...], maps: tuple[str, ...], settings: tuple[str, ...]) -> Any:
+    """A scenario or a study with what --fmu, --map and --set ask for."""
+    from .scenario import parse_value
+
+    for name, file, mapping in _devices(fmus, maps):
+        chosen = chosen.replace_fmu(name, file, mapping)
+    for text in settings:
+        name, value = _pair(text, "--set", "COMPONENT.PARAMETER=VALUE")
+        chosen = chosen.override(name, parse_value(value))
+    return chosen
+
+
+def _share(text: str) -> float:
+    from .units import quantity
+
+    return quantity(text.replace("%", " %"), None, "--max-failed")
 
 
 def _devices(fmus: tuple[str, ...], maps: tuple[str, ...], option: str = "--fmu") -> list[tuple[str, str, str | None]]:
