@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from . import plots, runfolder
 from .errors import EnvironmentProblem, InputError
 from .folders import Comparison, Folder, Run, StudyFolder
-from .metrics import unit_of
+from .metrics import brace_torques, unit_of
 from .plots import Sample
 from .uq import statistics
 
@@ -139,6 +139,11 @@ def _or(value: Any, other: float) -> float:
     return float(other if value is None else value)
 
 
+def _end(study: StudyFolder, of: int) -> str:
+    """What a file name ends in that stands for one study of several."""
+    return "" if of == 1 else "_" + re.sub(r"[^\w.-]", "_", study.path.resolve().name)
+
+
 def _note(items: Sequence[tuple[str, Run | StudyFolder]]) -> str:
     poses = list(dict.fromkeys(item.pose for _, item in items if item.pose))
     if len(poses) > 1:
@@ -175,7 +180,7 @@ def _of_studies(studies: Sequence[tuple[str, StudyFolder]]) -> Iterator[Drawn]:
     for name, study in distributions:
         sensitivity = pearson(study, study.response)
         if sensitivity:
-            end = "" if len(distributions) == 1 else "_" + re.sub(r"[^\w.-]", "_", study.path.resolve().name)
+            end = _end(study, len(distributions))
             r = study.published.get("pearson", {}) if study.response == "peak_subtalar_angle_deg" else {}
             caption = "What moves the response (Pearson's r) and what widens it (normalised sensitivity of its standard deviation), with 95 % intervals."
             drawn = plots.tornado(sensitivity, spread(study, study.response), name, quantity(study.response), r, _note([(name, study)]))
@@ -204,7 +209,7 @@ def _searches(studies: Sequence[tuple[str, StudyFolder]], distributions: Sequenc
         beside = next((samples[n] for n, s in distributions if _same_question(s, study)), None)
         levels = study.search["levels"] if study.search else {}
         importance = {level: {k: float(v) for k, v in row["importance"].items()} for level, row in levels.items()}
-        end = "" if len(found) == 1 else "_" + re.sub(r"[^\w.-]", "_", study.path.resolve().name)
+        end = _end(study, len(found))
         note = f"{_note([(name, study)])} Gate of the method: {study.search['status'] if study.search else ''}."
         caption = "Levels of the response found with few landings, on the distribution of the Monte Carlo study if there is one; which input leads to each."
         yield Drawn(f"amv{end}", f"{name}", caption, plots.amv(samples[name], importance, quantity(study.response), beside, note))
@@ -246,7 +251,7 @@ def _grids(studies: Sequence[tuple[str, StudyFolder]]) -> Iterator[Drawn]:
                 title = f"{_with_unit(axes[1])} = {level:g}" if len(axes) == 2 else name
                 rows.append((title, part[study.response].to_numpy(float)))
         if rows:
-            end = "" if sum(s.head["method"] == "grid" for _, s in studies) == 1 else "_" + re.sub(r"[^\w.-]", "_", study.path.resolve().name)
+            end = _end(study, sum(s.head["method"] == "grid" for _, s in studies))
             drawn = plots.grid(levels, rows, _with_unit(axes[0]), quantity(study.response), _note([(name, study)]))
             yield Drawn(f"grid{end}", name, "The response at the points of the grid. A grid is no sample: no probability is in it.", drawn)
 
@@ -269,7 +274,7 @@ def _fans(studies: Sequence[tuple[str, StudyFolder]]) -> Iterator[Drawn]:
             time = records[0].time
             records = [r for r in records if len(r.time) == len(time)]
             signals = {s: np.array([r[s] for r in records]) for _, s, _ in plots.PANELS if all(s in r.index for r in records)}
-            if not any(n.startswith("plant.brace_") and n.endswith("_torque") for n in records[0].index):
+            if not brace_torques(records[0]):
                 signals.pop("plant.brace_subtalar_moment", None)
             groups.append((f"{name}, {len(records)} landings", time, signals))
     for k in range(0, len(groups), 3):

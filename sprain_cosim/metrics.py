@@ -26,6 +26,12 @@ class Signals(Protocol):
     def __getitem__(self, name: str) -> np.ndarray: ...
 
 
+def brace_torques(run: Signals) -> dict[str, str]:
+    """{axis: the plant's input} of every torque that a brace gives; empty without a brace."""
+    start, end = "plant.brace_", "_torque"
+    return {n.removeprefix(start).removesuffix(end): n for n in run.index if n.startswith(start) and n.endswith(end)}
+
+
 def metrics(run: Signals) -> dict[str, float]:
     """Keys carry their unit. Angles of the three axes of the joint coordinate system are raw, as in Table 3 of Yoder et al. 2021
     (doi 10.3389/fbioe.2021.765331); velocities are components of the angular velocity; moments are those about an axis at the time of that
@@ -38,7 +44,7 @@ def metrics(run: Signals) -> dict[str, float]:
     degrees = math.degrees(1.0)
     angle = {a: f"plant.{a}_angle" for a in ANATOMIC} | {a: f"plant.jcs_{a}_raw_angle" for a in JCS}
     label = {a: a for a in ANATOMIC} | {a: f"jcs_{a}" for a in JCS}
-    braced = any(n.startswith("plant.brace_") and n.endswith("_torque") for n in run.index)
+    torques = brace_torques(run)
     out: dict[str, float] = {}
     peak = {}
     for axis, name in angle.items():
@@ -51,15 +57,14 @@ def metrics(run: Signals) -> dict[str, float]:
         out[f"peak_{label[axis]}_velocity_deg_s"] = degrees * float(run[f"plant.{axis}_velocity"].max())
     if "plant.inversion_angle" in run.index:
         out["peak_inversion_from_neutral_deg"] = degrees * float(run["plant.inversion_angle"].max())
-    for who in ("anatomy", "brace") if braced else ("anatomy",):
+    for who in ("anatomy", "brace") if torques else ("anatomy",):
         for axis, k in peak.items():
             out[f"{who}_{label[axis]}_moment_Nm"] = float(run[f"plant.{who}_{axis}_moment"][k])
-    if braced:
+    if torques:
         moment, k = run["plant.brace_subtalar_moment"], peak["subtalar"] + 1
         out["peak_brace_subtalar_moment_Nm"] = float(moment.max())
         out["brace_subtalar_work_to_peak_J"] = _work(moment[:k], run["plant.subtalar_angle"][:k])
-        torques = {n: n.removeprefix("plant.brace_").removesuffix("_torque") for n in run.index if n.startswith("plant.brace_") and n.endswith("_torque")}
-        out["brace_work_J"] = -sum(_work(run[n], run[f"plant.{axis}_angle"]) for n, axis in torques.items())
+        out["brace_work_J"] = -sum(_work(run[n], run[f"plant.{axis}_angle"]) for axis, n in torques.items())
     force = run["plant.ground_force_y"]
     out["peak_vertical_grf_N"] = float(force.max())
     late = force[run.time > IMPACT]

@@ -104,11 +104,6 @@ class System:
                 problems.append(f"communication step {1e3 * h:g} ms: {component.name} takes only whole multiples of its own {1e3 * own:g} ms; {multiples}")
         return problems
 
-    @property
-    def handed_over(self) -> list[str]:
-        """Targets of the stiffness and damping connections."""
-        return [target for target in self.connections if target.endswith(HANDED_OVER)]
-
     @cached_property
     def torques(self) -> dict[str, str]:
         """{axis: the output that gives the torque about it} for all torques of devices on the plant."""

@@ -16,6 +16,7 @@ from matplotlib.patches import Polygon
 from matplotlib.text import Text
 
 from ..errors import InputError
+from ..metrics import brace_torques
 from ..plots import DEGREES
 from ..plots.style import ANATOMY, BRACE, FAINT, GROUND, INK, MUTED, SERIES, SUBTALAR, TALOCRURAL
 from ..trajectory import Trajectory
@@ -194,7 +195,7 @@ class _Actor:
     def __init__(self, run: Trajectory) -> None:
         self.run, self.skeleton = run, Skeleton.read(run.plant)
         run.need(self.skeleton.coordinates, "a drawing")
-        self.braced = any(n.startswith("plant.brace_") and n.endswith("_torque") for n in run.result.index)
+        self.braced = bool(brace_torques(run.result))
         self.incline = run.parameter(self.skeleton.content["platform"]["incline"])
         self.pivot = np.array(self.skeleton.content["platform"]["pivot"])
         sine, cosine = math.sin(self.incline), math.cos(self.incline)

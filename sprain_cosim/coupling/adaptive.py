@@ -41,7 +41,7 @@ class Adaptive:
         self.saves = all(m.component.capabilities.state for m in assembly.members)
         self.allowed = [n for n in PARTS if not assembly.system.check_step(step / n)]
         self.parts = 1 if self.saves else max(n for n in self.allowed if n <= FIRST_UNSAVED)
-        self.exchanges, self.repeated, self.most = 0, 0, 0
+        self.exchanges, self.most = 0, 0
         self._residual = self._exchanged = 0.0
         self._steps = 0
         self._before: tuple[np.ndarray, float] | None = None
@@ -72,7 +72,6 @@ class Adaptive:
                 if not (residual > allowed and self.saves and n < self.allowed[-1]):
                     break
                 self.parts = self._number(n, residual, allowed, least=n + 1)
-                self.repeated += n
                 for member, state in states:
                     member.instance.restore(state)
                     member.sent = False

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from ..metrics import IMPACT, Signals
+from ..metrics import IMPACT, Signals, brace_torques
 from .literature import INJURY_INVERSION, LI_SAFE, LI_SOURCE, LI_SPRAIN, LI_VELOCITY
 from .style import ANATOMY, BRACE, FAINT, GROUND, INK, LINES, MUTED, SMALL, band_above, legend_above, line, looks, sheet, shorten, styled
 
@@ -185,7 +185,7 @@ def fan(groups: Sequence[tuple[str, Array, Mapping[str, Array]]], note: str = ""
 
 def _has(run: Signals, signal: str) -> bool:
     if signal.startswith("plant.brace_"):
-        return signal in run.index and any(name.startswith("plant.brace_") and name.endswith("_torque") for name in run.index)
+        return signal in run.index and bool(brace_torques(run))
     return signal in run.index
 
 
