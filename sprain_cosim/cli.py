@@ -395,7 +395,7 @@ TRIAL = click.option("--trial", metavar="N|worst|pXX", help="Of a study: a numbe
 def animate(folders: tuple[Path, ...], trial: str | None, slow: float, out: Path | None) -> None:
     """Show the landings of up to six FOLDERS (or of the braces in a comparison's) side by side in slow motion."""
     from .animate import animate as draw
-    from .trajectory import load_all
+    from .landing import load_all
 
     target = out or folders[0] / "animation.webp"
     runs = [run for folder in folders for run in load_all(folder, trial)]
@@ -415,8 +415,8 @@ def animate(folders: tuple[Path, ...], trial: str | None, slow: float, out: Path
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="File to write.")
 def export(folder: Path, trial: str | None, kind: str | None, content: str | None, output: Path) -> None:
     """Write the landing in FOLDER for other tools: OpenSim .sto and .mot, CSV, Parquet."""
+    from .landing import load
     from .storage import write
-    from .trajectory import load
 
     rows, columns = write(load(folder, trial), output, kind, content)
     click.echo(f"written: {output} ({rows} rows, {columns} columns and time)")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .errors import EnvironmentProblem, InputError, nearest
-from .trajectory import Trajectory
+from .landing import Landing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,13 +32,13 @@ TRANSLATIONS = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
 FORMATS = {"sto": "states", "mot": "coordinates", "csv": "signals", "parquet": "signals"}  # with what each holds unless it is told
 
 
-def coordinates(run: Trajectory) -> pd.DataFrame:
+def coordinates(run: Landing) -> pd.DataFrame:
     """The 15 coordinates [rad, m]."""
     run.need(COORDINATES, "the export of coordinates")
     return _frame(run, {name: run.result[f"plant.{name}"] for name in COORDINATES})
 
 
-def states(run: Trajectory) -> pd.DataFrame:
+def states(run: Landing) -> pd.DataFrame:
     """Coordinates and speeds [rad, m, rad/s, m/s], activations [1] and fibre lengths [m] of all muscles, by OpenSim's paths."""
     run.need(COORDINATES, "the export of states")
     columns: dict[str, np.ndarray] = {}
@@ -52,7 +52,7 @@ def states(run: Trajectory) -> pd.DataFrame:
     return _frame(run, columns)
 
 
-def forces(run: Trajectory) -> pd.DataFrame:
+def forces(run: Landing) -> pd.DataFrame:
     """Tendon forces [N] by muscle, moments of the passive ankle and of the brace about every axis [N.m], + when they resist."""
     run.need(COORDINATES, "the export of forces")
     columns = {muscle: run.result[f"plant.{muscle}_tendon_force"] for muscle in _muscles(run)}
@@ -60,7 +60,7 @@ def forces(run: Trajectory) -> pd.DataFrame:
     return _frame(run, columns | {name.removeprefix("plant."): run.result[name] for name in moments})
 
 
-def ground(run: Trajectory) -> pd.DataFrame:
+def ground(run: Landing) -> pd.DataFrame:
     """Force [N], centre of pressure [m] and free moment [N.m] of the platform on the foot, in the ground's frame."""
     run.need(("ground_point_x", "ground_free_moment"), "the export of the ground reaction")
     incline = run.parameter("platform_incline")
@@ -71,14 +71,14 @@ def ground(run: Trajectory) -> pd.DataFrame:
     return _frame(run, columns)
 
 
-def signals(run: Trajectory) -> pd.DataFrame:
+def signals(run: Landing) -> pd.DataFrame:
     """Everything recorded, as "component.variable [unit]"."""
     result = run.result
     headings = [f"{n} [{u.name if u else '?'}]" for n, u in zip(result.names, result.units, strict=True)]
     return _frame(run, dict(zip(headings, result.values.T, strict=True)))
 
 
-CONTENTS: dict[str, Callable[[Trajectory], pd.DataFrame]] = {
+CONTENTS: dict[str, Callable[[Landing], pd.DataFrame]] = {
     "coordinates": coordinates,
     "states": states,
     "forces": forces,
@@ -87,7 +87,7 @@ CONTENTS: dict[str, Callable[[Trajectory], pd.DataFrame]] = {
 }
 
 
-def write(run: Trajectory, target: Path, kind: str | None = None, content: str | None = None) -> tuple[int, int]:
+def write(run: Landing, target: Path, kind: str | None = None, content: str | None = None) -> tuple[int, int]:
     """Writes `content` (one of CONTENTS) of a landing as `kind` (one of FORMATS; None: by the ending of `target`). Returns rows and columns, time not
     counted. Raises InputError, EnvironmentProblem."""
     kind = kind or target.suffix.lower().removeprefix(".")
@@ -123,13 +123,13 @@ def opensim_text(table: pd.DataFrame, name: str, in_degrees: bool) -> str:
     return "\n".join([*head, labels, *rows]) + "\n"
 
 
-def _frame(run: Trajectory, columns: dict[str, np.ndarray]) -> pd.DataFrame:
+def _frame(run: Landing, columns: dict[str, np.ndarray]) -> pd.DataFrame:
     import pandas as pd
 
     return pd.DataFrame(columns, index=pd.Index(run.result.time, name="time [s]"))
 
 
-def _muscles(run: Trajectory) -> list[str]:
+def _muscles(run: Landing) -> list[str]:
     names = [name.removeprefix("plant.").removesuffix("_tendon_force") for name in run.result.names if name.endswith("_tendon_force")]
     if not names:
         raise InputError(f"{run.label}: its record has no muscles; run it again with this version")

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import EnvironmentProblem, InputError
-from ..trajectory import Trajectory
+from ..landing import Landing
 from .stage import Stage
 
 RATE = 25  # pictures per second
@@ -19,7 +19,7 @@ QUALITY = 78
 FORMATS = (".webp", ".mp4", ".gif", ".png")
 
 
-def animate(runs: Sequence[Trajectory], out: Path, slow: float = 20.0, progress: Callable[[float], None] | None = None) -> int:
+def animate(runs: Sequence[Landing], out: Path, slow: float = 20.0, progress: Callable[[float], None] | None = None) -> int:
     """Writes the landings side by side, slowed `slow` times, to `out` (.webp, .mp4, .gif; .png: the instant of the largest subtalar angle). Returns the
     number of pictures. Raises InputError, EnvironmentProblem."""
     kind = out.suffix.lower()

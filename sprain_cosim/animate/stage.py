@@ -16,10 +16,10 @@ from matplotlib.patches import Polygon
 from matplotlib.text import Text
 
 from ..errors import InputError
+from ..landing import Landing
 from ..metrics import brace_torques
 from ..plots import DEGREES
 from ..plots.style import ANATOMY, BRACE, FAINT, GROUND, INK, MUTED, SERIES, SUBTALAR, TALOCRURAL
-from ..trajectory import Trajectory
 from .skeleton import Pose, Skeleton
 from .solid import PAPER, Camera
 
@@ -68,7 +68,7 @@ def _views(count: int) -> tuple[tuple[View, ...], int]:
 class Stage:
     """`frames(times)` yields pictures (height, width, 3) uint8 of the landings side by side, all at the same time after contact [s]."""
 
-    def __init__(self, runs: Sequence[Trajectory], slow: float) -> None:
+    def __init__(self, runs: Sequence[Landing], slow: float) -> None:
         if not 1 <= len(runs) <= MOST:
             raise InputError(f"{len(runs)} landings: up to {MOST} can be shown side by side")
         self.runs, self.slow = runs, slow
@@ -192,7 +192,7 @@ class Stage:
 class _Actor:
     """A landing: its signals, and the pose at each time of the film."""
 
-    def __init__(self, run: Trajectory) -> None:
+    def __init__(self, run: Landing) -> None:
         self.run, self.skeleton = run, Skeleton.read(run.plant)
         run.need(self.skeleton.coordinates, "a drawing")
         self.braced = bool(brace_torques(run.result))

@@ -16,8 +16,8 @@ from sprain_cosim.animate.skeleton import Skeleton
 from sprain_cosim.animate.solid import PAPER, Camera
 from sprain_cosim.animate.stage import Stage
 from sprain_cosim.errors import EnvironmentProblem, InputError
+from sprain_cosim.landing import Landing
 from sprain_cosim.scenario import fmu_path, load_scenario
-from sprain_cosim.trajectory import Trajectory
 
 X, Y, Z = np.eye(3)
 PLANT = fmu_path("plant", Path.cwd(), "plant")
@@ -25,9 +25,9 @@ AWAY = np.array([0.0, -9.0, 0.0])  # the box, out of sight
 
 
 @pytest.fixture(scope="module")
-def braced() -> Trajectory:
+def braced() -> Landing:
     chosen = load_scenario("incline30_brace").with_master(stop="48 ms").recording("plant.*")
-    return Trajectory("braced", chosen.title, chosen.initial_pose(), chosen.run(), {"plant.platform_incline": np.pi / 6}, PLANT)
+    return Landing("braced", chosen.title, chosen.initial_pose(), chosen.run(), {"plant.platform_incline": np.pi / 6}, PLANT)
 
 
 def test_pose_is_that_of_mujoco() -> None:
@@ -61,7 +61,7 @@ def test_drawing_is_made_from_the_tables() -> None:
     assert json.loads(json.dumps(drawing(load_skeleton()))) == Skeleton.read(PLANT).content
 
 
-def test_sole_touches_the_platform_when_the_contact_does(braced: Trajectory) -> None:
+def test_sole_touches_the_platform_when_the_contact_does(braced: Landing) -> None:
     skeleton, result = Skeleton.read(PLANT), braced.result
     lowest = []
     normal = np.array([0.0, np.cos(np.pi / 6), np.sin(np.pi / 6)])
@@ -121,7 +121,7 @@ def test_projection_agrees_with_the_picture() -> None:
     assert camera.project(ball[0, :3]) == pytest.approx((columns.mean() + 0.5, rows.mean() + 0.5), abs=0.3)
 
 
-def test_film_of_two_landings_in_step(braced: Trajectory, tmp_path: Path) -> None:
+def test_film_of_two_landings_in_step(braced: Landing, tmp_path: Path) -> None:
     short = replace(braced, label="short", result=replace(braced.result, time=braced.result.time[:41], values=braced.result.values[:41]))
     target = tmp_path / "film.webp"
     count = animate([braced, short], target, slow=10.0)
@@ -139,7 +139,7 @@ def test_film_of_two_landings_in_step(braced: Trajectory, tmp_path: Path) -> Non
     assert [p.name for p in tmp_path.iterdir()] == ["film.webp"]
 
 
-def test_pictures_move_and_show_force_and_moment(braced: Trajectory) -> None:
+def test_pictures_move_and_show_force_and_moment(braced: Landing) -> None:
     stage = Stage([braced], 30.0)
     peak = float(braced.result.time[np.argmax(braced.result["plant.ground_force"])])
     first, last = stage.frames(np.array([0.0, peak]))
@@ -155,7 +155,7 @@ def test_pictures_move_and_show_force_and_moment(braced: Trajectory) -> None:
     assert np.linalg.norm(outline[3] - 0.5 * (outline[0] + outline[6])) == pytest.approx(close.reach * np.hypot(force[1], force[2]), rel=0.01)
 
 
-def test_without_a_brace_no_brace_is_drawn(braced: Trajectory) -> None:
+def test_without_a_brace_no_brace_is_drawn(braced: Landing) -> None:
     result = braced.result
     kept = [k for k, name in enumerate(result.names) if not (name.startswith("plant.brace_") and name.endswith("_torque"))]
     names, units = (tuple(values[k] for k in kept) for values in (result.names, result.units))
@@ -166,7 +166,7 @@ def test_without_a_brace_no_brace_is_drawn(braced: Trajectory) -> None:
     assert yellow[1] < 200
 
 
-def test_what_cannot_be_drawn_says_why(braced: Trajectory, tmp_path: Path) -> None:
+def test_what_cannot_be_drawn_says_why(braced: Landing, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"film.avi: ends in .avi"):
         animate([braced], tmp_path / "film.avi")
     with pytest.raises(InputError, match="7 landings: up to 6"):
@@ -184,14 +184,14 @@ def test_what_cannot_be_drawn_says_why(braced: Trajectory, tmp_path: Path) -> No
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file"]
 
 
-def test_video_without_its_extra_says_how(braced: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_video_without_its_extra_says_how(braced: Landing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     with pytest.raises(EnvironmentProblem, match=r"\[video\]"):
         animate([braced], tmp_path / "film.mp4")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_video(braced: Trajectory, tmp_path: Path) -> None:
+def test_video(braced: Landing, tmp_path: Path) -> None:
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     assert animate([braced], tmp_path / "film.mp4", slow=5.0) == 7
     count, seconds = ffmpeg.count_frames_and_secs(str(tmp_path / "film.mp4"))

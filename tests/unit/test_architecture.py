@@ -32,7 +32,7 @@ LEVELS = [
     {"folders"},
     {"gallery"},
     {"report"},
-    {"trajectory"},
+    {"landing"},
     {"animate", "storage", "reproduce"},
     {"validation"},
     {"cli"},

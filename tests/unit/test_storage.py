@@ -14,9 +14,9 @@ import pandas as pd
 import pytest
 
 from sprain_cosim.errors import InputError
+from sprain_cosim.landing import Landing, pick
 from sprain_cosim.scenario import fmu_path, load_scenario
 from sprain_cosim.storage import COORDINATES, forces, ground, states, write
-from sprain_cosim.trajectory import Trajectory, pick
 
 PLANT = fmu_path("plant", Path.cwd(), "plant")
 OPENSIM = os.environ.get("SPRAIN_OPENSIM_PYTHON", sys.executable)  # a Python that has the package opensim
@@ -35,9 +35,9 @@ for label in sys.argv[2:]:
 
 
 @pytest.fixture(scope="module")
-def landing() -> Trajectory:
+def landing() -> Landing:
     chosen = load_scenario("incline30_brace").with_master(stop="60 ms").recording("plant.*")
-    return Trajectory("landing", chosen.title, chosen.initial_pose(), chosen.run(), {"plant.platform_incline": np.pi / 6}, PLANT)
+    return Landing("landing", chosen.title, chosen.initial_pose(), chosen.run(), {"plant.platform_incline": np.pi / 6}, PLANT)
 
 
 def parse(path: Path) -> tuple[dict[str, str], pd.DataFrame]:
@@ -46,7 +46,7 @@ def parse(path: Path) -> tuple[dict[str, str], pd.DataFrame]:
     return dict(line.split("=", 1) for line in head.splitlines() if "=" in line), pd.read_csv(StringIO(body), sep="\t", index_col=0)
 
 
-def test_coordinates_in_degrees(landing: Trajectory, tmp_path: Path) -> None:
+def test_coordinates_in_degrees(landing: Landing, tmp_path: Path) -> None:
     assert write(landing, tmp_path / "x.mot") == (121, 15)
     head, table = parse(tmp_path / "x.mot")
     assert (head["nRows"], head["nColumns"], head["inDegrees"]) == ("121", "16", "yes")
@@ -61,7 +61,7 @@ def test_coordinates_in_degrees(landing: Trajectory, tmp_path: Path) -> None:
     assert table["subtalar_angle_r"].to_numpy() == pytest.approx(result["plant.subtalar_angle"], abs=1e-9)
 
 
-def test_states_are_complete_and_consistent(landing: Trajectory) -> None:
+def test_states_are_complete_and_consistent(landing: Landing) -> None:
     table = states(landing)
     assert table.shape == (121, 2 * 15 + 2 * 49)
     middle = slice(60, 110)
@@ -74,7 +74,7 @@ def test_states_are_complete_and_consistent(landing: Trajectory) -> None:
     assert activation.to_numpy().max() <= 1.0
 
 
-def test_ground_reaction_and_forces(landing: Trajectory) -> None:
+def test_ground_reaction_and_forces(landing: Landing) -> None:
     table = ground(landing)
     assert table.columns[3] == "ground_force_px"
     k = int(np.argmax(landing.result["plant.ground_force"]))
@@ -87,7 +87,7 @@ def test_ground_reaction_and_forces(landing: Trajectory) -> None:
     assert loads["soleus_r"].max() > 500.0
 
 
-def test_csv_and_parquet_hold_every_signal(landing: Trajectory, tmp_path: Path) -> None:
+def test_csv_and_parquet_hold_every_signal(landing: Landing, tmp_path: Path) -> None:
     write(landing, tmp_path / "x.csv")
     table = pd.read_csv(tmp_path / "x.csv", index_col=0)
     assert table.index.name == "time [s]"
@@ -98,7 +98,7 @@ def test_csv_and_parquet_hold_every_signal(landing: Trajectory, tmp_path: Path) 
     assert np.array_equal(pd.read_parquet(tmp_path / "x.parquet").to_numpy(), landing.result.values)
 
 
-def test_opensim_reads_it(landing: Trajectory, tmp_path: Path) -> None:
+def test_opensim_reads_it(landing: Landing, tmp_path: Path) -> None:
     asked = {"x.mot": "ankle_angle_r", "x.sto": "/forceset/soleus_r/fiber_length"}
     expected = {
         "x.mot": np.degrees(landing.result["plant.ankle_angle_r"][-1]),
@@ -116,7 +116,7 @@ def test_opensim_reads_it(landing: Trajectory, tmp_path: Path) -> None:
         assert float(value[1]) == pytest.approx(expected[name], rel=1e-9)
 
 
-def test_what_cannot_be_exported_says_why(landing: Trajectory, tmp_path: Path) -> None:
+def test_what_cannot_be_exported_says_why(landing: Landing, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"format 'stoo' is unknown .did you mean sto"):
         write(landing, tmp_path / "x.stoo")
     plain = replace(landing, label="old", result=load_scenario("incline30").with_master(stop="2 ms").run())

@@ -30,7 +30,7 @@ AGREEMENT = 1e-6  # relative; a trial simulated again gives its recorded respons
 
 
 @dataclass(frozen=True)
-class Trajectory:
+class Landing:
     """`label` says which landing it is, `parameters` {"component.parameter": value in its own unit} what was set, `plant` the FMU that landed."""
 
     label: str
@@ -59,7 +59,7 @@ class Trajectory:
             raise InputError(f"{self.label}: its record has no {some}, which {what} needs; run it again with this version")
 
 
-def load_all(folder: Path, trial: str | None = None) -> list[Trajectory]:
+def load_all(folder: Path, trial: str | None = None) -> list[Landing]:
     """The landing of a run's or a study's folder (see `load`), or those of every brace of a comparison, under the braces' names."""
     if not (folder / "compare.json").is_file():
         return [load(folder, trial)]
@@ -70,7 +70,7 @@ def load_all(folder: Path, trial: str | None = None) -> list[Trajectory]:
         raise InputError(f"{folder / 'compare.json'}: cannot be read: {problem!r}") from None
 
 
-def load(folder: Path, trial: str | None = None) -> Trajectory:
+def load(folder: Path, trial: str | None = None) -> Landing:
     """The landing in a run's folder; in a study's folder the trial `trial`: a number, worst, or pXX for a percentile of the study's first response
     (default p50). Raises InputError."""
     if (folder / "trials.csv").is_file():
@@ -86,7 +86,7 @@ def load(folder: Path, trial: str | None = None) -> Trajectory:
     described = Component.read("plant", plant)
     given = {k: v for k, v in head["parameters"].items() if k.startswith("plant.") and k.partition(".")[2] in described.parameters}
     parameters = {k: described.connectors[k.partition(".")[2]].value(v, k) for k, v in given.items()}
-    return Trajectory(str(folder), head["title"], head["initial_pose"], result, parameters, plant)
+    return Landing(str(folder), head["title"], head["initial_pose"], result, parameters, plant)
 
 
 def pick(trials: pd.DataFrame, response: str, which: str, place: str) -> tuple[int, str]:
@@ -113,7 +113,7 @@ def pick(trials: pd.DataFrame, response: str, which: str, place: str) -> tuple[i
     return number, f"trial {number}, {said}"
 
 
-def _of_study(folder: Path, which: str) -> Trajectory:
+def _of_study(folder: Path, which: str) -> Landing:
     import pandas as pd
 
     with Ledger.read(folder) as ledger:
@@ -128,7 +128,7 @@ def _of_study(folder: Path, which: str) -> Trajectory:
     result = _recorded(recorded(folder, number), row)
     if result is None or "plant.pelvis_tx" not in result.index:
         result = _again(study, values, row, what)
-    return Trajectory(f"{folder}, {said}", study.title, study.scenario.initial_pose(), result, values, study.scenario.fmus["plant"])
+    return Landing(f"{folder}, {said}", study.title, study.scenario.initial_pose(), result, values, study.scenario.fmus["plant"])
 
 
 def _inputs(scenario: Scenario, row: pd.Series) -> dict[str, float]:
