@@ -25,7 +25,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 import sprain_cosim as sc
 from sprain_cosim.uq import reliability, sensitivity, statistics
 from sprain_cosim.uq.summary import FACTORS
-from tests.paper.test_studies import PEAK, RECORDS, inputs
+from sprain_cosim.validation.paper import PEAK, RECORDS
+from tests.paper.test_studies import inputs
 from tests.reference import FOLDER, read
 
 PAGE = Path(__file__).parent.parent / "docs" / "validation.md"

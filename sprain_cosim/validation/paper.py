@@ -8,7 +8,7 @@ by sampling alone with a probability of 1 % (Bonferroni).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from ..metrics import unit_of
 from .check import Check, Gap, Row
 from .laboratory import Laboratory, rms
 
@@ -25,18 +26,38 @@ PEAK = "peak_subtalar_angle_deg"
 PUBLISHED_TRIALS = 1000
 YODER = "Yoder et al. 2021"
 CHANCE = 0.01  # of a false alarm in a family
-RECORDS = {  # columns of the published records: our heading, and the kind of number
-    "drop_height_m": ("plant.drop_height [m]", "as it is"),
-    "contact_modulus_Pa_m": ("plant.contact_modulus [Pa/m]", "as it is"),
-    "contact_dissipation_s_m": ("plant.contact_dissipation [s/m]", "as it is"),
-    "ankle_stiffness_scale_fi": ("plant.passive_angle_scale", "shift"),
-    "coactivation": ("controller.coactivation", "as it is"),
-    "reflex_gain": ("controller.reflex_gain", "as it is"),
-    "talocrural_at_contact_deg": ("plant.talocrural_angle_at_contact [deg]", "as it is"),
-    "subtalar_at_contact_deg": ("plant.subtalar_angle_at_contact [deg]", "as it is"),
-    "strength_scale_m1i": ("plant.ankle_strength_scale", "share"),
-    "brace_scale_bi": ("brace.angle_scale", "shift"),
+
+
+def _as_it_is(values: pd.Series) -> pd.Series:
+    return values
+
+
+def _scale(shift: pd.Series) -> pd.Series:
+    """The angle scale of the records' shift s: 1 + s, or 1/(1 - s) for a negative one."""
+    return (1 + shift).where(shift >= 0, 1 / (1 - shift))
+
+
+RECORDS: dict[str, tuple[str, Callable[[pd.Series], pd.Series]]] = {  # columns of the published records: our heading, and how to convert
+    "drop_height_m": ("plant.drop_height [m]", _as_it_is),
+    "contact_modulus_Pa_m": ("plant.contact_modulus [Pa/m]", _as_it_is),
+    "contact_dissipation_s_m": ("plant.contact_dissipation [s/m]", _as_it_is),
+    "ankle_stiffness_scale_fi": ("plant.passive_angle_scale", _scale),
+    "coactivation": ("controller.coactivation", _as_it_is),
+    "reflex_gain": ("controller.reflex_gain", _as_it_is),
+    "talocrural_at_contact_deg": ("plant.talocrural_angle_at_contact [deg]", _as_it_is),
+    "subtalar_at_contact_deg": ("plant.subtalar_angle_at_contact [deg]", _as_it_is),
+    "strength_scale_m1i": ("plant.ankle_strength_scale", lambda share: 1 + share),
+    "brace_scale_bi": ("brace.angle_scale", _scale),
 }
+
+
+def published_inputs(records: pd.DataFrame) -> pd.DataFrame:
+    """The trials of a study's records as a table for `--inputs`: number and varied inputs."""
+    table = pd.DataFrame({"trial": records["trial"]})
+    for column, (heading, convert) in RECORDS.items():
+        if records[column].notna().all() and (column not in ("coactivation", "reflex_gain") or records[column].ne(0).any()):
+            table[heading] = convert(records[column])
+    return table
 
 
 def _z(count: int) -> float:
@@ -137,7 +158,7 @@ def means(laboratory: Laboratory) -> list[Row]:
     cells = _cells(laboratory)
     z = _z(2 * len(cells))
     return [
-        Row(f"{name}, {key}", float(y.mean()), mean, z * float(y.std(ddof=1)) * _of_difference(len(y)) + _last_digit(mean), _unit(key))
+        Row(f"{name}, {key}", float(y.mean()), mean, z * float(y.std(ddof=1)) * _of_difference(len(y)) + _last_digit(mean), unit_of(key))
         for name, key, y, mean, _ in cells
     ]
 
@@ -145,13 +166,7 @@ def means(laboratory: Laboratory) -> list[Row]:
 def deviations(laboratory: Laboratory) -> list[Row]:
     cells = _cells(laboratory)
     z = _z(2 * len(cells))
-    return [Row(f"{name}, {key}", float(y.std(ddof=1)), sd, z * _sd_error(y) + _last_digit(sd), _unit(key)) for name, key, y, _, sd in cells]
-
-
-def _unit(key: str) -> str:
-    from ..metrics import unit_of
-
-    return unit_of(key)
+    return [Row(f"{name}, {key}", float(y.std(ddof=1)), sd, z * _sd_error(y) + _last_digit(sd), unit_of(key)) for name, key, y, _, sd in cells]
 
 
 def amv_levels(laboratory: Laboratory) -> list[Row]:
@@ -175,26 +190,14 @@ def amv_importance(laboratory: Laboratory) -> list[Row]:
     return [Row(name, found[name], value, 0.03) for name, value in expected.items()]
 
 
-def _converted(values: pd.Series, kind: str) -> pd.Series:
-    """The records' shifts to our scales: 1 + s, or 1/(1 - s) for a negative shift of an angle scale."""
-    if kind == "as it is":
-        return values
-    return values.where(values >= 0, 1 / (1 - values) - 1) + 1 if kind == "shift" else 1 + values
-
-
 def _errors(laboratory: Laboratory, study: str) -> np.ndarray:
     """Simulated minus published peak [deg] of every published trial, each run with its own inputs; run once."""
     cache: dict[str, np.ndarray] = laboratory.__dict__.setdefault("published_trials", {})
     if study not in cache:
         records = laboratory.table(f"paper/{study}_trials.csv")
-        columns = {"trial": records["trial"]}
-        for column, (heading, kind) in RECORDS.items():
-            active = column not in ("coactivation", "reflex_gain") or bool(records[column].ne(0).any())
-            if records[column].notna().all() and active:
-                columns[heading] = _converted(records[column], kind)
         with TemporaryDirectory() as folder:
             path = Path(folder) / "inputs.csv"
-            pd.DataFrame(columns).to_csv(path, index=False)
+            published_inputs(records).to_csv(path, index=False)
             trials = laboratory.study(study).with_inputs(path).run(workers=laboratory.workers).trials
         cache[study] = trials[PEAK].to_numpy(float) - records["peak_subtalar_deg"].to_numpy(float)
     return cache[study]

@@ -12,33 +12,15 @@ import pytest
 import sprain_cosim as sc
 from sprain_cosim.uq import statistics
 from sprain_cosim.uq.reliability import amv, amv_plus, hmv, mean_value
-from tests.direct import scale
+from sprain_cosim.validation.paper import RECORDS, published_inputs
 from tests.reference import needs_reference, read
 
 PEAK = "peak_subtalar_angle_deg"
-# the records' columns: our heading, how to convert
-RECORDS = {
-    "drop_height_m": ("plant.drop_height [m]", float),
-    "contact_modulus_Pa_m": ("plant.contact_modulus [Pa/m]", float),
-    "contact_dissipation_s_m": ("plant.contact_dissipation [s/m]", float),
-    "ankle_stiffness_scale_fi": ("plant.passive_angle_scale", scale),
-    "coactivation": ("controller.coactivation", float),
-    "reflex_gain": ("controller.reflex_gain", float),
-    "talocrural_at_contact_deg": ("plant.talocrural_angle_at_contact [deg]", float),
-    "subtalar_at_contact_deg": ("plant.subtalar_angle_at_contact [deg]", float),
-    "strength_scale_m1i": ("plant.ankle_strength_scale", lambda shift: 1.0 + shift),
-    "brace_scale_bi": ("brace.angle_scale", scale),
-}
 
 
 def inputs(study: int, folder: Path) -> Path:
     """The published trials of a study as a table for --inputs."""
-    records = read(f"paper/study{study}_trials.csv")
-    table = pd.DataFrame({"trial": records["trial"]})
-    for column, (heading, convert) in RECORDS.items():
-        if records[column].notna().all() and (column not in ("coactivation", "reflex_gain") or records[column].ne(0).any()):
-            table[heading] = [convert(v) for v in records[column]]
-    table.to_csv(folder / "inputs.csv", index=False)
+    published_inputs(read(f"paper/study{study}_trials.csv")).to_csv(folder / "inputs.csv", index=False)
     return folder / "inputs.csv"
 
 
@@ -55,7 +37,7 @@ def test_marginals_are_those_of_table_1(study: int) -> None:
         if name not in x:
             assert records[column].isna().all() or records[column].eq(0).all(), column
             continue
-        published = np.array([convert(v) for v in records[column]]) * (math.pi / 180 if heading.endswith("[deg]") else 1.0)
+        published = convert(records[column]).to_numpy() * (math.pi / 180 if heading.endswith("[deg]") else 1.0)
         n, m = len(published), len(x)
         spread = published.std(ddof=1)
         assert abs(x[name].mean() - published.mean()) < 4 * spread * math.sqrt(1 / n + 1 / m), name
