@@ -80,13 +80,18 @@ def run(
         studyfolder.check(folder, resume)
     began = perf_counter()
     recorder = Trajectories(folder, ALL if study.method in SEARCHES and study.method != "sobol-indices" else trajectories)
-    with Ledger(folder, study.digest, study.identity, json.dumps(encode(study))) as ledger:
-        if folder is not None:
-            studyfolder.begin(folder, study, command)
-        backend = open_backend(Task(study.scenario, study.names, limits or Limits()), workers, scheduler)
+    backend = open_backend(Task(study.scenario, study.names, limits or Limits()), workers, scheduler)  # before the folder: a wrong address leaves none
+    try:
+        ledger = Ledger(folder, study.digest, study.identity, json.dumps(encode(study)))
+    except BaseException:
+        backend.close()
+        raise
+    with ledger:
         dispatch = Dispatch(ledger, backend, max_failed, progress, recorder)
         found = wanted = None
         try:
+            if folder is not None:
+                studyfolder.begin(folder, study, command)
             if study.method in SEARCHES:
                 found = _search(study, dispatch)
             else:

@@ -94,3 +94,4 @@ def test_no_scheduler_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         sc.load_study("study6").run(trials=2, scheduler="tcp://127.0.0.1:9", out=tmp_path / "a")
     with pytest.raises(InputError, match="local-cluster or an address"):
         sc.load_study("study6").run(trials=2, scheduler="somewhere", out=tmp_path / "b")
+    assert not list(tmp_path.iterdir()), "nothing is left that would have to be resumed"
