@@ -39,6 +39,7 @@ def test_equations_are_mathml(site: Path) -> None:
         text = page.read_text("utf-8")
         assert "<math" in text, page
         assert "arithmatex" not in text, page
+        assert not re.findall(r"<m[a-z]+>\\[^<]*", text), "TeX that the converter does not know"
 
 
 def test_every_command_is_in_the_reference(site: Path) -> None:
