@@ -15,14 +15,14 @@ __version__ = "0.1.0"
 _HOME = {
     "load_scenario": "scenario",
     "Scenario": "scenario",
-    "load_study": "uq.study",
-    "Study": "uq.study",
+    "load_study": "study.study",
+    "Study": "study.study",
     "check_brace": "brace.check",
     "compare_braces": "brace.compare",
-    "System": "system",
-    "Component": "component",
-    "Master": "master",
-    "Result": "result",
+    "System": "cosim.system",
+    "Component": "fmu.component",
+    "Master": "cosim.master",
+    "Result": "cosim.result",
     "SprainError": "errors",
     "InputError": "errors",
     "SimulationError": "errors",
@@ -33,18 +33,18 @@ __all__ = ["__version__", *sorted(_HOME)]
 if TYPE_CHECKING:
     from .brace.check import check_brace as check_brace
     from .brace.compare import compare_braces as compare_braces
-    from .component import Component as Component
+    from .cosim.master import Master as Master
+    from .cosim.result import Result as Result
+    from .cosim.system import System as System
     from .errors import EnvironmentProblem as EnvironmentProblem
     from .errors import InputError as InputError
     from .errors import SimulationError as SimulationError
     from .errors import SprainError as SprainError
-    from .master import Master as Master
-    from .result import Result as Result
+    from .fmu.component import Component as Component
     from .scenario import Scenario as Scenario
     from .scenario import load_scenario as load_scenario
-    from .system import System as System
-    from .uq.study import Study as Study
-    from .uq.study import load_study as load_study
+    from .study.study import Study as Study
+    from .study.study import load_study as load_study
 
 
 def __getattr__(name: str) -> Any:

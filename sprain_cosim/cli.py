@@ -59,7 +59,7 @@ def run(
     as_json: bool,
 ) -> None:
     """Run one landing: SCENARIO is a file, or the name of one that ships."""
-    from . import runfolder
+    from .folders import run as runfolder
     from .scenario import load_scenario
 
     chosen = _changed(load_scenario(scenario), fmus, maps, settings)
@@ -78,7 +78,9 @@ def run(
     if check_coupling and result.status == "completed":
         summary["coupling_check"] = chosen.coupling_check(result)
     if out is not None and result.status == "completed":
-        runfolder.write(out, chosen, result, summary)
+        from .figures.gallery import landing_picture
+
+        runfolder.write(out, result, landing_picture(result, summary), summary)
     if as_json:
         click.echo(json.dumps(summary, allow_nan=False))
     elif result.status == "completed":
@@ -147,10 +149,10 @@ def study(
     as_json: bool,
 ) -> None:
     """Run many landings: STUDY is a file, or the name of one that ships."""
-    from .uq.progress import reporter
-    from .uq.runner import first_trajectories, part
-    from .uq.study import load_study
-    from .uq.summary import text
+    from .study.progress import reporter
+    from .study.runner import first_trajectories, part
+    from .study.study import load_study
+    from .study.summary import text
 
     chosen = _changed(load_study(study), fmus, maps, settings)
     if isolate:
@@ -187,8 +189,8 @@ def study(
 @JSON
 def merge(folders: tuple[Path, ...], out: Path | None, parquet: bool, as_json: bool) -> None:
     """Join the FOLDERS of a study's shards into one, as if it had run in one piece."""
-    from .uq.runner import merge as join
-    from .uq.summary import text
+    from .study.runner import merge as join
+    from .study.summary import text
 
     done = join(folders, out, parquet)
     click.echo(json.dumps(done.summary, allow_nan=False) if as_json else f"{text(done.study, done.summary)}\n\nwritten: {done.out}")
@@ -201,8 +203,8 @@ def merge(folders: tuple[Path, ...], out: Path | None, parquet: bool, as_json: b
 @JSON
 def trial(folder: Path, number: int, out: Path | None, as_json: bool) -> int:
     """Run trial NUMBER of the study in FOLDER again, in a process of its own, and say whether it gives the recorded numbers to the bit."""
-    from . import runfolder
-    from .uq.runner import replay
+    from .folders import run as runfolder
+    from .study.runner import replay
 
     if out is not None:
         runfolder.check(out)
@@ -214,7 +216,9 @@ def trial(folder: Path, number: int, out: Path | None, as_json: bool) -> int:
         raise SimulationError(f"trial {number} {outcome.status}: {outcome.message} (recorded: {again.row.outcome.status})")
     summary = runfolder.summary(scenario, result) | {"metrics": dict(outcome.metrics), "trial": number, "reproduced": again.same}
     if out is not None:
-        runfolder.write(out, scenario, result, summary)
+        from .figures.gallery import landing_picture
+
+        runfolder.write(out, result, landing_picture(result, summary), summary)
     if as_json:
         click.echo(json.dumps(summary, allow_nan=False))
     elif result.status == "completed":
@@ -234,8 +238,8 @@ def trial(folder: Path, number: int, out: Path | None, as_json: bool) -> int:
 @JSON
 def reproduce(manifest: Path, workers: int | None, progress: str, out: Path | None, as_json: bool) -> int:
     """Run the study of a MANIFEST again: exit code 0 identical, 1 not, and which trial is the first that differs."""
-    from .reproduce import reproduce as again
-    from .uq.progress import reporter
+    from .study.progress import reporter
+    from .study.reproduce import reproduce as again
 
     done = again(manifest, out, workers, reporter(progress))
     click.echo(json.dumps(done.as_dict(), allow_nan=False) if as_json else done.text())
@@ -301,7 +305,7 @@ def compare(
     """The same landings with each brace and with none: peaks, paired differences, loads, ordinary motion."""
     from .brace.compare import compare_braces, text
     from .scenario import parse_value
-    from .uq.progress import reporter
+    from .study.progress import reporter
 
     devices = _devices(braces, maps, "--brace")
     pairs = [_pair(s, "--set", "NAME.PARAMETER=VALUE") for s in settings]
@@ -364,7 +368,7 @@ def brace_build(folder: Path, output: Path | None) -> None:
 def from_csv(table: Path, output: Path | None) -> None:
     """Turn a torque-angle TABLE (CSV: angle [deg], subtalar_resistance [N.m], ...) into an FMU; no compiler needed."""
     from .brace.from_csv import from_csv as write
-    from .scenario import fmu_path
+    from .shipped import fmu_path
 
     target = output or table.with_suffix(".fmu")
     for axis, (low, high) in write(table, target, fmu_path("brace_table", Path.cwd(), "brace_table")).items():
@@ -377,8 +381,8 @@ def from_csv(table: Path, output: Path | None) -> None:
 @click.option("--out", type=click.Path(path_type=Path), help="Where figures/ goes (default: the first folder).")
 def plot(folders: tuple[Path, ...], out: Path | None) -> None:
     """Draw what the FOLDERS of runs, studies and comparisons hold, over each other: PNG and SVG, one journal column wide."""
-    from . import folders as results
-    from . import gallery
+    from .figures import gallery
+    from .folders import read as results
 
     for path in gallery.write(results.read_all(folders), out or folders[0]):
         click.echo(f"written: {path}")
@@ -394,8 +398,8 @@ TRIAL = click.option("--trial", metavar="N|worst|pXX", help="Of a study: a numbe
 @click.option("--out", type=click.Path(path_type=Path), help="File: .webp, .gif, .mp4, or .png for one picture (default: animation.webp in the first folder).")
 def animate(folders: tuple[Path, ...], trial: str | None, slow: float, out: Path | None) -> None:
     """Show the landings of up to six FOLDERS (or of the braces in a comparison's) side by side in slow motion."""
-    from .animate import animate as draw
-    from .landing import load_all
+    from .animate.film import animate as draw
+    from .folders.landing import load_all
 
     target = out or folders[0] / "animation.webp"
     runs = [run for folder in folders for run in load_all(folder, trial)]
@@ -415,8 +419,8 @@ def animate(folders: tuple[Path, ...], trial: str | None, slow: float, out: Path
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="File to write.")
 def export(folder: Path, trial: str | None, kind: str | None, content: str | None, output: Path) -> None:
     """Write the landing in FOLDER for other tools: OpenSim .sto and .mot, CSV, Parquet."""
-    from .landing import load
-    from .storage import write
+    from .export import write
+    from .folders.landing import load
 
     rows, columns = write(load(folder, trial), output, kind, content)
     click.echo(f"written: {output} ({rows} rows, {columns} columns and time)")
@@ -427,8 +431,8 @@ def export(folder: Path, trial: str | None, kind: str | None, content: str | Non
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE|DIR", help="Where report.html goes (default: the first folder).")
 def report(folders: tuple[Path, ...], out: Path | None) -> None:
     """Write one HTML file about what the FOLDERS of runs, studies and comparisons hold: verdict, tables, figures, inputs, provenance, limits."""
-    from . import folders as results
-    from .report import write
+    from .folders import read as results
+    from .report.page import write
 
     click.echo(f"written: {write(results.read_all(folders), out or folders[0])}")
 
@@ -437,11 +441,12 @@ def report(folders: tuple[Path, ...], out: Path | None) -> None:
 @JSON
 def scenarios(as_json: bool) -> None:
     """List the scenarios that ship."""
-    from .scenario import folder, load_scenario, shipped
+    from .scenario import load_scenario
+    from .shipped import scenario_folder, shipped_scenarios
 
-    listed = [(name, load_scenario(name).title) for name in shipped()]
+    listed = [(name, load_scenario(name).title) for name in shipped_scenarios()]
     if as_json:
-        click.echo(json.dumps({"folder": str(folder()), "scenarios": dict(listed)}))
+        click.echo(json.dumps({"folder": str(scenario_folder()), "scenarios": dict(listed)}))
         return
     for name, title in listed:
         click.echo(f"{name:26}{title}")
@@ -451,7 +456,7 @@ def scenarios(as_json: bool) -> None:
 @click.argument("models", nargs=-1)
 def build(models: tuple[str, ...]) -> None:
     """Build the FMUs of the clone's fmus/ folder (all, or the MODELS named)."""
-    from .export import build_all
+    from .fmu.build import build_all
 
     for target, guid in build_all(models):
         click.echo(f"{target}  {guid[:12]}")
@@ -481,7 +486,8 @@ def validate(
     as_json: bool,
 ) -> int:
     """Is this installation right, and is it the model of the paper? Exit code 1 when a check fails."""
-    from .validation import output, suite
+    from .validation import suite
+    from .validation import writers as output
     from .validation.laboratory import Laboratory
 
     checks = suite.select(suite.suite(folder), only)

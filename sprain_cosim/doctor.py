@@ -7,8 +7,8 @@ import os
 import platform
 import tempfile
 
-from . import archive
 from .errors import SprainError
+from .fmu import archive
 
 REQUIRED = ("fmpy", "numpy", "scipy", "pandas", "matplotlib", "click", "mujoco-core", "numba")
 
@@ -42,8 +42,8 @@ def _cache() -> Finding:
 
 
 def _fmus() -> list[Finding]:
-    from .component import Component
-    from .scenario import PACKAGE, shipped_fmus
+    from .fmu.component import Component
+    from .shipped import FMUS, shipped_fmus
 
     names = shipped_fmus()
     if not names:
@@ -51,7 +51,7 @@ def _fmus() -> list[Finding]:
     rows: list[Finding] = []
     for name in names:
         try:
-            component = Component.read(name, PACKAGE / "_fmus" / f"{name}.fmu")
+            component = Component.read(name, FMUS / f"{name}.fmu")
             rows.append((True, name, f"FMI {component.capabilities.fmi_version}, {len(component.connectors)} variables, {component.guid[:12]}"))
         except SprainError as problem:
             rows.append((False, name, str(problem)))

@@ -18,11 +18,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from . import archive
-from .component import Component, Connector
 from .contract import INPUTS, OUTPUTS
+from .cosim.system import problems_to_error
 from .errors import InputError, nearest
-from .system import problems_to_error
+from .fmu import archive
+from .fmu.component import Component, Connector
 from .units import Unit, quantity, unit
 
 INSIDE = "extra/sprain-cosim/map.toml"

@@ -20,17 +20,17 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
-from .component import Component
-from .coupling import check_scheme
-from .errors import EnvironmentProblem, InputError, SimulationError, nearest
-from .isolated import isolated
+from .cosim.coupling import check_scheme
+from .cosim.master import Master
+from .cosim.result import Result
+from .cosim.system import Assembly, System, connect, problems_to_error
+from .errors import InputError, SimulationError, nearest
+from .fmu.component import Component
+from .fmu.isolated import isolated
 from .mapping import carried, read_component
-from .master import Master
-from .result import Result
-from .system import Assembly, System, connect, problems_to_error
+from .shipped import fmu_path, scenario_folder, shipped_scenarios
 from .units import quantity, unit
 
-PACKAGE = Path(__file__).parent
 ROLES = ("plant", "controller", "brace")
 KEYS = ("base", "title", "components", "parameters", "connections", "master")
 MASTER_KEYS = ("communication_step", "scheme", "stop", "identify", "adaptive")
@@ -39,20 +39,6 @@ ADAPTIVE = 1e-3
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 Value = float | int | str | bool
-
-
-def folder() -> Path:
-    """Where the shipped scenarios lie: inside the installed package, or in the clone."""
-    inside = PACKAGE / "_scenarios"
-    return inside if inside.is_dir() else PACKAGE.parent / "scenarios"
-
-
-def shipped() -> list[str]:
-    return sorted(p.stem for p in folder().glob("*.toml"))
-
-
-def shipped_fmus() -> list[str]:
-    return sorted(p.stem for p in (PACKAGE / "_fmus").glob("*.fmu"))
 
 
 @dataclass(frozen=True)
@@ -263,7 +249,7 @@ def load_scenario(name: str | Path) -> Scenario:
         parameters=content.get("parameters", {}),
         connections=content.get("connections", {}),
         master=Master(**content.get("master", {})),
-        source=str(path) if path.parent != folder() else path.stem,
+        source=str(path) if path.parent != scenario_folder() else path.stem,
     )
 
 
@@ -273,12 +259,12 @@ def _find(name: str, beside: Path | None = None) -> Path:
         if place.is_file():
             return place
     if NAME.fullmatch(name) or "/" not in name:
-        inside = folder() / f"{name}.toml"
+        inside = scenario_folder() / f"{name}.toml"
         if inside.is_file():
             return inside
     if name.endswith(".toml") or "/" in name:
         raise InputError(f"{name}: no such scenario file")
-    raise InputError(f"scenario {name!r}: no such file, and none of that name ships{nearest(name, shipped())}; `sprain-cosim scenarios` lists them")
+    raise InputError(f"scenario {name!r}: no such file, and none of that name ships{nearest(name, shipped_scenarios())}; `sprain-cosim scenarios` lists them")
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -371,21 +357,6 @@ def _merge(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
     for key in ("components", "parameters", "connections", "master"):
         merged[key] = {**base.get(key, {}), **own.get(key, {})}
     return merged
-
-
-def fmu_path(name: str, beside: Path, what: str) -> Path:
-    if "/" not in name and "\\" not in name and not name.endswith(".fmu"):
-        built = PACKAGE / "_fmus" / f"{name}.fmu"
-        if built.is_file():
-            return built
-        if (PACKAGE.parent / "fmus" / name / "interface.py").is_file():
-            raise EnvironmentProblem(f"{what}: not built yet; run `sprain-cosim build`")
-        if not (beside / name).is_file():
-            raise InputError(f"{what}: no such FMU file, and none of that name ships{nearest(name, shipped_fmus())}")
-    path = beside / name
-    if not path.is_file():
-        raise InputError(f"{what}: no such FMU file")
-    return path
 
 
 def _without_repeats(problems: list[str]) -> list[str]:

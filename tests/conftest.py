@@ -20,7 +20,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory):
     """Unpacked FMUs go to a fresh folder; compiled kernels stay in the user's cache, where they were compiled once."""
     from pathlib import Path
 
-    from sprain_cosim import archive
+    from sprain_cosim.fmu import archive
 
     real = archive.cache_folder()
     fresh = tmp_path_factory.mktemp("cache")

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from sprain_cosim.component import Capabilities, Connector
-from sprain_cosim.export import build_fmu
+from sprain_cosim.fmu.build import build_fmu
+from sprain_cosim.fmu.component import Capabilities, Connector
 from sprain_cosim.units import unit
 
 FMUS = Path(__file__).parent.parent / "fmus"

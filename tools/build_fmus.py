@@ -7,7 +7,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from sprain_cosim.export import build_all
+from sprain_cosim.fmu.build import build_all
 
 if __name__ == "__main__":
     for target, guid in build_all(sys.argv[1:]):

@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from sprain_cosim.coupling import SCHEMES
+from sprain_cosim.cosim.coupling import SCHEMES
 from sprain_cosim.errors import InputError
-from sprain_cosim.plots import FAINT, INK
+from sprain_cosim.figures import FAINT, INK
 from sprain_cosim.scenario import Scenario, load_scenario
 
 STEPS = (2.0, 1.0, 0.5, 0.25, 0.125)  # ms

@@ -14,6 +14,6 @@ class FmuBuildHook(BuildHookInterface):
         if self.target_name != "wheel" or version == "editable":
             return
         sys.path.insert(0, str(Path(self.root)))
-        from sprain_cosim.export import build_all
+        from sprain_cosim.fmu.build import build_all
 
         build_all()

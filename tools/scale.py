@@ -20,10 +20,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from sprain_cosim.uq.backends import Task, open_backend
-from sprain_cosim.uq.dispatch import Dispatch
+from sprain_cosim.study.backends.backend import Task, open_backend
+from sprain_cosim.study.dispatch import Dispatch
+from sprain_cosim.study.ledger import FILE, Ledger
 from sprain_cosim.uq.distributions import JointDistribution, Normal
-from sprain_cosim.uq.ledger import FILE, Ledger
 from sprain_cosim.uq.sampling import monte_carlo_blocks
 
 INPUTS, METRICS = 10, 30

@@ -23,9 +23,9 @@ import pandas as pd
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import sprain_cosim as sc
+from sprain_cosim.study.summary import FACTORS
 from sprain_cosim.uq import reliability, sensitivity, statistics
-from sprain_cosim.uq.summary import FACTORS
-from sprain_cosim.validation.paper import PEAK, RECORDS
+from sprain_cosim.validation.checks.paper import PEAK, RECORDS
 from tests.paper.test_studies import inputs
 from tests.reference import FOLDER, read
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from sprain_cosim.plots import FAINT, GROUND, INK, SUBTALAR, TALOCRURAL
+from sprain_cosim.figures import FAINT, GROUND, INK, SUBTALAR, TALOCRURAL
 from tests.direct import COLUMN
 from tests.paper import test_plant_landings as landings
 from tests.paper import test_plant_trials as trials

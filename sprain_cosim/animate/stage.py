@@ -16,10 +16,10 @@ from matplotlib.patches import Polygon
 from matplotlib.text import Text
 
 from ..errors import InputError
-from ..landing import Landing
+from ..figures import DEGREES
+from ..figures.style import ANATOMY, BRACE, FAINT, GROUND, INK, MUTED, SERIES, SUBTALAR, TALOCRURAL
+from ..folders.landing import Landing
 from ..metrics import brace_torques
-from ..plots import DEGREES
-from ..plots.style import ANATOMY, BRACE, FAINT, GROUND, INK, MUTED, SERIES, SUBTALAR, TALOCRURAL
 from .skeleton import Pose, Skeleton
 from .solid import PAPER, Camera
 

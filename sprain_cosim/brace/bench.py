@@ -12,9 +12,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .. import runfolder
 from ..errors import EnvironmentProblem, SimulationError, SprainError
-from ..isolation import Child, Gone, Limits, listen
+from ..folders import run as runfolder
+from ..process import Child, Gone, Limits, listen
 from ..scenario import Scenario
 from .probe import own_step
 
@@ -82,7 +82,9 @@ def land(scenario: Scenario, folder: Path) -> dict[str, Any]:
     result = scenario.recording("plant.*").run()
     summary = runfolder.summary(scenario, result)
     if result.status == "completed":
-        runfolder.write(folder, scenario, result, summary)
+        from ..figures.gallery import landing_picture
+
+        runfolder.write(folder, result, landing_picture(result, summary), summary)
     return summary
 
 

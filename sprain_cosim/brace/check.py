@@ -12,12 +12,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from .. import archive
-from ..component import Component, Connector
 from ..contract import AXES, INPUTS, OUTPUTS, POSITIVE, plain, profile
 from ..errors import InputError
-from ..isolation import Child, Gone, Limits
+from ..fmu import archive
+from ..fmu.component import Component, Connector
 from ..mapping import carried, load_mapping
+from ..process import Child, Gone, Limits
 from .probe import CYCLE_SPEED, STATIC_DEG, own_step
 
 START_LIMIT, PROBE_LIMIT = 60.0, 6.0  # s

@@ -20,15 +20,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.special import ndtr
 
-from .. import runfolder
 from ..errors import EnvironmentProblem, InputError, SimulationError
-from ..isolation import Limits
+from ..folders import run as runfolder
+from ..process import Limits
 from ..scenario import NAME, Scenario, Value, load_scenario
-from ..scenario import shipped as shipped_scenarios
+from ..shipped import shipped_scenarios, shipped_studies
+from ..study.study import SAMPLED, Study, load_study
+from ..study.summary import QUESTIONS
 from ..uq import statistics
-from ..uq.study import SAMPLED, Study, load_study
-from ..uq.study import shipped as shipped_studies
-from ..uq.summary import QUESTIONS
 from .bench import POSTURES, Bench
 
 if TYPE_CHECKING:
@@ -348,8 +347,8 @@ def _small(value: float) -> str:
 
 
 def _write(comparison: Comparison, study: bool) -> None:
-    from ..plots import save
-    from .figure import figure
+    from ..figures import save
+    from ..figures.comparison import figure
 
     folder = comparison.out
     drawn = figure(comparison, {} if study else {e.name: runfolder.read(folder / e.name)[1] for e in comparison.entries if e.landings is not None})

@@ -20,10 +20,10 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from ..archive import read
+from ..cosim.system import problems_to_error
 from ..errors import EnvironmentProblem, InputError, nearest
-from ..export import EPOCH
-from ..system import problems_to_error
+from ..fmu.archive import read
+from ..fmu.build import EPOCH
 from ..units import Unit, unit
 
 AXES = ("talocrural", "subtalar")

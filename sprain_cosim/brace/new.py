@@ -13,9 +13,9 @@ import tempfile
 from pathlib import Path
 
 from ..errors import EnvironmentProblem, InputError
-from ..export import LIBRARIES, build_fmu, pack
+from ..fmu.build import LIBRARIES, build_fmu, pack
+from ..shipped import template
 
-PACKAGE = Path(__file__).parent.parent
 LANGUAGES = {"python": ("interface.py", "slave.py"), "c": ("brace.c", "modelDescription.xml", "CMakeLists.txt")}
 HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
@@ -29,12 +29,12 @@ def new(folder: Path, language: str) -> list[Path]:
         raise InputError(f"{folder}: the model takes the folder's name; use letters, digits and _, beginning with a letter")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: {'is not empty' if folder.is_dir() else 'is a file'}; name a new folder")
-    template = _template(language)
+    source = template(language, f"brace_template_{language}")
     written = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for file in (*LANGUAGES[language], "README.md"):
-            text = (template / file).read_text("utf-8").replace(f"brace_template_{language}", name)
+            text = (source / file).read_text("utf-8").replace(f"brace_template_{language}", name)
             (folder / file).write_text(text, "utf-8")
             written.append(folder / file)
         if language == "c":
@@ -64,16 +64,6 @@ def build(folder: Path, target: Path | None = None) -> Path:
     return target
 
 
-def _template(language: str) -> Path:
-    inside = PACKAGE / "_templates" / language
-    return inside if inside.is_dir() else PACKAGE.parent / "fmus" / f"brace_template_{language}"
-
-
-def _support() -> Path:
-    inside = PACKAGE / "_templates" / "_fmi.py"
-    return inside if inside.is_file() else PACKAGE.parent / "fmus" / "_fmi.py"
-
-
 def _headers() -> Path:
     found = importlib.util.find_spec("fmpy")
     assert found is not None and found.submodule_search_locations
@@ -88,7 +78,7 @@ def _build_python(folder: Path, target: Path) -> None:
         except (SyntaxError, ValueError) as problem:
             raise InputError(f"{path}: {problem.msg} in line {problem.lineno}" if isinstance(problem, SyntaxError) else f"{path}: {problem}") from None
     try:
-        build_fmu(folder, target, _support())
+        build_fmu(folder, target, template("_fmi.py", "_fmi.py"))
     except InputError:
         raise
     except KeyError as problem:

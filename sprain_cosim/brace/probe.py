@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from ..component import Component, Instance
 from ..contract import MAX_VELOCITY_DEG_S, RANGE_DEG, plain
 from ..errors import SimulationError, SprainError
-from ..isolation import listen
+from ..fmu.component import Component, Instance
+from ..process import listen
 from ..units import Unit
 
 STEP = 0.5e-3

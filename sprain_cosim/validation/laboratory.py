@@ -16,14 +16,15 @@ import numpy as np
 
 from ..brace.new import COMPILERS
 from ..errors import SimulationError
-from ..scenario import PACKAGE, Scenario, Value, load_scenario
-from ..uq.study import Study, load_study
+from ..scenario import Scenario, Value, load_scenario
+from ..shipped import FMUS, PACKAGE, SOURCES
+from ..study.study import Study, load_study
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from ..result import Result
-    from ..uq.runner import Campaign
+    from ..cosim.result import Result
+    from ..study.runner import Campaign
 
 QUICK_TRIALS = 200  # of each study
 MILLISECOND = 1e-3
@@ -88,7 +89,7 @@ def scenario(name: str, overrides: Mapping[str, Value] | None = None) -> Scenari
     """A shipped scenario with other parameters; one for the brace adds the paper's brace where the scenario has none."""
     chosen = load_scenario(name)
     if any(key.startswith("brace.") for key in overrides or {}) and "brace" not in chosen.fmus:
-        chosen = chosen.replace_fmu("brace", PACKAGE / "_fmus" / "brace_bushing.fmu")
+        chosen = chosen.replace_fmu("brace", FMUS / "brace_bushing.fmu")
     for key, value in (overrides or {}).items():
         chosen = chosen.override(key, value)
     return chosen
@@ -123,7 +124,7 @@ def _reference(laboratory: Laboratory) -> str:
 
 
 def _clone(_: Laboratory) -> str:
-    return "" if (PACKAGE.parent / "fmus" / "plant" / "interface.py").is_file() else "needs a clone: the FMUs' sources are not installed"
+    return "" if (SOURCES / "plant" / "interface.py").is_file() else "needs a clone: the FMUs' sources are not installed"
 
 
 def _module(name: str, extra: str) -> Callable[[Laboratory], str]:

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from ..component import Capabilities, Component, Connector
+from ..cosim.master import Master
+from ..cosim.result import Result
+from ..cosim.system import System, connect
 from ..errors import SimulationError
-from ..master import Master
-from ..result import Result
-from ..system import System, connect
+from ..fmu.component import Capabilities, Component, Connector
 from ..units import unit
 
 INERTIA = 0.005  # kg·m²

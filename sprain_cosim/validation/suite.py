@@ -18,8 +18,11 @@ from typing import Any
 
 from .. import __version__
 from ..errors import InputError, SprainError, nearest
-from . import code, custom, fmi, pages, paper, plant, uncertainty
 from .check import FAIL, GAP, NOT_RUN, PASS, STATUSES, Check, Outcome, judge
+from .checks import coupling as code
+from .checks import fmi, paper, plant, uncertainty
+from .checks import report_page as pages
+from .checks import user_files as custom
 from .laboratory import Laboratory
 
 

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from sprain_cosim import folders, report
+from sprain_cosim.folders import read as folders
+from sprain_cosim.report import page as report
 
 CHROMIUM = next((p for n in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(n))), None)
 REQUIRED = os.environ.get("SPRAIN_BROWSER") == "required"

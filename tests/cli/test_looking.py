@@ -10,12 +10,13 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from sprain_cosim.animate import animate
+from sprain_cosim.animate.film import animate
 from sprain_cosim.brace.bench import land
 from sprain_cosim.cli import _run
 from sprain_cosim.errors import InputError
-from sprain_cosim.landing import load, load_all
-from sprain_cosim.scenario import fmu_path, load_scenario
+from sprain_cosim.folders.landing import load, load_all
+from sprain_cosim.scenario import load_scenario
+from sprain_cosim.shipped import fmu_path
 from tests.cli.test_run import call, refused
 
 SHORT = 'base = "incline30"\n[components.brace]\nfmu = "brace_bushing"\n[parameters]\n"brace.angle_scale" = 2.4\n[master]\nstop = "30 ms"\n'

@@ -13,7 +13,8 @@ from time import process_time
 import numpy as np
 import pandas as pd
 
-from sprain_cosim import folders, report
+from sprain_cosim.folders import read as folders
+from sprain_cosim.report import page as report
 
 from .test_run import call
 

@@ -13,7 +13,7 @@ from sprain_cosim import InputError, check_brace, load_scenario, load_study
 from sprain_cosim.brace import check as module
 from sprain_cosim.cli import cli
 from sprain_cosim.mapping import parse
-from sprain_cosim.scenario import shipped_fmus
+from sprain_cosim.shipped import shipped_fmus
 from tests.fake import FakeComponent, connector
 from tests.native import FAULTS, QUIRKS, SUBTALAR, compile_fmu, device, quirk
 

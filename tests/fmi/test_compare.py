@@ -15,7 +15,7 @@ from fmus.brace_bushing.slave import POLYNOMIALS
 from sprain_cosim import InputError, SimulationError, load_scenario, load_study
 from sprain_cosim.brace.bench import Bench
 from sprain_cosim.brace.compare import LINES, compare_braces, load, text
-from sprain_cosim.isolation import Limits
+from sprain_cosim.process import Limits
 from tests.docs_commands import ROOT
 from tests.native import compile_fmu
 

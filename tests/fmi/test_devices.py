@@ -14,8 +14,8 @@ from sprain_cosim import InputError, check_brace, load_scenario
 from sprain_cosim.brace.from_csv import from_csv
 from sprain_cosim.brace.probe import Bench, landing
 from sprain_cosim.cli import cli
-from sprain_cosim.component import Component
-from sprain_cosim.scenario import fmu_path, shipped_fmus
+from sprain_cosim.fmu.component import Component
+from sprain_cosim.shipped import fmu_path, shipped_fmus
 
 DEVICES = [n for n in shipped_fmus() if n.startswith("brace_")]
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sprain_cosim.component import Component
-from sprain_cosim.master import Master
-from sprain_cosim.system import System, connect
+from sprain_cosim.cosim.master import Master
+from sprain_cosim.cosim.system import System, connect
+from sprain_cosim.fmu.component import Component
 from tests.native import device
 
 ROOT = Path(__file__).parent.parent.parent

@@ -15,7 +15,7 @@ from sprain_cosim import check_brace, load_scenario, load_study
 from sprain_cosim.cli import _run
 from sprain_cosim.errors import InputError
 from sprain_cosim.mapping import INSIDE, parse, read_component
-from sprain_cosim.scenario import PACKAGE
+from sprain_cosim.shipped import PACKAGE
 from tests.docs_commands import blocks
 from tests.fake import brace_variables, make_fmu
 from tests.fmi.test_versions import angles, baseline  # noqa: F401

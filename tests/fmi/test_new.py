@@ -12,7 +12,7 @@ import pytest
 from sprain_cosim import EnvironmentProblem, InputError, check_brace, load_scenario
 from sprain_cosim.brace import new as project
 from sprain_cosim.brace.probe import Bench
-from sprain_cosim.component import Component
+from sprain_cosim.fmu.component import Component
 from tests.docs_commands import play
 
 LANGUAGES = ("python", "c")

@@ -10,12 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sprain_cosim import export
-from sprain_cosim.component import Component
-from sprain_cosim.coupling import begin
+from sprain_cosim.cosim.coupling import begin
 from sprain_cosim.errors import SimulationError
-from sprain_cosim.export import build_fmu
-from sprain_cosim.scenario import PACKAGE, load_scenario, shipped_fmus
+from sprain_cosim.fmu import build as export
+from sprain_cosim.fmu.build import build_fmu
+from sprain_cosim.fmu.component import Component
+from sprain_cosim.scenario import load_scenario
+from sprain_cosim.shipped import shipped_fmus
 from tests.fake import FMUS, brace_variables, make_fmu
 from tests.native import SOURCES
 
@@ -24,7 +25,7 @@ EVERTOR, INVERTOR = "ext_dig", "tib_post"
 
 
 def component(name: str) -> Component:
-    return Component.read(name, PACKAGE / "_fmus" / f"{name}.fmu")
+    return Component.read(name, FMUS / f"{name}.fmu")
 
 
 class Bench:
@@ -62,12 +63,12 @@ class Bench:
 def test_fmpy_finds_nothing_to_complain_about(name: str) -> None:
     from fmpy.validation import validate_fmu
 
-    assert validate_fmu(PACKAGE / "_fmus" / f"{name}.fmu") == []
+    assert validate_fmu(FMUS / f"{name}.fmu") == []
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_fmpy_simulates_it_alone(name: str) -> None:
-    outcome = subprocess.run([sys.executable, "-m", "fmpy", "simulate", str(PACKAGE / "_fmus" / f"{name}.fmu")], capture_output=True, text=True, timeout=120)
+    outcome = subprocess.run([sys.executable, "-m", "fmpy", "simulate", str(FMUS / f"{name}.fmu")], capture_output=True, text=True, timeout=120)
     assert outcome.returncode == 0, outcome.stderr
 
 
@@ -75,7 +76,7 @@ def test_fmpy_simulates_it_alone(name: str) -> None:
 def test_rebuilding_gives_the_same_bytes(name: str, tmp_path: Path) -> None:
     build_fmu(FMUS / name, tmp_path / "a.fmu")
     build_fmu(FMUS / name, tmp_path / "b.fmu")
-    assert (tmp_path / "a.fmu").read_bytes() == (tmp_path / "b.fmu").read_bytes() == (PACKAGE / "_fmus" / f"{name}.fmu").read_bytes()
+    assert (tmp_path / "a.fmu").read_bytes() == (tmp_path / "b.fmu").read_bytes() == (FMUS / f"{name}.fmu").read_bytes()
 
 
 @pytest.mark.parametrize("name", NAMES)

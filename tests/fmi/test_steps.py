@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from sprain_cosim.component import Component
-from sprain_cosim.coupling import SCHEMES
+from sprain_cosim.cosim.coupling import SCHEMES
+from sprain_cosim.cosim.master import Master
+from sprain_cosim.cosim.result import Result
+from sprain_cosim.cosim.system import System, connect
 from sprain_cosim.errors import InputError
-from sprain_cosim.isolated import isolated
-from sprain_cosim.master import Master
-from sprain_cosim.result import Result
+from sprain_cosim.fmu.component import Component
+from sprain_cosim.fmu.isolated import isolated
 from sprain_cosim.scenario import load_scenario
-from sprain_cosim.system import System, connect
 from tests.fake import FakeComponent, connector
 from tests.native import device
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from sprain_cosim import load_scenario
-from sprain_cosim.component import Component
 from sprain_cosim.errors import InputError
+from sprain_cosim.fmu.component import Component
 from tests.native import device
 
 KINDS = [(1, False), (2, False), (3, False), (2, True), (3, True)]

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from sprain_cosim import archive
-from sprain_cosim.component import Component
 from sprain_cosim.errors import InputError
-from sprain_cosim.scenario import PACKAGE
+from sprain_cosim.fmu import archive
+from sprain_cosim.fmu.component import Component
+from sprain_cosim.shipped import FMUS
 
-GOOD = PACKAGE / "_fmus" / "brace_bushing.fmu"
+GOOD = FMUS / "brace_bushing.fmu"
 DESCRIPTION = zipfile.ZipFile(GOOD).read("modelDescription.xml")
 
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 import sprain_cosim as sc
-from sprain_cosim.archive import cache_folder
 from sprain_cosim.errors import EnvironmentProblem, InputError
-from sprain_cosim.uq.backends import Task
-from sprain_cosim.uq.backends.dask import Dask, Missing, _batch, _hashes
+from sprain_cosim.fmu.archive import cache_folder
+from sprain_cosim.study.backends.backend import Task
+from sprain_cosim.study.backends.dask import Dask, Missing, _batch, _hashes
 
 TRIALS = 40
 
@@ -60,8 +60,8 @@ def test_files_travel_to_a_worker_that_lacks_them(tmp_path: Path, monkeypatch: p
     import numpy as np
 
     from sprain_cosim import __version__
-    from sprain_cosim.uq.backends import Job
-    from sprain_cosim.uq.backends import dask as module
+    from sprain_cosim.study.backends import dask as module
+    from sprain_cosim.study.backends.backend import Job
 
     scenario = sc.load_scenario("incline30")
     hashes = _hashes(Task(scenario, ("plant.drop_height",)))
@@ -89,7 +89,7 @@ def test_files_travel_to_a_worker_that_lacks_them(tmp_path: Path, monkeypatch: p
 
 
 def test_no_scheduler_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sprain_cosim.uq.backends.dask.PATIENCE", 0.3)
+    monkeypatch.setattr("sprain_cosim.study.backends.dask.PATIENCE", 0.3)
     with pytest.raises(EnvironmentProblem, match="no scheduler answers"):
         sc.load_study("study6").run(trials=2, scheduler="tcp://127.0.0.1:9", out=tmp_path / "a")
     with pytest.raises(InputError, match="local-cluster or an address"):

@@ -12,11 +12,12 @@ import pytest
 from click.testing import CliRunner
 
 import sprain_cosim as sc
-from sprain_cosim import runfolder
 from sprain_cosim.cli import cli
+from sprain_cosim.cosim.result import Result
 from sprain_cosim.errors import SimulationError
-from sprain_cosim.isolation import Child, Gone, Limits, Worker
-from sprain_cosim.uq.study import Study
+from sprain_cosim.process import Child, Gone, Limits
+from sprain_cosim.study.study import Study
+from sprain_cosim.study.worker import Worker
 from tests.native import FAULTS, compile_fmu
 from tests.processes import alive_in
 
@@ -113,7 +114,7 @@ def test_a_failed_trial_is_quarantined_with_what_its_replay_needs(study: Study, 
     assert crashed["inputs"]["brace.fault"] == FAULTS.index("segfault")
     assert crashed["replay"] == f"sprain-cosim trial {out} 1"
     assert failed["status"] == "failed"
-    record = runfolder.signals(out / "trajectories" / "000002.csv.gz")  # as far as it went
+    record = Result.read_csv(out / "trajectories" / "000002.csv.gz")  # as far as it went
     assert 0.009 < record.time[-1] <= 0.011
     ran = CliRunner().invoke(cli, ["trial", str(out), "1"], standalone_mode=False)
     assert isinstance(ran.exception, SimulationError)

@@ -17,8 +17,9 @@ import sprain_cosim as sc
 from sprain_cosim.brace.from_csv import read_table
 from sprain_cosim.errors import SprainError
 from sprain_cosim.mapping import load_mapping, read_component
-from sprain_cosim.scenario import folder, load_scenario
-from sprain_cosim.uq.study import Study
+from sprain_cosim.scenario import load_scenario
+from sprain_cosim.shipped import scenario_folder
+from sprain_cosim.study.study import Study
 from tests.native import device
 
 SCENARIO = """
@@ -168,7 +169,7 @@ CASES: dict[str, tuple[str, str, Callable[[Path], object]]] = {
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("fuzz")
     device(made / "vendor.fmu", names=("In1_InvAngle", "M_out"))
-    shutil.copy(folder() / "incline30.toml", made / "incline30.toml")
+    shutil.copy(scenario_folder() / "incline30.toml", made / "incline30.toml")
     return made
 
 

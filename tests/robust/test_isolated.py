@@ -13,11 +13,11 @@ import pytest
 from click.testing import CliRunner
 
 import sprain_cosim as sc
-from sprain_cosim import isolated as module
 from sprain_cosim.cli import _run, cli
-from sprain_cosim.component import Component
 from sprain_cosim.errors import EnvironmentProblem
-from sprain_cosim.isolated import Proxy, isolated
+from sprain_cosim.fmu import isolated as module
+from sprain_cosim.fmu.component import Component
+from sprain_cosim.fmu.isolated import Proxy, isolated
 from tests.native import compile_fmu, device
 from tests.processes import alive_in
 

@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 from sprain_cosim.errors import SimulationError
-from sprain_cosim.isolation import Limits, Stopped, Worker
+from sprain_cosim.process import Limits
 from sprain_cosim.scenario import load_scenario
+from sprain_cosim.study.worker import Stopped, Worker
 
 NAMES = ("plant.drop_height",)
 

@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sprain_cosim import archive
 from sprain_cosim.cli import _run
+from sprain_cosim.fmu import archive
 from tests.native import device
 
 LIMIT = 2.0  # s of processor time, so that a busy machine does not count; five times that of wall time

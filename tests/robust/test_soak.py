@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 import sprain_cosim as sc
-from sprain_cosim.isolation import Limits
-from sprain_cosim.master import Master
+from sprain_cosim.cosim.master import Master
+from sprain_cosim.process import Limits
 from sprain_cosim.scenario import Scenario
-from sprain_cosim.uq.backends import Task, open_backend
-from sprain_cosim.uq.backends.local import Local
-from sprain_cosim.uq.dispatch import Dispatch
-from sprain_cosim.uq.ledger import Ledger
+from sprain_cosim.study.backends.backend import Task, open_backend
+from sprain_cosim.study.backends.local import Local
+from sprain_cosim.study.dispatch import Dispatch
+from sprain_cosim.study.ledger import Ledger
 from tests.native import device
 
 

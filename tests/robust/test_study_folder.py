@@ -13,11 +13,11 @@ import pytest
 from click.testing import CliRunner
 
 import sprain_cosim as sc
-from sprain_cosim import runfolder
 from sprain_cosim.cli import cli
+from sprain_cosim.cosim.result import Result
 from sprain_cosim.errors import InputError
-from sprain_cosim.uq.ledger import Ledger
-from sprain_cosim.uq.runner import merge, part, replay
+from sprain_cosim.study.ledger import Ledger
+from sprain_cosim.study.runner import merge, part, replay
 
 TRIALS = 12
 
@@ -40,7 +40,7 @@ def test_trajectories_are_those_of_the_first_and_of_the_percentiles(whole: Path)
     assert (roles["min"], roles["max"]) == (response.idxmin(), response.idxmax())
     assert abs(response[roles["p50"]] - response.quantile(0.5)) == (response - response.quantile(0.5)).abs().min()
     for trial in kept:  # the record belongs to the row
-        record = runfolder.signals(whole / "trajectories" / f"{trial:06d}.csv.gz")
+        record = Result.read_csv(whole / "trajectories" / f"{trial:06d}.csv.gz")
         assert np.rad2deg(record["plant.subtalar_angle"].max()) == pytest.approx(response[trial], abs=1e-7)
 
 
@@ -139,7 +139,7 @@ def test_all_trials_of_a_search_are_recorded(tmp_path: Path) -> None:
 
 
 def test_a_study_survives_its_way_through_json() -> None:
-    from sprain_cosim.uq.codec import decode, encode
+    from sprain_cosim.study.codec import decode, encode
 
     for name in ("study1", "study6", "amv6"):
         study = sc.load_study(name)

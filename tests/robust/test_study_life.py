@@ -17,7 +17,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from sprain_cosim.uq.ledger import Ledger
+from sprain_cosim.study.ledger import Ledger
 
 ROOT = Path(__file__).parent.parent.parent
 TRIALS = 60

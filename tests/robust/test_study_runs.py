@@ -15,9 +15,9 @@ import pytest
 
 import sprain_cosim as sc
 from sprain_cosim.errors import InputError, SimulationError
-from sprain_cosim.isolation import Limits
+from sprain_cosim.process import Limits
+from sprain_cosim.study.ledger import Ledger
 from sprain_cosim.uq.distributions import Normal
-from sprain_cosim.uq.ledger import Ledger
 
 TRIALS = 24
 

@@ -10,13 +10,13 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from sprain_cosim.component import Capabilities
-from sprain_cosim.coupling import SCHEMES
+from sprain_cosim.cosim.coupling import SCHEMES
+from sprain_cosim.cosim.master import Master
+from sprain_cosim.cosim.result import Result
+from sprain_cosim.cosim.system import System, connect
 from sprain_cosim.errors import InputError
-from sprain_cosim.master import Master
-from sprain_cosim.result import Result
+from sprain_cosim.fmu.component import Capabilities
 from sprain_cosim.scenario import load_scenario
-from sprain_cosim.system import System, connect
 from tests.fake import FakeComponent, connector, linear_variables, make_fmu
 
 INERTIA, START = 0.005, np.array([0.1, 0.0])

@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sprain_cosim.animate import HOLD, RATE, animate
+from sprain_cosim.animate.film import HOLD, RATE, animate
 from sprain_cosim.animate.skeleton import Skeleton
 from sprain_cosim.animate.solid import PAPER, Camera
 from sprain_cosim.animate.stage import Stage
 from sprain_cosim.errors import EnvironmentProblem, InputError
-from sprain_cosim.landing import Landing
-from sprain_cosim.scenario import fmu_path, load_scenario
+from sprain_cosim.folders.landing import Landing
+from sprain_cosim.scenario import load_scenario
+from sprain_cosim.shipped import fmu_path
 
 X, Y, Z = np.eye(3)
 PLANT = fmu_path("plant", Path.cwd(), "plant")

@@ -3,42 +3,20 @@
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parent.parent.parent
 PACKAGE = ROOT / "sprain_cosim"
-# from the bottom up: a module may import what stands before it, and its own level where the list groups modules
-LEVELS = [
-    {"errors"},
-    {"units"},
-    {"archive", "export"},
-    {"component", "contract"},
-    {"system"},
-    {"mapping"},
-    {"coupling"},
-    {"metrics"},
-    {"result"},
-    {"isolation"},
-    {"isolated"},
-    {"master"},
-    {"scenario"},
-    {"plots"},
-    {"runfolder"},
-    {"uq"},
-    {"doctor"},
-    {"brace"},
-    {"folders"},
-    {"gallery"},
-    {"report"},
-    {"landing"},
-    {"animate", "storage", "reproduce"},
-    {"validation"},
-    {"cli"},
-    {"__main__", "__init__"},
-]
-NUMERICS = {"distributions", "sampling", "reliability", "sensitivity", "statistics"}
+ROW = re.compile(r"^\| (\d+) \| (.+?) \|", re.MULTILINE)
+
+
+def floors() -> dict[str, int]:
+    """{room: floor}, from the table that docs/architecture.md shows."""
+    page = (ROOT / "docs" / "architecture.md").read_text("utf-8")
+    return {room: int(number) for number, rooms in ROW.findall(page) for room in re.findall(r"`(\w+)`", rooms)}
 
 
 def imports(path: Path, of_types: bool = False) -> set[str]:
@@ -71,11 +49,12 @@ def test_arrows_point_downwards(path: Path) -> None:
     if path.name == "__init__.py" and len(parts) == 1:
         return
     own = parts[0].removesuffix(".py")
-    if own == "uq" and path.stem in NUMERICS:
-        assert not [n for n in used if n.startswith("sprain_cosim") and not n.startswith(("sprain_cosim.uq", "sprain_cosim.errors"))]
+    if own == "__main__":
         return
-    rank = {name: k for k, level in enumerate(LEVELS) for name in level}
-    assert own in rank, f"{own} has no place in LEVELS"
+    rank = floors()
+    assert own in rank, f"{own} has no floor in docs/architecture.md"
+    if own == "uq":
+        assert not [n for n in used if n.startswith("sprain_cosim") and not n.startswith(("sprain_cosim.uq", "sprain_cosim.errors"))]
     for name in used:
         if name.startswith("sprain_cosim.") and name != "sprain_cosim.__version__":
             other = name.split(".")[1]
@@ -87,9 +66,19 @@ def test_fmus_do_not_know_the_package(path: Path) -> None:
     assert not [name for name in imports(path) if name.startswith("sprain_cosim")]
 
 
-def test_only_component_touches_fmpy() -> None:
+def test_every_floor_exists() -> None:
+    rooms = {p.stem for p in PACKAGE.glob("*.py")} | {p.parent.name for p in PACKAGE.glob("*/__init__.py")}
+    assert set(floors()) == rooms - {"__init__", "__main__"}
+
+
+def test_an_init_only_re_exports() -> None:
+    for path in PACKAGE.glob("*/**/__init__.py"):
+        assert all(isinstance(node, ast.Expr | ast.Import | ast.ImportFrom | ast.Assign) for node in ast.parse(path.read_text()).body), path
+
+
+def test_only_fmu_touches_fmpy() -> None:
     users = {p.relative_to(PACKAGE).as_posix() for p in sources(PACKAGE) if any(n.split(".")[0] == "fmpy" for n in imports(p))}
-    assert {u.split("/")[0] for u in users} == {"component"}
+    assert {u.split("/")[0] for u in users} == {"fmu"}
 
 
 def test_public_names() -> None:

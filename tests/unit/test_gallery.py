@@ -10,7 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sprain_cosim import folders, gallery
+from sprain_cosim.figures import gallery
+from sprain_cosim.folders import read as folders
 
 FILE = """scenario = "incline30_mixed"
 [parameters]

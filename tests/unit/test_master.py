@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from sprain_cosim.cosim.master import Master
+from sprain_cosim.cosim.system import System
 from sprain_cosim.errors import InputError, SimulationError
-from sprain_cosim.master import Master
-from sprain_cosim.system import System
 from tests.fake import FakeComponent, connector
 
 

@@ -12,11 +12,11 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from sprain_cosim import plots
-from sprain_cosim.plots import Sample
-from sprain_cosim.plots.law import resisting
-from sprain_cosim.plots.literature import BRACES, PASSIVE
-from sprain_cosim.result import Result
+from sprain_cosim import figures as plots
+from sprain_cosim.cosim.result import Result
+from sprain_cosim.figures import Sample
+from sprain_cosim.figures.law import resisting
+from sprain_cosim.literature import BRACES, PASSIVE
 
 TIME = np.linspace(0, 0.15, 61)
 NAMES = (*(signal for _, signal, _ in plots.PANELS), "plant.brace_subtalar_torque", "plant.inversion_angle", "plant.inversion_velocity")

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from sprain_cosim.uq.progress import BAR, reporter
+from sprain_cosim.study.progress import BAR, reporter
 
 
 def said(kind: str, terminal: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> str:

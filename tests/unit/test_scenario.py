@@ -12,16 +12,17 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from sprain_cosim.coupling import SCHEMES
+from sprain_cosim.cosim.coupling import SCHEMES
 from sprain_cosim.errors import SprainError
-from sprain_cosim.scenario import PACKAGE, folder, load_scenario, shipped
+from sprain_cosim.scenario import load_scenario
+from sprain_cosim.shipped import PACKAGE, scenario_folder, shipped_scenarios
 
 SCHEMA = json.loads((PACKAGE / "scenario.schema.json").read_text())
 
 
-@pytest.mark.parametrize("name", shipped())
+@pytest.mark.parametrize("name", shipped_scenarios())
 def test_shipped_scenarios_fit_the_schema(name: str) -> None:
-    jsonschema.validate(tomllib.loads((folder() / f"{name}.toml").read_text()), SCHEMA)
+    jsonschema.validate(tomllib.loads((scenario_folder() / f"{name}.toml").read_text()), SCHEMA)
     assert load_scenario(name).system().check() == []
 
 

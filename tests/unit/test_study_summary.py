@@ -13,11 +13,11 @@ import pytest
 
 import sprain_cosim as sc
 from sprain_cosim.errors import InputError
+from sprain_cosim.shipped import shipped_studies
+from sprain_cosim.study.summary import summarise, text
 from sprain_cosim.uq import Normal, Uniform
 from sprain_cosim.uq.reliability import LevelResult, amv, form_exceedance
 from sprain_cosim.uq.statistics import exceedance
-from sprain_cosim.uq.study import shipped
-from sprain_cosim.uq.summary import summarise, text
 
 INVERSION, MOMENT, PEAK = "peak_inversion_from_neutral_deg", "anatomy_jcs_inversion_moment_Nm", "peak_subtalar_angle_deg"
 
@@ -209,9 +209,9 @@ def test_amv_is_judged_by_the_records_monte_carlo() -> None:
     ],
 )
 def test_impossible_studies_are_refused_in_one_line(tmp_path, old: str, new: str, said: str) -> None:
-    from sprain_cosim.scenario import folder
+    from sprain_cosim.shipped import scenario_folder
 
-    source = (folder() / "studies" / "study6.toml").read_text()
+    source = (scenario_folder() / "studies" / "study6.toml").read_text()
     assert old in source
     path = tmp_path / "mine.toml"
     path.write_text(source.replace(old, new, 1))
@@ -222,10 +222,11 @@ def test_impossible_studies_are_refused_in_one_line(tmp_path, old: str, new: str
 
 
 def test_radians_written_as_degrees_are_warned_about(tmp_path) -> None:
-    from sprain_cosim.scenario import folder
+    from sprain_cosim.shipped import scenario_folder
 
     path = tmp_path / "mine.toml"
-    path.write_text((folder() / "studies" / "study6.toml").read_text().replace('mean = "-34 deg", sd = "5 deg"', 'mean = "-0.593 deg", sd = "0.0873 deg"'))
+    shipped = (scenario_folder() / "studies" / "study6.toml").read_text()
+    path.write_text(shipped.replace('mean = "-34 deg", sd = "5 deg"', 'mean = "-0.593 deg", sd = "0.0873 deg"'))
     assert "radians written as degrees" in sc.load_study(path).warnings[-1]
     assert not sc.load_study("study6").warnings
 
@@ -252,8 +253,8 @@ def test_the_study_on_the_page_loads(tmp_path) -> None:
     study = sc.load_study(path)
     assert study.half_width == 1.0
     assert study.sample().shape == (200, 4)
-    assert {name for name in shipped() if f"`{name}`" in page} >= {"amv6", "form6", "demers2017", "brace_scaling"}
-    for name in shipped():
+    assert {name for name in shipped_studies() if f"`{name}`" in page} >= {"amv6", "form6", "demers2017", "brace_scaling"}
+    for name in shipped_studies():
         assert sc.load_study(name).checked().source == name
 
 

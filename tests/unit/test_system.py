@@ -8,10 +8,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from sprain_cosim.component import Capabilities
+from sprain_cosim.cosim.master import Master
+from sprain_cosim.cosim.system import System, connect, problems_to_error
 from sprain_cosim.errors import InputError, SimulationError
-from sprain_cosim.master import Master
-from sprain_cosim.system import System, connect, problems_to_error
+from sprain_cosim.fmu.component import Capabilities
 from tests.fake import FakeComponent, connector
 
 

@@ -10,8 +10,10 @@ from xml.etree import ElementTree
 import pytest
 
 from sprain_cosim.errors import InputError
-from sprain_cosim.validation import custom, output, suite
+from sprain_cosim.validation import suite
+from sprain_cosim.validation import writers as output
 from sprain_cosim.validation.check import Check, Gap, Row, judge
+from sprain_cosim.validation.checks import user_files as custom
 from sprain_cosim.validation.laboratory import NEEDS, Laboratory
 
 

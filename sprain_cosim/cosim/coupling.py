@@ -1,0 +1,105 @@
+"""The scheme of one run: chosen by what the components can do, checked for stability, started."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError, nearest
+from .energy import exchange, residual
+from .identification import Found, Identification
+from .schemes.adaptive import Adaptive
+from .schemes.extrapolated import Extrapolated
+from .schemes.gauss_seidel import GaussSeidel
+from .schemes.impedance import Impedance
+from .schemes.iterative import Iterative
+from .schemes.jacobi import Jacobi
+from .schemes.protocol import Scheme
+from .stability import WARNING, growth, verdict
+from .system import Assembly
+
+__all__ = ["SCHEMES", "Coupling", "Scheme", "begin", "check_scheme"]
+
+
+SCHEMES = (Jacobi.name, GaussSeidel.name, Extrapolated.name, Iterative.name, Impedance.name)
+
+
+def check_scheme(name: str) -> None:
+    """Raises InputError for an unknown name."""
+    known = ["auto", *SCHEMES]
+    if name not in known:
+        raise InputError(f"scheme {name!r} is unknown{nearest(name, known)}")
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """The scheme of one run, why it was taken, and what has to be said before the run."""
+
+    scheme: Scheme
+    reason: str
+    warning: str
+
+    def error(self, assembly: Assembly, record: NDArray[np.float64]) -> float | None:
+        """The coupling error of the run recorded (n, slots)."""
+        return self.scheme.error if isinstance(self.scheme, Adaptive) else residual(self.scheme, exchange(assembly, record))
+
+    def effort(self, steps: int, step: float) -> tuple[int, float]:
+        """Communication steps taken and the smallest of them [s], for `steps` recorded steps of `step` [s]."""
+        return (self.scheme.exchanges, step / max(1, self.scheme.most)) if isinstance(self.scheme, Adaptive) else (steps, step)
+
+
+def begin(name: str, assembly: Assembly, step: float, steps: int, identify: int = 1, guard: bool = True, adaptive: float = 0.0) -> Coupling:
+    """Chooses and starts the scheme of an assembly that has started, for `steps` steps of `step` [s]; `identify`: after how many steps
+    stiffness and damping are found anew; `adaptive` > 0: the tolerance of steps divided as the residual energy asks. Raises InputError for
+    a scheme that the system cannot run or, with `guard`, that would be unstable."""
+    check_scheme(name)
+    unable = [m.name for m in assembly.members if not m.component.capabilities.state]
+    if name == Iterative.name and unable:
+        raise InputError(f"scheme iterative: {', '.join(unable)} cannot save and restore its state; use auto, impedance or gauss-seidel")
+    probing = guard or name in ("auto", Impedance.name)
+    identification = Identification(assembly, step) if probing else None
+    found = identification.found if identification else None
+    reason = "asked for"
+    if name == "auto":
+        name, reason = _choose(found, not unable, step, steps)
+    elif name == Impedance.name:
+        reason = f"asked for; {_handed_over(found)}"
+    warnings = []
+    plain: dict[str, type[Scheme]] = {s.name: s for s in (Jacobi, GaussSeidel, Extrapolated, Iterative)}
+    scheme: Scheme = plain[name]() if name in plain else Impedance(identification or Identification(assembly, step), identify)
+    if adaptive:
+        scheme = Adaptive(scheme, assembly, step, adaptive)
+    if guard:
+        finest = scheme.allowed[-1] if isinstance(scheme, Adaptive) else 1
+        others = [Impedance.name] if unable else [Impedance.name, Iterative.name]
+        level, said = verdict(name, found, step / finest, steps * finest, others)
+        if level == "refusal":
+            raise InputError(said)
+        warnings = [said, found.doubt if found else ""]
+    scheme.start(assembly)
+    return Coupling(scheme, reason, "; ".join(w for w in warnings if w))
+
+
+def _choose(found: Found | None, states: bool, step: float, steps: int) -> tuple[str, str]:
+    """Impedance hand-over wherever something can be handed over; else Gauss-Seidel, if it is stable; else iteration, if all can repeat a step."""
+    if found is None:
+        return GaussSeidel.name, "no device gives the plant a torque"
+    if found.declared or found.identified:
+        return Impedance.name, f"{_handed_over(found)}; {found.size()} at the start"
+    why = "stiffness and damping are neither declared nor to be found"
+    if found.inertia is not None and growth(GaussSeidel.name, found, step, steps) > WARNING:
+        if states:
+            return Iterative.name, f"{why}, and gauss-seidel would not be stable: {found.size()} at the start"
+        return GaussSeidel.name, f"{why}, and no iteration: not every component saves its state"
+    return GaussSeidel.name, why
+
+
+def _handed_over(found: Found | None) -> str:
+    if found is None or not (found.declared or found.identified):
+        return "nothing to hand over"
+    parts = [f"the device declares {', '.join(found.declared)}"] if found.declared else []
+    if found.identified:
+        parts.append(f"found by finite differences: {', '.join(found.identified)}")
+    return "; ".join(parts)

@@ -1,0 +1,115 @@
+"""The master algorithm: drives a system through time.
+
+    start all components until their values agree, record k = 0
+    for k = 0, 1, ... n-1:  t = start + k * communication_step
+        the scheme takes every component from t to t + communication_step
+        record k + 1
+
+Failure policy: a scheme that would be unstable with this device is refused before the first step (InputError). An FMI error or a value that
+is not finite ends the run with status `failed` and a message that names component, call or variable, and time; an FMU that asks to end the run ends
+it with status `stopped`. What was recorded until then stays in the result; a short record is never `completed`. When an FMU refuses a step and can
+save its state, the run begins again with a state saved before each step, and refused steps are taken in parts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from ..errors import InputError, SimulationError, SimulationStopped, StepDiscarded
+from .coupling import begin
+from .result import Result
+from .system import Assembly
+
+
+@dataclass(frozen=True)
+class Master:
+    """Times in s. `guard`: refuse a run whose coupling would be unstable, before it starts. `record`: patterns of local variables to record
+    besides the connectors, such as "plant.*"; they cost nothing when left out. `identify`: number of steps after which stiffness and damping that a
+    device does not declare are found anew; 0: at the start only. `adaptive`: the communication steps are divided where the residual energy exceeds this
+    share of the energy exchanged; 0: never. The record stays on the regular grid."""
+
+    communication_step: float = 5e-4
+    stop: float = 0.150
+    start: float = 0.0
+    scheme: str = "auto"
+    guard: bool = True
+    record: tuple[str, ...] = ()
+    identify: int = 1
+    adaptive: float = 0.0
+
+    @property
+    def steps(self) -> int:
+        """Number of communication steps. Raises InputError when the stop time is not a whole number of them."""
+        if not (self.communication_step > 0 and math.isfinite(self.communication_step)):
+            raise InputError(f"communication step {1e3 * self.communication_step:g} ms: must be positive")
+        if not self.stop > self.start:
+            raise InputError(f"stop {1e3 * self.stop:g} ms: must lie after the start at {1e3 * self.start:g} ms")
+        span = self.stop - self.start
+        n = max(1, round(span / self.communication_step))
+        if n > 10_000_000:
+            raise InputError(f"communication step {1e3 * self.communication_step:g} ms: {n} steps until the stop at {1e3 * self.stop:g} ms; at most 10 000 000")
+        if abs(n * self.communication_step - span) > 1e-9 * span:
+            fewer = max(1, math.floor(span / self.communication_step))
+            raise InputError(
+                f"communication step {1e3 * self.communication_step:g} ms: the stop at {1e3 * self.stop:g} ms is not a whole number of steps; "
+                f"the nearest that are: {1e3 * span / fewer:.6g} ms and {1e3 * span / (fewer + 1):.6g} ms"
+            )
+        return n
+
+    def run(self, assembly: Assembly, parameters: Mapping[str, float]) -> Result:
+        """One run of an open system from its initial state; `parameters` {"component.parameter": value in its own unit}."""
+        try:
+            return self._run(assembly, parameters)
+        except StepDiscarded:
+            assembly.careful()
+            return self._run(assembly, parameters)
+
+    def _run(self, assembly: Assembly, parameters: Mapping[str, float]) -> Result:
+        began = perf_counter()
+        n, h = self.steps, self.communication_step
+        record = np.empty((n + 1, len(assembly.names)))
+        more, their_units = assembly.watch(self.record) if self.record else ([], [])
+        seen = np.empty((n + 1, len(more)))
+        coupling, done, status, message = None, 0, "completed", ""
+        try:
+            assembly.start(parameters, self.start, self.stop)
+            coupling = begin(self.scheme, assembly, h, n, self.identify, self.guard, self.adaptive)
+            scheme = coupling.scheme
+            record[0] = assembly.record
+            if more:
+                seen[0] = assembly.look()
+            done = 1
+            for k in range(n):
+                scheme.step(assembly, self.start + k * h, h)
+                record[k + 1] = assembly.record
+                if more:
+                    seen[k + 1] = assembly.look()
+                done = k + 2
+        except StepDiscarded:
+            raise
+        except SimulationStopped as end:
+            status, message = "stopped", str(end)
+        except SimulationError as problem:
+            status, message = "failed", str(problem)
+        exchanges, smallest = coupling.effort(max(0, done - 1), h) if coupling else (0, h)
+        return Result(
+            time=self.start + h * np.arange(done),
+            values=np.hstack([record[:done], seen[:done]]) if more else record[:done],
+            names=(*assembly.names, *more),
+            units=(*assembly.units, *their_units),
+            status=status,
+            message=message,
+            scheme=coupling.scheme.name if coupling else self.scheme,
+            scheme_reason=coupling.reason if coupling else "",
+            warning=coupling.warning if coupling else "",
+            coupling_error=None if message or not coupling else coupling.error(assembly, record),
+            exchanges=exchanges,
+            smallest_step=smallest,
+            parameters=dict(parameters),
+            wall=perf_counter() - began,
+        )

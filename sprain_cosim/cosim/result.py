@@ -1,0 +1,86 @@
+"""What a run leaves behind, and how it ended."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import IO, TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import InputError
+from ..metrics import metrics
+from ..units import Unit
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class Result:
+    """`time` (n,) [s]; `values` (n, m), one column for each of `names` ("component.variable") in `units`; None is an undeclared unit.
+
+    `status` is completed, stopped (an FMU asked to end the run) or failed; the latter two have the record until then and a `message`, but no
+    metrics. `scheme` is the coupling scheme that ran and `scheme_reason` why, `coupling_error` the residual energy as a share of the exchanged or
+    None, `warning` what the stability guard has to say, `wall` the wall time [s], `parameters` those that were set. `exchanges` counts the
+    communication steps taken, the `smallest_step` [s] of which is shorter than the record's under an adaptive step."""
+
+    time: np.ndarray
+    values: np.ndarray
+    names: tuple[str, ...]
+    units: tuple[Unit | None, ...]
+    status: str
+    message: str
+    scheme: str
+    scheme_reason: str = ""
+    warning: str = ""
+    parameters: dict[str, float] = field(default_factory=dict)
+    coupling_error: float | None = None
+    wall: float = 0.0
+    exchanges: int = 0
+    smallest_step: float = 0.0
+
+    @cached_property
+    def signals(self) -> pd.DataFrame:
+        """(n, m) table over the index `time [s]`, columns "component.variable"."""
+        import pandas as pd
+
+        return pd.DataFrame(self.values, pd.Index(self.time, name="time [s]"), list(self.names))
+
+    def csv(self) -> str:
+        """The record as signals.csv has it: `time [s]`, then `component.variable [unit]`, ten digits."""
+        headings = ["time [s]", *(f"{n} [{u.name if u else '?'}]" for n, u in zip(self.names, self.units, strict=True))]
+        values = np.column_stack([self.time, self.values])
+        line = ",".join(["%.10g"] * len(headings)) + "\n"  # one format for all rows: 30 times as fast as pandas, and the same bytes
+        text = (line * len(values)) % tuple(values.ravel().tolist())
+        return ",".join(headings) + "\n" + (text if np.isfinite(values).all() else text.replace("nan", ""))
+
+    @classmethod
+    def read_csv(cls, source: Path | IO[bytes]) -> Result:
+        """The record of a signals.csv, also gzipped as a study keeps it. Raises InputError when it is none."""
+        import pandas as pd
+
+        try:
+            table = pd.read_csv(source, index_col=0)
+            names, units = zip(*(str(c).removesuffix("]").rsplit(" [", 1) for c in table.columns), strict=True)
+            time, values = table.index.to_numpy(float), table.to_numpy(float)
+        except FileNotFoundError:
+            raise InputError(f"{source}: no such file; make the run again with --out") from None
+        except (ValueError, EOFError, OSError) as problem:
+            raise InputError(f"{source}: cannot be read: {problem}") from None
+        known = tuple(None if u == "?" else Unit(u) for u in units)
+        return cls(time=time, values=values, names=names, units=known, status="completed", message="", scheme="")
+
+    @cached_property
+    def index(self) -> dict[str, int]:
+        return {name: k for k, name in enumerate(self.names)}
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """(n,) values of one signal."""
+        return self.values[:, self.index[name]]
+
+    @cached_property
+    def metrics(self) -> dict[str, float]:
+        """Named responses; empty unless the run completed."""
+        return metrics(self) if self.status == "completed" else {}

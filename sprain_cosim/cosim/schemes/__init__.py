@@ -1,0 +1,1 @@
+"""Coupling schemes, one module each; protocol.py says what a scheme is."""

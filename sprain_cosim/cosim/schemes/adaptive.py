@@ -1,0 +1,96 @@
+"""Communication steps divided by the residual energy: every step of the regular grid, on which the run is recorded, is taken in 1, 2, 4 ... 64 equal
+parts, as many as keep its residual within the tolerance. The residual of a part falls with the order of the scheme, which gives the next number.
+
+With saved states a step whose residual is too large is taken again; without, the number for the next step is chosen with a wider margin, it falls slowly,
+and the first step is taken in 16 parts. After S. Sadjina et al. 2017 (energy.py), whose controller chooses the step itself.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...errors import InputError
+from ..energy import Exchange, exchange, shares
+from ..system import Assembly
+
+if TYPE_CHECKING:
+    from .protocol import Scheme
+
+PARTS = (1, 2, 4, 8, 16, 32, 64)
+FIRST_UNSAVED = 16
+AIM, AIM_UNSAVED = 0.7, 0.25  # of the residual that is allowed
+
+
+class Adaptive:
+    """Implements Scheme around another one. `tolerance`: the share of the exchanged energy that the run's residual may reach.
+
+    A step's residual is held against the mean of what it exchanges itself and what the steps before it exchanged on average, so that steps
+    around a turning point, which exchange nothing, are not divided without end."""
+
+    def __init__(self, scheme: Scheme, assembly: Assembly, step: float, tolerance: float) -> None:
+        """Raises InputError where the scheme or a component cannot do it."""
+        if scheme.name == "iterative":
+            raise InputError("adaptive: the residual of scheme iterative is that of its iteration and says nothing of the step; use auto or another scheme")
+        rigid = [m.name for m in assembly.members if not m.component.capabilities.variable_step and m.component.capabilities.fixed_step is None]
+        if rigid:
+            raise InputError(f"adaptive: {', '.join(rigid)} cannot change the communication step during a run; leave adaptive out")
+        self.scheme, self.tolerance = scheme, tolerance
+        self.name, self.lag, self.order = scheme.name, scheme.lag, scheme.order
+        self.saves = all(m.component.capabilities.state for m in assembly.members)
+        self.allowed = [n for n in PARTS if not assembly.system.check_step(step / n)]
+        self.parts = 1 if self.saves else max(n for n in self.allowed if n <= FIRST_UNSAVED)
+        self.exchanges, self.most = 0, 0
+        self._residual = self._exchanged = 0.0
+        self._steps = 0
+        self._before: tuple[np.ndarray, float] | None = None
+
+    @property
+    def error(self) -> float | None:
+        """The coupling error of the run so far, as in energy.residual but over the steps that were taken."""
+        return self._residual / self._exchanged if self._exchanged else None
+
+    def start(self, assembly: Assembly) -> None:
+        self.scheme.start(assembly)
+
+    def step(self, assembly: Assembly, time: float, step: float) -> None:
+        states = [(m, m.instance.save()) for m in assembly.members] if self.saves else []
+        bus, memory = assembly.bus.copy(), dict(vars(self.scheme))
+        try:
+            while True:
+                n = self.parts
+                rows, sizes = ([assembly.record.copy()], []) if self._before is None else ([self._before[0], assembly.record.copy()], [self._before[1]])
+                for k in range(n):
+                    self.scheme.step(assembly, time + k * step / n, step / n)
+                    rows.append(assembly.record.copy())
+                    sizes.append(step / n)
+                found = shares(self.scheme, exchange(assembly, np.array(rows), np.array(sizes)))
+                residual, exchanged = (float(f[-n:].sum()) for f in found) if found else (0.0, 0.0)
+                usual = self._exchanged / self._steps if self._steps else exchanged
+                allowed = self.tolerance * 0.5 * (exchanged + usual)
+                if not (residual > allowed and self.saves and n < self.allowed[-1]):
+                    break
+                self.parts = self._number(n, residual, allowed, least=n + 1)
+                for member, state in states:
+                    member.instance.restore(state)
+                    member.sent = False
+                assembly.bus[:] = bus
+                vars(self.scheme).clear()
+                vars(self.scheme).update(memory)
+        finally:
+            for member, state in states:
+                member.instance.release(state)
+        self._before = rows[-2], step / n
+        self._residual, self._exchanged, self._steps = self._residual + residual, self._exchanged + exchanged, self._steps + 1
+        self.exchanges, self.most = self.exchanges + n, max(self.most, n)
+        self.parts = self._number(n, residual, allowed, least=(n + 1) // 2)
+
+    def applied(self, exchange: Exchange) -> Exchange.Torques:
+        return self.scheme.applied(exchange)
+
+    def _number(self, n: int, residual: float, allowed: float, least: int) -> int:
+        """Parts that should do, from what `n` gave."""
+        aim = (AIM if self.saves else AIM_UNSAVED) * allowed
+        wanted = n * (residual / aim) ** (1.0 / self.order) if aim > 0.0 else n
+        return next((p for p in self.allowed if p >= max(least, wanted)), self.allowed[-1])

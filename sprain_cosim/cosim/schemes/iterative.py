@@ -1,0 +1,64 @@
+"""Every step is repeated, from saved states, until the torque that the plant felt is the mean of the devices' torques at both ends of the step: second
+order, whatever the device. Quasi-Newton relaxation (Broyden's update, kept from step to step; with one torque it is the secant method). A step that
+does not settle ends the run."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...errors import SimulationError
+from ..energy import TORQUE, Exchange
+from ..system import Assembly
+
+TOLERANCE = 1e-6
+MAX_ITERATIONS = 50
+
+
+class Iterative:
+    name = "iterative"
+    lag = 0
+    order = 2
+
+    def start(self, assembly: Assembly) -> None:
+        self._slots = assembly.slots(lambda name: name.endswith(TORQUE))
+        self._before: np.ndarray | None = None
+        self._slope = -np.eye(len(self._slots))  # d(gap)/d(guess); this start is plain substitution
+
+    def step(self, assembly: Assembly, time: float, step: float) -> None:
+        bus, slots = assembly.bus, self._slots
+        now, start = bus[slots].copy(), bus.copy()
+        guess = now if self._before is None else 2.0 * now - self._before
+        states = [(member, member.instance.save()) for member in assembly.members]
+        last: tuple[np.ndarray, np.ndarray] | None = None
+        try:
+            for k in range(MAX_ITERATIONS):
+                if k:
+                    for member, state in states:
+                        member.instance.restore(state)
+                    bus[:] = start
+                bus[slots] = 0.5 * (now + guess)
+                for member in assembly.members:
+                    if member.late:
+                        member.sent = False
+                    else:
+                        assembly.transfer(member)
+                    assembly.advance(member, time, step)
+                assembly.settle()
+                gap = bus[slots] - guess
+                if np.abs(gap).max(initial=0.0) <= TOLERANCE * (1.0 + np.abs(bus[slots]).max(initial=0.0)):
+                    self._before = now
+                    return
+                if last is not None and (moved := guess - last[0]).any():
+                    self._slope += np.outer(gap - last[1] - self._slope @ moved, moved) / (moved @ moved)
+                last = guess, gap
+                guess = guess - np.linalg.lstsq(self._slope, gap, rcond=None)[0]
+        finally:
+            for member, state in states:
+                member.instance.release(state)
+        names = ", ".join(np.array(assembly.names)[slots][np.abs(gap) > TOLERANCE])
+        raise SimulationError(
+            f"iterative: {names} did not settle in {MAX_ITERATIONS} iterations at {time + step:.6g} s; take a smaller step or scheme impedance"
+        )
+
+    def applied(self, exchange: Exchange) -> Exchange.Torques:
+        return 0.5 * (exchange.torque[1:] + exchange.torque[:-1])

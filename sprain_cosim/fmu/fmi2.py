@@ -1,0 +1,98 @@
+"""FMI 2.0 co-simulation."""
+
+from __future__ import annotations
+
+import atexit
+import ctypes
+import weakref
+from functools import lru_cache
+from typing import Any, ClassVar
+
+from .instance import LAST_SUCCESSFUL_TIME, PENDING, FmiInstance
+
+TERMINATED = 3  # fmi2StatusKind
+
+_instances: weakref.WeakValueDictionary[str, FmiInstance] = weakref.WeakValueDictionary()  # by instance name: all share one logger
+
+
+@lru_cache(maxsize=1)
+def callbacks() -> Any:
+    """One set for the process: the proxy that formats the messages' variable arguments remembers a single logger."""
+    import fmpy
+    from fmpy import fmi2
+
+    def log(environment: Any, instance: bytes, status: int, category: bytes, message: bytes) -> None:
+        sender = _instances.get((instance or b"").decode("utf-8", "replace"))
+        if sender is not None:
+            sender.log(message)
+
+    found = fmi2.fmi2CallbackFunctions()
+    found.logger = fmi2.fmi2CallbackLoggerTYPE(log)
+    found.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
+    found.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
+    try:
+        from fmpy.logging import addLoggerProxy
+    except (ImportError, OSError):  # no proxy for this platform: messages arrive unformatted
+        return found
+    addLoggerProxy(ctypes.byref(found))
+    return found
+
+
+class Fmi2Instance(FmiInstance):
+    """Common to co-simulation and model exchange."""
+
+    types: ClassVar = {
+        "Real": ("Real", ctypes.c_double),
+        "Integer": ("Integer", ctypes.c_int),
+        "Enumeration": ("Integer", ctypes.c_int),
+        "Boolean": ("Boolean", ctypes.c_int),
+    }
+
+    def function(self, name: str) -> Any:
+        return self.fmu.dll[f"fmi2{name}"]
+
+    def create(self) -> None:
+        _instances[self.label] = self
+        self.fmu.instantiate(callbacks=callbacks(), loggingOn=True)
+
+    def free(self) -> None:
+        self.fmu.fmi2FreeInstance(self.fmu.component)
+
+    def enter(self, time: float, stop: float) -> None:
+        self.fmu.setupExperiment(startTime=time, stopTime=stop)
+        self.fmu.enterInitializationMode()
+
+    def leave(self) -> None:
+        self.fmu.exitInitializationMode()
+
+    def save(self) -> Any:
+        return self.call("saving its state", self.fmu.getFMUstate)
+
+    def restore(self, state: Any) -> None:
+        self.call("restoring its state", self.fmu.setFMUstate, state)
+
+    def release(self, state: Any) -> None:
+        self.call("releasing a state", self.fmu.freeFMUstate, state)
+
+
+class Fmi2CoSimulation(Fmi2Instance):
+    def load(self, **arguments: Any) -> Any:
+        from fmpy.fmi2 import FMU2Slave
+
+        fmu = FMU2Slave(**arguments)
+        if hasattr(fmu.dll, "finalizePythonInterpreter"):
+            # PythonFMU's library frees its interpreter state twice at the end of the process, unless it was told to before
+            atexit.register(fmu.dll.finalizePythonInterpreter)
+        self._step = fmu.dll["fmi2DoStep"]
+        self._final = int(not self.component.capabilities.state)  # no state will be set that lies before the present point
+        return fmu
+
+    def do_step(self, time: float, step: float) -> int:
+        status: int = self._step(self.instance, ctypes.c_double(time), ctypes.c_double(step), self._final)
+        return self.waited() if status == PENDING else status
+
+    def progress(self) -> tuple[float | None, bool]:
+        reached, ended = ctypes.c_double(), ctypes.c_int()
+        told = self.function("GetRealStatus")(self.instance, LAST_SUCCESSFUL_TIME, ctypes.byref(reached)) <= 1
+        asked = self.function("GetBooleanStatus")(self.instance, TERMINATED, ctypes.byref(ended)) <= 1
+        return reached.value if told else None, asked and bool(ended.value)

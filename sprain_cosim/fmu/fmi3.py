@@ -1,0 +1,132 @@
+"""FMI 3.0 co-simulation. Event mode where the FMU has it: events are handled at its early returns and at the times it names."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from typing import Any, ClassVar
+
+from ..errors import SimulationError, SimulationStopped
+from .instance import DISCARD, WARNING, FmiInstance
+
+ERROR = 3
+MAX_RETURNS = 10_000  # in one step
+MAX_ITERATIONS = 100  # of discrete states at one event
+INTEGERS = {f"{sign}Int{bits}": getattr(ctypes, f"c_{sign.lower()}int{bits}") for sign in ("", "U") for bits in (8, 16, 32, 64)}
+
+
+class Fmi3Instance(FmiInstance):
+    """Common to co-simulation and model exchange."""
+
+    types: ClassVar = {
+        "Float64": ("Float64", ctypes.c_double),
+        "Float32": ("Float32", ctypes.c_float),
+        "Enumeration": ("Int64", ctypes.c_int64),
+        "Boolean": ("Boolean", ctypes.c_bool),
+        **{name: (name, ctype) for name, ctype in INTEGERS.items()},
+    }
+
+    def function(self, name: str) -> Any:
+        return self.fmu.dll[f"fmi3{name}"]
+
+    def arguments(self, references: Any, n: int, buffer: Any) -> tuple[Any, ...]:
+        return self.instance, references, ctypes.c_size_t(n), buffer, ctypes.c_size_t(n)
+
+    def create(self) -> None:
+        self.fmu.instantiate(loggingOn=True, logMessage=self._heard)
+
+    def _heard(self, environment: Any, status: int, category: bytes, message: bytes) -> None:
+        self.log(message)
+
+    def free(self) -> None:
+        self.fmu.fmi3FreeInstance(self.fmu.component)
+
+    def enter(self, time: float, stop: float) -> None:
+        self.fmu.enterInitializationMode(startTime=time, stopTime=stop)
+
+    def leave(self) -> None:
+        self.fmu.exitInitializationMode()
+
+    def save(self) -> Any:
+        return self.call("saving its state", self.fmu.getFMUState)
+
+    def restore(self, state: Any) -> None:
+        self.call("restoring its state", self.fmu.setFMUState, state)
+
+    def release(self, state: Any) -> None:
+        self.call("releasing a state", self.fmu.freeFMUState, state)
+
+
+class Fmi3CoSimulation(Fmi3Instance):
+    def load(self, **arguments: Any) -> Any:
+        from fmpy.fmi3 import FMU3Slave
+
+        fmu = FMU3Slave(**arguments)
+        self._step = fmu.dll["fmi3DoStep"]
+        self._event, self._end, self._early = ctypes.c_bool(), ctypes.c_bool(), ctypes.c_bool()
+        self._reached = ctypes.c_double()
+        self._answers = tuple(ctypes.byref(v) for v in (self._event, self._end, self._early, self._reached))
+        return fmu
+
+    def create(self) -> None:
+        capabilities = self.component.capabilities
+        self._next_event = math.inf
+        self._final = ctypes.c_bool(not capabilities.state)  # no state will be set that lies before the present point
+        self.fmu.instantiate(loggingOn=True, eventModeUsed=capabilities.event_mode, earlyReturnAllowed=capabilities.early_return, logMessage=self._heard)
+
+    def enter(self, time: float, stop: float) -> None:
+        self._start = time
+        super().enter(time, stop)
+
+    def leave(self) -> None:
+        super().leave()
+        if self.component.capabilities.event_mode:  # initialisation leads into it
+            self._handle_events(self._start)
+
+    def do_step(self, time: float, step: float) -> int:
+        capabilities, end, now = self.component.capabilities, time + step, time
+        for _ in range(MAX_RETURNS):
+            target = min(end, max(now, self._next_event))
+            self._event.value = self._end.value = self._early.value = False
+            self._reached.value = now
+            if target > now:
+                size = step if (now, target) == (time, end) else target - now
+                status: int = self._step(self.instance, ctypes.c_double(now), ctypes.c_double(size), self._final, *self._answers)
+                if status > WARNING or self._end.value:
+                    return max(status, DISCARD)
+                if self._early.value and not capabilities.early_return:
+                    self.log(f"it returned at {self._reached.value:g} s though early return was not allowed")
+                    return ERROR
+            now = self._reached.value if self._early.value else target
+            if capabilities.event_mode and (self._event.value or now >= self._next_event):
+                self.call("handling its events", self.fmu.enterEventMode)
+                self._handle_events(now)
+            if now >= end - 1e-9 * step:
+                return 0
+        self.log(f"it returned early more than {MAX_RETURNS} times in one step")
+        return ERROR
+
+    def progress(self) -> tuple[float | None, bool]:
+        return self._reached.value, bool(self._end.value)
+
+    def save(self) -> Any:
+        return super().save(), self._next_event
+
+    def restore(self, state: Any) -> None:
+        super().restore(state[0])
+        self._next_event = state[1]
+
+    def release(self, state: Any) -> None:
+        super().release(state[0])
+
+    def _handle_events(self, now: float) -> None:
+        """In event mode; leads to step mode."""
+        for _ in range(MAX_ITERATIONS):
+            again, terminate, _, _, defined, when = self.call("handling its events", self.fmu.updateDiscreteStates)
+            if terminate:
+                raise SimulationStopped(f"{self.component.name}: asked to end the simulation at {now:.6g} s{self.said()}")
+            if not again:
+                self._next_event = when if defined and when > now else math.inf
+                self.call("handling its events", self.fmu.enterStepMode)
+                return
+        raise SimulationError(f"{self.component.name}: its discrete states do not settle at {now:.6g} s")

@@ -1,0 +1,53 @@
+"""Where the FMUs, scenarios and templates that ship lie: inside the installed package, or in the clone beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from .errors import EnvironmentProblem, InputError, nearest
+
+PACKAGE = Path(__file__).parent
+FMUS = PACKAGE / "_fmus"
+SOURCES = PACKAGE.parent / "fmus"  # the models' sources, in a clone only
+
+
+def scenario_folder() -> Path:
+    """Holds the shipped scenarios, and the studies in its folder `studies`."""
+    inside = PACKAGE / "_scenarios"
+    return inside if inside.is_dir() else PACKAGE.parent / "scenarios"
+
+
+def shipped_scenarios() -> list[str]:
+    return sorted(p.stem for p in scenario_folder().glob("*.toml"))
+
+
+def shipped_studies() -> list[str]:
+    return sorted(p.stem for p in (scenario_folder() / "studies").glob("*.toml"))
+
+
+def shipped_fmus() -> list[str]:
+    return sorted(p.stem for p in FMUS.glob("*.fmu"))
+
+
+def template(name: str, source: str) -> Path:
+    """A template of a brace project: `name` in the installed package, `source` below fmus/ in a clone."""
+    inside = PACKAGE / "_templates" / name
+    return inside if inside.exists() else SOURCES / source
+
+
+def fmu_path(name: str, beside: Path, what: str) -> Path:
+    """The file of a shipped FMU's name, or of a path relative to `beside`; `what` begins the message.
+
+    Raises InputError where there is none, EnvironmentProblem for a shipped one that is not built."""
+    if "/" not in name and "\\" not in name and not name.endswith(".fmu"):
+        built = FMUS / f"{name}.fmu"
+        if built.is_file():
+            return built
+        if (SOURCES / name / "interface.py").is_file():
+            raise EnvironmentProblem(f"{what}: not built yet; run `sprain-cosim build`")
+        if not (beside / name).is_file():
+            raise InputError(f"{what}: no such FMU file, and none of that name ships{nearest(name, shipped_fmus())}")
+    path = beside / name
+    if not path.is_file():
+        raise InputError(f"{what}: no such FMU file")
+    return path

@@ -1,0 +1,1 @@
+"""Many landings: a study described, run by workers, kept in a ledger, summarised."""

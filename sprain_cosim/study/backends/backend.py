@@ -1,0 +1,63 @@
+"""Where trials run. A backend takes batches of jobs and gives back rows, in any order; nothing else of a study depends on it.
+
+| Backend | Workers | Chosen by |
+|---|---|---|
+| local | threads of this process, each with a child process | default |
+| dask | threads of Dask workers, each with the same child process | `--scheduler tcp://...`, `tls://...`, `local-cluster` |
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+from ...process import Limits
+from ...uq.distributions import Array
+from ..ledger import Row
+from ..worker import Openable
+
+
+class Job(NamedTuple):
+    """One trial: its number, its inputs (d,), whether its trajectory is wanted."""
+
+    trial: int
+    values: Array
+    record: bool = False
+
+
+@dataclass(frozen=True)
+class Task:
+    """What all trials of a study share. `scenario` is what a child opens, `names` (d,) the parameters it sets; picklable."""
+
+    scenario: Openable
+    names: tuple[str, ...]
+    limits: Limits = field(default_factory=Limits)
+
+
+class Backend(Protocol):
+    """Order of the calls: (send* - receive)* - close, which may come at any moment and ends what runs."""
+
+    batch: float  # s of work that one batch should hold
+
+    def workers(self) -> int:
+        """How many trials run at a time, now."""
+
+    def send(self, jobs: Sequence[Job]) -> None: ...
+
+    def receive(self) -> list[Row]:
+        """Waits until something is finished; an empty list now and then. Raises what stops a study: SimulationError, EnvironmentProblem."""
+
+    def close(self) -> list[Row]:
+        """Ends what runs; what had been finished."""
+
+
+def open_backend(task: Task, workers: int | None, scheduler: str | None) -> Backend:
+    """`workers` processes here, or the Dask cluster at `scheduler`. Raises InputError, EnvironmentProblem."""
+    if scheduler is None:
+        from .local import Local
+
+        return Local(task, workers)
+    from .dask import Dask
+
+    return Dask(task, workers, scheduler)

@@ -1,0 +1,242 @@
+"""Workers of a Dask cluster. The process of a Dask worker is never the one that runs an FMU: each of its threads drives a child of its own.
+
+Files (FMUs, mapping files) are known by the SHA-256 of their content. A worker takes those that lie where the scenario says, or in its cache;
+what it lacks it asks for, and gets with the batch that is sent again. A batch whose machine is lost is run elsewhere by the scheduler; one
+that outlives several machines is split into its trials, and a trial that does so again is a row with status `lost`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import logging
+import os
+import pickle
+import queue
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+from ... import __version__
+from ...errors import EnvironmentProblem, InputError
+from ...fmu.archive import cache_folder
+from ...scenario import Scenario
+from ..ledger import Row
+from ..worker import Outcome, Worker
+from .backend import Job, Task
+
+PATIENCE = 10.0  # s for a scheduler to answer
+LOG = 20  # messages that Dask keeps for its developers
+AGAIN = 3  # times that a trial is sent anew after it was lost with its machine
+
+
+@dataclass(frozen=True)
+class Missing:
+    """A worker's answer to a batch: it lacks the files of these SHA-256."""
+
+    files: tuple[str, ...]
+
+
+class Dask:
+    """`address` tcp://..., tls://... of a scheduler, or local-cluster for `workers` processes here. For a remote one `workers` is how many are
+    expected, so that work waits for those that are still to come."""
+
+    batch = 1.5
+
+    def __init__(self, task: Task, workers: int | None, address: str) -> None:
+        try:
+            import dask
+            import distributed
+        except ImportError:
+            raise EnvironmentProblem("--scheduler: needs Dask: pip install 'sprain-cosim[distributed]'") from None
+        hashes = _hashes(task)
+        self._files = {sha: path for path, sha in hashes.items()}
+        self._task = pickle.dumps((task, hashes))
+        self._key = hashlib.sha256(self._task).hexdigest()[:16] + f"-{os.getpid()}"
+        self._expected, self._now, self._asked = workers or 1, 0, -PATIENCE
+        self._out: dict[Any, tuple[tuple[Job, ...], int]] = {}
+        self._delivered: dict[str, Any] = {}
+        self._done: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._cluster: Any = None
+        self._processes: list[subprocess.Popen[bytes]] = []
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        dask.config.set({"distributed.admin.low-level-log-length": LOG})  # else the last 1000 messages, batches with all their inputs, stay in memory
+        try:
+            if address == "local-cluster":
+                self._expected = workers or len(os.sched_getaffinity(0))
+                self._cluster = distributed.LocalCluster(n_workers=0, processes=True, dashboard_address=None, silence_logs=logging.CRITICAL)
+                self._processes = [_dask_worker(self._cluster.scheduler_address) for _ in range(self._expected)]
+            elif "://" not in address:
+                raise InputError(f"--scheduler {address}: must be local-cluster or an address such as tcp://host:8786")
+            self._client = distributed.Client(self._cluster or address, timeout=PATIENCE, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as problem:
+            raise EnvironmentProblem(f"--scheduler {address}: no scheduler answers: {' '.join(str(problem).split())}") from None
+        self._address = address
+
+    def workers(self) -> int:
+        if monotonic() - self._asked > 2.0:
+            with contextlib.suppress(OSError, ValueError):
+                self._now, self._asked = sum(self._client.nthreads().values()), monotonic()
+        return max(self._now, self._expected)
+
+    def send(self, jobs: Sequence[Job]) -> None:
+        self._submit(tuple(jobs), 0)
+
+    def receive(self) -> list[Row]:
+        from distributed import CancelledError, KilledWorker
+
+        try:
+            future = self._done.get(timeout=1.0)
+        except queue.Empty:
+            if self._client.status not in ("running", "connecting"):
+                raise self._gone() from None
+            return []
+        jobs, lost = self._out.pop(future.key)
+        try:
+            answer = future.result()
+        except KilledWorker:
+            return self._lost(jobs, lost + 1)
+        except (CancelledError, OSError, TimeoutError):
+            if self._client.status != "running":
+                raise self._gone() from None
+            return self._lost(jobs, lost + 1)
+        finally:
+            future.release()
+        if isinstance(answer, Missing):
+            for sha in answer.files:
+                if sha not in self._delivered:
+                    self._delivered[sha] = self._client.submit(_same, self._files[sha].read_bytes(), key=f"file-{sha}-{self._key}")
+            self._submit(jobs, lost, answer.files)
+            return []
+        rows: list[Row] = pickle.loads(answer)
+        return rows
+
+    def close(self) -> list[Row]:
+        for process in self._processes:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+        with contextlib.suppress(Exception):
+            if self._cluster is None and self._client.status == "running":
+                self._client.run(_release, self._key, wait=False)
+        for close in (lambda: self._client.close(timeout=1), self._cluster and (lambda: self._cluster.close(timeout=1))):
+            if close:
+                with contextlib.suppress(Exception):
+                    close()
+        return []
+
+    def _submit(self, jobs: tuple[Job, ...], lost: int, files: Sequence[str] = ()) -> None:
+        content = {sha: self._delivered[sha] for sha in files}
+        future = self._client.submit(_batch, self._key, self._task, __version__, pickle.dumps(jobs), content, pure=False, retries=0)
+        self._out[future.key] = jobs, lost
+        future.add_done_callback(self._done.put)
+
+    def _lost(self, jobs: tuple[Job, ...], times: int) -> list[Row]:
+        rows = []
+        for job in jobs:
+            if times > AGAIN:
+                rows.append(Row(job.trial, job.values, Outcome("lost", "lost with the machine that ran it, several times", attempts=times), ""))
+            else:
+                self._submit((job,), times)
+        return rows
+
+    def _gone(self) -> EnvironmentProblem:
+        return EnvironmentProblem(f"--scheduler {self._address}: the scheduler is gone; what was finished is kept, continue with --resume")
+
+
+def _dask_worker(scheduler: str) -> subprocess.Popen[bytes]:
+    """A Dask worker of one thread, which ends when its scheduler does. A process by command line: forking or spawning would run the user's script again."""
+    options = ["--nthreads", "1", "--no-nanny", "--no-dashboard", "--memory-limit", "0", "--death-timeout", "60", "--local-directory", tempfile.gettempdir()]
+    return subprocess.Popen(
+        [sys.executable, "-m", "distributed.cli.dask_worker", scheduler, *options],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env=os.environ | {"DASK_DISTRIBUTED__ADMIN__LOW_LEVEL_LOG_LENGTH": str(LOG)},
+        start_new_session=True,
+    )
+
+
+def _hashes(task: Task) -> dict[Path, str]:
+    scenario = task.scenario
+    return {path: _sha256(path) for path in (*scenario.fmus.values(), *scenario.maps.values())} if isinstance(scenario, Scenario) else {}
+
+
+@lru_cache(maxsize=64)
+def _hash(path: Path, _: tuple[int, int]) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _sha256(path: Path) -> str:
+    status = path.stat()
+    return _hash(path, (status.st_mtime_ns, status.st_size))
+
+
+def _same(content: bytes) -> bytes:
+    return content
+
+
+# what runs on a Dask worker
+
+_workers: dict[int, tuple[str, Worker]] = {}
+_guard = threading.Lock()
+
+
+def _batch(key: str, pickled: bytes, version: str, jobs: bytes, content: Mapping[str, bytes]) -> bytes | Missing:
+    """The rows of a batch, or which files this machine lacks. Every thread keeps its child until another study comes. Jobs and rows are pickled
+    here, because Dask makes a message of its own of every array."""
+    if version != __version__:
+        raise EnvironmentProblem(f"a worker has sprain-cosim {__version__}, the study {version}; install the same everywhere")
+    me = threading.get_ident()
+    held = _workers.get(me)
+    if held is None or held[0] != key:
+        task, hashes = pickle.loads(pickled)
+        found = {path: _place(path, sha, content.get(sha)) for path, sha in hashes.items()}
+        places = {path: place for path, place in found.items() if place is not None}
+        missing = tuple(sha for path, sha in hashes.items() if path not in places)
+        if missing:
+            return Missing(missing)
+        if isinstance(task.scenario, Scenario):
+            fmus, maps = ({name: places[path] for name, path in files.items()} for files in (task.scenario.fmus, task.scenario.maps))
+            task = replace(task, scenario=replace(task.scenario, fmus=fmus, maps=maps))
+        if held is not None:
+            held[1].kill()
+        held = key, Worker(task.scenario, task.names, task.limits)
+        with _guard:
+            _workers[me] = held
+    label = f"{os.uname().nodename}:{os.getpid()}"
+    return pickle.dumps([Row(job.trial, job.values, held[1].run(job.values.tolist(), job.record), label) for job in pickle.loads(jobs)])
+
+
+def _place(path: Path, sha: str, content: bytes | None) -> Path | None:
+    """Where this machine has the file; None where it does not."""
+    cached = cache_folder() / "files" / sha[:32] / path.name
+    for place in (path, cached):
+        with contextlib.suppress(OSError):
+            if _sha256(place) == sha:
+                return place
+    if content is None:
+        return None
+    try:
+        cached.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=cached.parent, delete=False) as partial:
+            partial.write(content)
+        os.replace(partial.name, cached)
+    except OSError as problem:
+        raise EnvironmentProblem(f"{cached.parent}: cannot be written ({problem.strerror}); set SPRAIN_COSIM_CACHE on the workers") from None
+    return cached
+
+
+async def _release(key: str) -> None:
+    """Ends the children of a study; a coroutine, so that nobody need wait for it."""
+    with _guard:
+        for thread in [t for t, (k, _) in _workers.items() if k == key]:
+            _workers.pop(thread)[1].kill()

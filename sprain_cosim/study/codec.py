@@ -1,0 +1,63 @@
+"""Studies as JSON, so that a ledger holds what it was made with and any machine reads it back. A file makes only the classes named here."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..cosim.master import Master
+from ..errors import InputError
+from ..scenario import Scenario
+from ..uq import distributions
+from .study import Study
+
+CLASSES: dict[str, Any] = {
+    kind.__name__: kind
+    for kind in (Study, Scenario, Master, *vars(distributions).values())
+    if isinstance(kind, type) and dataclasses.is_dataclass(kind) and (kind in (Study, Scenario, Master) or issubclass(kind, distributions.Marginal))
+}
+
+
+def encode(value: Any) -> Any:
+    """What json.dumps takes. A path becomes absolute."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {"!": type(value).__name__, **{f.name: encode(getattr(value, f.name)) for f in dataclasses.fields(value) if f.init}}
+    if isinstance(value, Path):
+        return {"!": "path", "value": str(value.absolute())}
+    if isinstance(value, np.ndarray):
+        return {"!": "array", "value": value.tolist()}
+    if isinstance(value, tuple):
+        return {"!": "tuple", "value": [encode(v) for v in value]}
+    if isinstance(value, Mapping):
+        return {"!": "map", "value": [[encode(k), encode(v)] for k, v in value.items()]}
+    if isinstance(value, list):
+        return [encode(v) for v in value]
+    return value
+
+
+def decode(content: Any) -> Any:
+    """The inverse of `encode`. Raises InputError for anything else."""
+    if isinstance(content, list):
+        return [decode(v) for v in content]
+    if not isinstance(content, dict):
+        return content
+    kind: Any = content.get("!")
+    value: Any = content.get("value")
+    if kind == "path":
+        return Path(value)
+    if kind == "array":
+        return np.array(value, float)
+    if kind == "tuple":
+        return tuple(decode(v) for v in value)
+    if kind == "map":
+        return {decode(k): decode(v) for k, v in value}
+    if kind in CLASSES:
+        try:
+            return CLASSES[kind](**{k: decode(v) for k, v in content.items() if k != "!"})
+        except (TypeError, ValueError) as problem:
+            raise InputError(f"made by another version: {kind}: {problem}") from None
+    raise InputError(f"made by another version: {kind!r} is not known")

@@ -1,0 +1,131 @@
+"""Hands the trials of a study to a backend and takes what comes back to the ledger. This thread alone writes there.
+
+A window of batches slides over the trials, so that the memory needed does not grow with their number. The first batches are single trials; when the
+time of one is known, a batch holds as many as the backend likes."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from itertools import islice
+from time import monotonic
+
+import numpy as np
+
+from ..errors import SimulationError
+from ..uq.distributions import Array
+from .backends.backend import Backend, Job
+from .ledger import Ledger, Row
+from .trajectories import Trajectories
+
+COMMIT = 0.25  # s between commits
+WINDOW = 3  # batches per worker under way or waiting for it
+LARGEST = 2000  # trials in a batch
+Progress = Callable[[int, int, int, float], None]  # finished, of, failed, seconds
+Blocks = Iterable[tuple[np.ndarray, Array]]  # numbers (n,) and inputs (n, d)
+
+
+class Dispatch:
+    """`close` may be called at any moment, from the thread that made it. `max_failed` is the share of failed trials that is accepted."""
+
+    def __init__(
+        self, ledger: Ledger, backend: Backend, max_failed: float = 1.0, progress: Progress | None = None, trajectories: Trajectories | None = None
+    ) -> None:
+        self.ledger, self.backend, self.max_failed, self.progress = ledger, backend, max_failed, progress
+        self.trajectories = trajectories or Trajectories(None)
+
+    def finish(self, blocks: Blocks, total: int) -> None:
+        """Runs those of `total` trials that the ledger lacks. Raises SimulationError when too many failed."""
+        known, bad = self.ledger.finished()
+        finished, failed, allowed = 0, 0, max(self.max_failed * total, 0.0)
+
+        def todo() -> Iterator[Job]:
+            nonlocal finished, failed
+            for numbers, x in blocks:
+                old = np.isin(numbers, known)
+                finished, failed = finished + int(old.sum()), failed + int(np.isin(numbers[old], known[bad]).sum())
+                for k in np.flatnonzero(~old):
+                    yield Job(int(numbers[k]), x[k], self.trajectories.wants(int(numbers[k])))
+
+        began = committed = monotonic()
+        if self.progress:
+            at_once = len(known) if len(known) <= total else 0
+            self.progress(at_once, total, int(bad.sum()) if at_once else 0, 0.0)
+        for row in self._rows(todo(), total):
+            self.trajectories.keep(row.trial, row.outcome)
+            self.ledger.add(row)
+            finished, failed = finished + 1, failed + (row.outcome.status != "completed")
+            if monotonic() - committed > COMMIT:
+                self.ledger.commit()
+                committed = monotonic()
+                if self.progress:
+                    self.progress(finished, total, failed, monotonic() - began)
+            if failed > allowed and failed > 1:
+                raise self._too_many(failed, finished, row)
+        self.ledger.commit()
+        if self.progress:
+            self.progress(finished, total, failed, monotonic() - began)
+        if failed > allowed:
+            raise self._too_many(failed, finished, None)
+
+    def repeat(self, numbers: Iterable[int]) -> list[int]:
+        """Runs finished trials once more for their trajectories; the numbers of those that gave other metrics than the ledger has."""
+        rows = [row for row in map(self.ledger.row, numbers) if row is not None]
+        jobs = (Job(row.trial, row.inputs, True) for row in rows)
+        before, changed = {row.trial: row.outcome for row in rows}, []
+        for row in self._rows(jobs, len(rows)):
+            self.trajectories.keep(row.trial, row.outcome)
+            if row.outcome.metrics != before[row.trial].metrics:
+                changed.append(row.trial)
+        return sorted(changed)
+
+    def close(self) -> None:
+        """Ends what runs, keeps what is finished; signals wait meanwhile."""
+        with _undisturbed():
+            for row in self.backend.close():
+                if self.ledger.row(row.trial) is None:
+                    self.ledger.add(row)
+            self.ledger.commit()
+
+    def _rows(self, jobs: Iterator[Job], total: int) -> Iterator[Row]:
+        backend, under_way, seen, seconds, size = self.backend, 0, 0, 0.0, 1
+        while True:
+            while under_way < WINDOW * size * backend.workers() and (batch := list(islice(jobs, size))):
+                backend.send(batch)
+                under_way += len(batch)
+            if not under_way:
+                return
+            for row in backend.receive():
+                under_way -= 1
+                seen, seconds = seen + 1, seconds + row.outcome.wall
+                yield row
+            if backend.batch and seen:
+                share = max(1, (total - seen - under_way) // (2 * backend.workers()))  # towards the end all finish at the same time
+                size = min(max(1, math.floor(backend.batch / max(seconds / seen, 1e-6))), share, LARGEST)
+
+    def _too_many(self, failed: int, finished: int, row: Row | None) -> SimulationError:
+        self.ledger.commit()
+        last = row if row and row.outcome.status != "completed" else next(self.ledger.failed(), None)
+        example = f"; trial {last.trial} {last.outcome.status}: {last.outcome.message}" if last else ""
+        return SimulationError(f"{failed} of {finished} trials failed, more than --max-failed {100 * self.max_failed:g} % allows{example}")
+
+
+@contextlib.contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Signals that ask to stop wait until this is done."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    heard: list[int] = []
+    signal.setitimer(signal.ITIMER_REAL, 0.0)  # the command line repeats a signal until it is heard, which it was
+    before = {number: signal.signal(number, lambda n, _: heard.append(n)) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if heard:
+        signal.raise_signal(heard[0])

@@ -1,0 +1,286 @@
+"""Runs a study: the rows of its sample, or the points its search asks for, on worker processes; every finished trial goes to the ledger.
+
+Failure policy: a trial that fails, crashes or overruns its time is a row with its status, never dropped. A study with more failures than
+allowed stops and says so. An interrupt ends the workers, commits what is finished and leaves a folder that `resume` continues; trials that
+are in the ledger are not run again. The tables do not depend on the number of workers, the backend, nor on the order in which trials end.
+"""
+
+from __future__ import annotations
+
+import gzip
+import io
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..cosim.result import Result
+from ..errors import EnvironmentProblem, InputError, SimulationError, nearest
+from ..process import Limits
+from ..uq.distributions import Array
+from . import folder as studyfolder
+from .backends.backend import Task, open_backend
+from .codec import encode
+from .dispatch import Dispatch, Progress
+from .ledger import Ledger, Row
+from .study import SEARCHES, Study
+from .summary import summarise
+from .trajectories import FIRST, Trajectories, roles
+from .worker import Outcome, Worker
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+ALL = 1 << 62  # trajectories
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A finished study: `trials` one row each, `timing` what depends on the machine, `summary` as in summary.json; `out` its folder or None."""
+
+    study: Study
+    trials: pd.DataFrame
+    timing: pd.DataFrame
+    summary: dict[str, Any]
+    out: Path | None
+
+
+def run(
+    study: Study,
+    *,
+    out: Path | str | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    shard: tuple[int, int] | None = None,
+    resume: bool = False,
+    max_failed: float = 0.01,
+    limits: Limits | None = None,
+    progress: Progress | None = None,
+    trajectories: int = FIRST,
+    parquet: bool = False,
+    command: str = "",
+) -> Campaign:
+    """Runs what the ledger in `out` lacks (out None: nothing is kept). `max_failed` share of failed trials that is accepted; `scheduler` the
+    address of a Dask scheduler or local-cluster; `shard` (k, n) the k-th of n parts, from 1; `trajectories` how many trials from the first on are
+    recorded besides the percentile, extreme, failed and search trials; `command` what the manifest says was typed.
+
+    Raises InputError before any trial, SimulationError when too many failed or a search met a failed trial."""
+    study.checked()
+    folder = None if out is None else Path(out)
+    if shard is not None and study.method in SEARCHES:
+        raise InputError(f"--shard: method {study.method} chooses each trial after those before it, so it has no parts")
+    if parquet and find_spec("pyarrow") is None:
+        raise EnvironmentProblem("--parquet: needs pyarrow: pip install 'sprain-cosim[parquet]'")
+    if folder is not None:
+        studyfolder.check(folder, resume)
+    began = perf_counter()
+    recorder = Trajectories(folder, ALL if study.method in SEARCHES and study.method != "sobol-indices" else trajectories)
+    backend = open_backend(Task(study.scenario, study.names, limits or Limits()), workers, scheduler)  # before the folder: a wrong address leaves none
+    try:
+        ledger = Ledger(folder, study.digest, study.identity, json.dumps(encode(study)))
+    except BaseException:
+        backend.close()
+        raise
+    with ledger:
+        dispatch = Dispatch(ledger, backend, max_failed, progress, recorder)
+        found = wanted = None
+        try:
+            if folder is not None:
+                studyfolder.begin(folder, study, command)
+            if study.method in SEARCHES:
+                found = _search(study, dispatch)
+            else:
+                wanted = _numbers(study, shard)
+                dispatch.finish(_part(study, shard), len(wanted))
+            table, timing = studyfolder.tables(study, ledger, wanted)
+            summary = summarise(study, table, found)
+            if folder is not None:
+                kept = _roles(study, table, found)
+                changed = dispatch.repeat(recorder.lacks(_recorded(table, recorder, kept)))
+                summary["trajectories"] = kept | {"first": int((table["trial"] < recorder.first).sum())}
+                if changed:
+                    summary["not_reproduced"] = changed
+        finally:
+            dispatch.close()
+            if folder is not None:
+                studyfolder.failures(folder, study, ledger)
+    if shard is not None:
+        summary |= {"shard": list(shard), "n_requested": len(table)}
+    summary["wall_s"] = round(perf_counter() - began, 3)
+    if folder is not None:
+        studyfolder.finish(folder, table, timing, summary, parquet)
+    return Campaign(study, table, timing, summary, folder)
+
+
+def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = False) -> Campaign:
+    """One folder of the shards of a study, as if it had run in one piece; `out` None: runs/STUDY. Their trajectories come along.
+
+    Raises InputError when they belong to different studies, differ in a trial, or a trial is in none of them."""
+    parts = [Ledger.read(folder) for folder in folders]
+    try:
+        study = studyfolder.load(folders[0], parts[0])
+        for folder, part in zip(folders, parts, strict=True):
+            if part.facts["digest"] != parts[0].facts["digest"]:
+                raise InputError(f"{folder}: belongs to another study than {folders[0]}")
+        study = max((studyfolder.load(f, p) for f, p in zip(folders, parts, strict=True)), key=lambda s: s.trials)
+        wanted = _numbers(study, None)
+        lost = np.setdiff1d(wanted, np.concatenate([part.finished()[0] for part in parts]))
+        if len(lost):
+            raise InputError(f"trials {studyfolder.missing(lost.tolist())} are in none of the folders; run their shard with --resume, or name its folder")
+        folder = out or Path("runs") / Path(study.source or "study").stem
+        studyfolder.check(folder, resume=False)
+        recorder = Trajectories(folder, 0)
+        with Ledger(folder, study.digest, study.identity, parts[0].facts["study"]) as ledger:
+            studyfolder.begin(folder, study, "")
+            for source, part in zip(folders, parts, strict=True):
+                for row in part.rows():
+                    known = ledger.row(row.trial)
+                    if known is None:
+                        ledger.add(row)
+                        recorder.take(source, row.trial)
+                    elif _content(known) != _content(row):
+                        raise InputError(f"{source}: its trial {row.trial} differs from that of another folder")
+            ledger.commit()
+            table, timing = studyfolder.tables(study, ledger, wanted)
+            kept = _roles(study, table, None)
+            dispatch = Dispatch(ledger, open_backend(Task(study.scenario, study.names), 1, None), trajectories=recorder)
+            try:
+                dispatch.repeat(recorder.lacks(kept.values()))
+            finally:
+                dispatch.close()
+            studyfolder.failures(folder, study, ledger)
+    finally:
+        for part in parts:
+            part.close()
+    summary = summarise(study, table, None)
+    first = sum(studyfolder.summary(f).get("trajectories", {}).get("first", 0) for f in folders)
+    summary |= {"trajectories": kept | {"first": first}, "wall_s": round(float(timing["wall_s"].sum()), 3), "merged": [str(f) for f in folders]}
+    studyfolder.finish(folder, table, timing, summary, parquet)
+    return Campaign(study, table, timing, summary, folder)
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A trial of a study once more: what the ledger has of it, how it ended now, `same` to the bit or not."""
+
+    study: Study
+    row: Row
+    outcome: Outcome
+
+    @property
+    def same(self) -> bool:
+        return (self.outcome.status, self.outcome.metrics) == (self.row.outcome.status, self.row.outcome.metrics)
+
+    @property
+    def result(self) -> Result | None:
+        """The record of the repetition, with the ten digits of signals.csv; None when its process did not live to give one."""
+        if not self.outcome.trajectory:
+            return None
+        record = Result.read_csv(io.BytesIO(gzip.decompress(self.outcome.trajectory)))
+        return replace(record, message=self.outcome.message, wall=self.outcome.wall, **self.outcome.about)
+
+    @property
+    def settings(self) -> dict[str, str | float]:
+        """{"component.parameter": value with its unit} of the inputs."""
+        return {
+            name: f"{value!r} {self.study.units[name]}" if self.study.units[name] else value
+            for name, value in zip(self.study.names, self.row.inputs.tolist(), strict=True)
+        }
+
+
+def replay(folder: Path, trial: int, limits: Limits | None = None) -> Replay:
+    """Runs a trial of a study's folder again, from the folder alone, in a child process. Raises InputError when there is no such trial, or an FMU
+    has changed since."""
+    with Ledger.read(folder) as ledger:
+        study = studyfolder.load(folder, ledger)
+        row = ledger.row(trial)
+        if row is None:
+            numbers, _ = ledger.finished()
+            have = f"it has {len(numbers)}, number {numbers[0]} to {numbers[-1]}" if len(numbers) else "it has none yet"
+            raise InputError(f"{folder}: no trial {trial}; {have}")
+    with Worker(study.scenario, study.names, limits) as worker:
+        outcome = worker.run(row.inputs.tolist(), record=True)
+    scenario = study.scenario
+    result = Replay(study, row, outcome)
+    return replace(result, study=replace(study, scenario=replace(scenario, parameters={**scenario.parameters, **result.settings})))
+
+
+def part(text: str) -> tuple[int, int]:
+    """ "2/10" as (2, 10). Raises InputError."""
+    k, slash, n = text.partition("/")
+    if not (slash and k.isdecimal() and n.isdecimal() and 1 <= int(k) <= int(n)):
+        raise InputError(f"--shard {text}: must be K/N with K from 1 to N, such as 2/10")
+    return int(k), int(n)
+
+
+def first_trajectories(text: str) -> int:
+    """How many trials "100", "all" or "none" ask to record. Raises InputError."""
+    if text not in ("all", "none") and not text.isdecimal():
+        raise InputError(f"--trajectories {text}: must be a number, all or none")
+    return ALL if text == "all" else 0 if text == "none" else int(text)
+
+
+def _numbers(study: Study, shard: tuple[int, int] | None) -> np.ndarray:
+    """(n,) numbers of the trials, ascending as far as the study numbers them so."""
+    count = int(np.prod([len(levels) for levels in study.grid.values()])) if study.method == "grid" else study.trials
+    numbers = np.array(study.numbers or range(count), np.int64)
+    return numbers if shard is None else numbers[numbers % shard[1] == shard[0] - 1]
+
+
+def _part(study: Study, shard: tuple[int, int] | None) -> Iterator[tuple[np.ndarray, Array]]:
+    for numbers, x in study.blocks():
+        mine = slice(None) if shard is None else numbers % shard[1] == shard[0] - 1
+        yield numbers[mine], x[mine]
+
+
+def _search(study: Study, dispatch: Dispatch) -> Any:
+    response, count = study.responses[0], 0
+
+    def function(x: Array) -> Array:
+        nonlocal count
+        points = np.atleast_2d(x)
+        numbers = np.arange(count, count + len(points))
+        dispatch.finish([(numbers, points)], len(points))
+        rows = [row for row in map(dispatch.ledger.row, numbers.tolist()) if row is not None]
+        count += len(rows)
+        for row, point in zip(rows, points, strict=True):
+            if not np.array_equal(row.inputs, point):
+                raise InputError("the ledger holds other points than this search asks for; name a new folder with --out")
+        return np.array([_response(row.outcome, response, row.trial) for row in rows])
+
+    return study.search(function)
+
+
+def _response(outcome: Outcome, name: str, trial: int) -> float:
+    if outcome.status != "completed":
+        raise SimulationError(f"trial {trial} of the search {outcome.status}: {outcome.message}; a search needs all its points")
+    if name not in outcome.metrics:
+        raise InputError(f"response {name!r}: no such metric{nearest(name, outcome.metrics)}")
+    return outcome.metrics[name]
+
+
+def _roles(study: Study, table: pd.DataFrame, found: Any) -> dict[str, int]:
+    """{role: trial} of the first response: the percentiles and extremes of a sample, the trials of a search that gave its levels' values."""
+    done = table[table["status"] == "completed"]
+    response = study.responses[0]
+    if response not in done:
+        return {}
+    values: Mapping[str, float] | None = None
+    if found is not None:
+        values = {f"p{100 * p:g}": v for p, v in getattr(found, "value", {}).items()}
+    return roles(done["trial"].to_numpy(), done[response].to_numpy(float), values)
+
+
+def _recorded(table: pd.DataFrame, recorder: Trajectories, kept: Mapping[str, int]) -> list[int]:
+    """Trials that have a record: the first, those with a role, and the failed, which have one unless their process was lost."""
+    first = table["trial"][(table["trial"] < recorder.first) & table["status"].isin(("completed", "failed"))]
+    return [*first, *kept.values(), *table["trial"][table["status"] == "failed"]]
+
+
+def _content(row: Row) -> tuple[Any, ...]:
+    return row.inputs.tobytes(), row.outcome.status, row.outcome.message, row.outcome.metrics

@@ -1,0 +1,67 @@
+"""The trajectories of a study: one record per trial, `trajectories/000123.csv.gz`, laid out as a run's signals.csv."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import EnvironmentProblem
+from .worker import Outcome
+
+FOLDER = "trajectories"
+FIRST = 100  # trials recorded unless told otherwise
+ROLES = {"p5": 0.05, "p50": 0.50, "p95": 0.95, "min": 0.0, "max": 1.0}
+
+
+def file(folder: Path, trial: int) -> Path:
+    return folder / FOLDER / f"{trial:06d}.csv.gz"
+
+
+@dataclass
+class Trajectories:
+    """Keeps records in `folder` (None: nowhere): those of the trials below `first`, and whatever else comes with one."""
+
+    folder: Path | None
+    first: int = FIRST
+
+    def wants(self, trial: int) -> bool:
+        return self.folder is not None and trial < self.first
+
+    def keep(self, trial: int, outcome: Outcome) -> None:
+        """Writes the record that came with a trial, if one did. Raises EnvironmentProblem."""
+        if self.folder is None or not outcome.trajectory:
+            return
+        path = file(self.folder, trial)
+        try:
+            path.parent.mkdir(exist_ok=True)
+            partial = path.with_name(f".{path.name}")
+            partial.write_bytes(outcome.trajectory)
+            os.replace(partial, path)
+        except OSError as problem:
+            raise EnvironmentProblem(f"{path}: cannot be written: {problem.strerror or problem}; the ledger is valid, continue with --resume") from None
+
+    def take(self, source: Path, trial: int) -> None:
+        """Copies the record of another study's folder, if it has one."""
+        try:
+            content = file(source, trial).read_bytes()
+        except FileNotFoundError:
+            return
+        self.keep(trial, Outcome("completed", "", trajectory=content))
+
+    def lacks(self, trials: Any) -> list[int]:
+        """Those of the numbers that have no record yet."""
+        return [] if self.folder is None else [int(t) for t in dict.fromkeys(trials) if not file(self.folder, int(t)).exists()]
+
+
+def roles(numbers: np.ndarray, response: np.ndarray, wanted: Mapping[str, float] | None = None) -> dict[str, int]:
+    """The trial next to each percentile of the response, and its extremes; `wanted` {role: value} instead of percentiles. (n,) both; the
+    lowest number where several are as near."""
+    if not len(response):
+        return {}
+    values = {role: float(np.quantile(response, p)) for role, p in ROLES.items()} if wanted is None else wanted
+    return {role: int(numbers[np.argmin(np.abs(response - value))]) for role, value in values.items()}

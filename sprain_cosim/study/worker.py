@@ -1,0 +1,208 @@
+"""A child process that runs trials, so that a crash, a hang or a leak of an FMU costs one trial.
+
+parent                                   child (own session; ends with its parent)
+  Worker.run(trial, values)  --request-->  session.run(values)      the session is opened once
+  Outcome                    <--reply---   status, message, metrics, wall time, memory
+
+A child that crashes or overruns its time is killed with its
+whole process group and the trial repeated once on a fresh child. A child is replaced after `recycle` trials or when its memory has grown;
+the fresh one repeats the last trial and must agree to the bit.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import gzip
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Protocol
+
+from ..cosim.result import Result
+from ..errors import SimulationError, SprainError
+from ..fmu import archive
+from ..fmu.archive import cache_folder
+from ..process import Child, Gone, Limits, allow_processor_time, listen, resident
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a trial ended: completed, failed (FMI error or a value that is not finite), crashed, timeout or lost (with the machine that ran it,
+    several times). `log` the last lines printed. Where a record was asked for, and of a failed trial, `trajectory` is the record as a gzipped
+    signals.csv and `about` its scheme, scheme_reason, warning, coupling_error and status."""
+
+    status: str
+    message: str
+    metrics: Mapping[str, float] = field(default_factory=dict)
+    wall: float = 0.0
+    attempts: int = 1
+    log: str = ""
+    trajectory: bytes = b""
+    about: Mapping[str, Any] = field(default_factory=dict)
+
+
+class Session(Protocol):
+    """What a child runs trials with: an open scenario, or a stand-in of known duration."""
+
+    def run(self, parameters: Mapping[str, float]) -> Any: ...
+    def __enter__(self) -> Session: ...
+    def __exit__(self, *_: object) -> None: ...
+
+
+class Openable(Protocol):
+    """A scenario, as far as a child needs it; picklable."""
+
+    def open(self) -> Any: ...
+
+
+class Stopped(Exception):
+    """`kill` was called while a trial ran."""
+
+
+class Worker:
+    """Drives one child after the other. `run` may be called from one thread, `kill` from any. Use as a context manager."""
+
+    def __init__(self, scenario: Openable, names: Sequence[str], limits: Limits | None = None) -> None:
+        self.scenario, self.names, self.limits = scenario, tuple(names), limits or Limits()
+        self._child: Child | None = None
+        self._stopped = self._opened = False
+        self._last: tuple[Sequence[float], Mapping[str, float]] | None = None
+
+    def run(self, values: Sequence[float], record: bool = False) -> Outcome:
+        """One trial with `values` (d,) of the names, with its trajectory where `record`. Raises Stopped after `kill`, SimulationError when the
+        system cannot be opened at all or a fresh child disagrees with the one it replaces."""
+        numbers = [float(v) for v in values]
+        request = {"values": numbers, "record": record}
+        for attempt in (1, 2):
+            try:
+                child = self._ready()
+                reply = child.ask(request, self.limits.trial)
+                break
+            except Gone as gone:
+                log = self._child.log() if self._child else ""
+                self._drop()
+                if self._stopped:
+                    raise Stopped from None
+                if attempt == 2:
+                    return Outcome(gone.status, str(gone), attempts=2, log=log)
+        if "error" in reply:
+            raise SimulationError(reply["error"])
+        child.note(reply["memory"])
+        completed = reply["status"] == "completed"
+        if completed:
+            self._last = (numbers, reply["metrics"])
+        trajectory, about = base64.b64decode(reply.get("trajectory", "")), reply.get("about", {})
+        log = "" if completed else child.log()
+        return Outcome(reply["status"], reply["message"], reply["metrics"], reply["wall"], attempt, log, trajectory, about)
+
+    def kill(self) -> None:
+        """Ends the child at once, grandchildren included."""
+        self._stopped = True
+        self._drop()
+
+    def _ready(self) -> Child:
+        """The child for the next trial. Raises Gone when one that replaces another ends at the trial that it is to repeat."""
+        if self._stopped:
+            raise Stopped
+        spent = self._child is not None and (self._child.trials >= self.limits.recycle or self._child.grown > self.limits.growth)
+        if spent:
+            self._drop()
+        if self._child is None:
+            self._child = self._fresh()
+            if spent and self._last is not None:
+                values, before = self._last
+                if self._child.ask({"values": values}, self.limits.trial).get("metrics") != before:
+                    raise SimulationError("a fresh process gives other numbers for the same trial: a component keeps something between runs")
+        return self._child
+
+    def _fresh(self) -> Child:
+        """A child that has opened the system. The first on this machine to open an FMU may compile for it, and what it compiled may round otherwise
+        than what later ones load; so it runs no trial."""
+        marks = _marks(self.scenario)
+        if any(not mark.exists() for mark in marks):
+            self._open().close()
+            for mark in marks:
+                with contextlib.suppress(OSError):
+                    mark.parent.mkdir(parents=True, exist_ok=True)
+                    mark.touch()
+        return self._open()
+
+    def _open(self) -> Child:
+        for again in (self._opened, False):  # what has opened before gets a second chance: the machine may have been short of something
+            child = Child(self.limits, __name__)
+            try:
+                reply = child.open((self.scenario, self.names, self.limits), self.limits.start)
+            except Gone as gone:
+                log = child.log()
+                child.close()
+                if self._stopped:
+                    raise Stopped from None
+                if again:
+                    continue
+                raise SimulationError(f"the system cannot be opened: {gone}{f'; last words: {log.splitlines()[-1]}' if log else ''}") from None
+            if "error" in reply or self._stopped:
+                child.close()
+                if self._stopped:
+                    raise Stopped
+                raise SimulationError(reply["error"])
+            self._opened = True
+            return child
+        raise AssertionError("unreachable")
+
+    def _drop(self) -> None:
+        child, self._child = self._child, None
+        if child is not None:
+            child.close()
+
+    def __enter__(self) -> Worker:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.kill()
+
+
+def _marks(scenario: Openable) -> list[Path]:
+    """Files whose being there says that an FMU has been opened on this machine before."""
+    fmus: Mapping[str, Path] = getattr(scenario, "fmus", {})
+    return [cache_folder() / "opened" / archive.read(path).sha256[:32] for path in fmus.values()]
+
+
+def serve(*arguments: int) -> None:
+    """The child: opens the scenario it is sent, then answers one request per trial until the line closes."""
+    first, requests, answer = listen(*arguments)
+    if first is None:
+        return
+    scenario, names, limits = first
+    try:
+        session = scenario.open()
+    except SprainError as problem:
+        answer({"error": str(problem)})
+        return
+    answer({"memory": resident()})
+    with session:
+        for request in requests:
+            began = perf_counter()
+            allow_processor_time(limits.cpu)
+            try:
+                result = session.run(dict(zip(names, request["values"], strict=True)))
+                wall = perf_counter() - began
+                reply = {"status": result.status, "message": result.message, "metrics": result.metrics}
+                if (request.get("record") or result.status != "completed") and isinstance(result, Result):
+                    reply |= _record(result)
+            except SprainError as problem:
+                wall, reply = perf_counter() - began, {"status": "failed", "message": str(problem), "metrics": {}}
+            answer(reply | {"wall": wall, "memory": resident()})
+
+
+def _record(result: Result) -> dict[str, Any]:
+    about = {key: getattr(result, key) for key in ("status", "scheme", "scheme_reason", "warning", "coupling_error")}
+    return {"trajectory": base64.b64encode(gzip.compress(result.csv().encode(), 1, mtime=0)).decode(), "about": about}
+
+
+if __name__ == "__main__":
+    serve(*(int(argument) for argument in sys.argv[1:5]))
+    os._exit(0)  # what a foreign library does at the end of a process is not our matter

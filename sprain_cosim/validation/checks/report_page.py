@@ -1,0 +1,46 @@
+"""Does what people look at open where they look at it? The report of a landing in a headless browser."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from ...errors import EnvironmentProblem
+from ...figures.gallery import landing_picture
+from ...folders import read as folders
+from ...folders import run as runfolder
+from ...report import page as report
+from ..check import Check, Row
+from ..laboratory import Laboratory, browser, scenario
+
+SECONDS = 120
+
+
+def report_of_a_landing(_: Laboratory) -> list[Row]:
+    """Messages on the console, and whether the page's own script has drawn the curve of the landing."""
+    with TemporaryDirectory() as folder:
+        run, chosen = Path(folder) / "run", scenario("incline30_brace")
+        result = Laboratory.land(chosen)
+        summary = runfolder.summary(chosen, result)
+        runfolder.write(run, result, landing_picture(result, summary), summary)
+        page = report.write(folders.read_all([run]), Path(folder) / "report.html")
+        text = page.read_text("utf-8")
+        command = [browser(), "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", f"--user-data-dir={folder}/profile"]
+        options = ["--enable-logging=stderr", "--virtual-time-budget=4000", "--dump-dom", page.as_uri()]
+        done = subprocess.run([*command, *options], capture_output=True, text=True, timeout=SECONDS, check=False)
+    if done.returncode:
+        raise EnvironmentProblem(f"{command[0]} ended with {done.returncode}: {done.stderr.strip()[-200:]}")
+    return [
+        Row("messages on the console", float(len(re.findall(r":CONSOLE[:(]", done.stderr))), 0, 0),
+        Row("curves drawn by the page", float(len(re.findall(r'<path[^>]*class="series', done.stdout))), 1, 0),
+        Row("requests to a server", float(len(re.findall(r'(?:src|<link[^>]+href)="https?://', text))), 0, 0),
+    ]
+
+
+def checks() -> Sequence[Check]:
+    return [
+        Check("pages-01", "The report of a landing in a headless browser", "counts", "by definition", report_of_a_landing, needs=("browser",)),
+    ]
