@@ -1,10 +1,11 @@
-"""The slave base class: one array of values and five methods to override, and what the FMU's binary calls. That is `_fmi.c`, or on platforms
-that it was not compiled for the binary of PythonFMU, which asks for values through get_real and set_real.
+"""The slave base class: one array of values and five methods to override, and what the FMU's binary calls. That is
+`_fmi.c`, or on platforms that it was not compiled for the binary of PythonFMU, which asks for values through get_real
+and set_real.
 
-Call order: construct - set parameters and inputs - enter/exit initialisation mode - (set inputs, do_step, read outputs) ... - terminate.
-`initialise` runs whenever an output is read in initialisation mode after something was set, and once more when that mode ends. After an
-exception the instance may only be reset or freed. The file is copied into every FMU, so it imports nothing of the project.
-"""
+Call order: construct - set parameters and inputs - enter/exit initialisation mode - (set inputs, do_step, read outputs)
+... - terminate. `initialise` runs whenever an output is read in initialisation mode after something was set, and once
+more when that mode ends. After an exception the instance may only be reset or freed. The file is copied into every FMU,
+so it imports nothing of the project."""
 
 from __future__ import annotations
 
@@ -34,10 +35,11 @@ class Log:
 
 
 class Fmi2Slave:
-    """Subclasses set `variables` (the list of interface.py) and override initialise, step and, as needed, refresh, save, restore, close.
+    """Subclasses set `variables` (the list of interface.py) and override initialise, step and, as needed, refresh,
+    save, restore, close.
 
-    `values` (n,) holds every variable by value reference (position in the list), enumerations as whole numbers; `index` maps names to
-    positions; `resources` is the folder of the FMU's resources."""
+    `values` (n,) holds every variable by value reference (position in the list), enumerations as whole numbers; `index`
+    maps names to positions; `resources` is the folder of the FMU's resources."""
 
     variables: ClassVar[list[dict]] = []
 
@@ -46,12 +48,16 @@ class Fmi2Slave:
         self.index = {v["name"]: k for k, v in enumerate(self.variables)}
         self.values = np.array([v.get("start", 0.0) for v in self.variables], dtype=float)
         self._starts = self.values.copy()
-        self._kinds = np.array([{"parameter": PARAMETER, "local": LOCAL}.get(v["causality"], 0) for v in self.variables], dtype=np.uint8)
+        self._kinds = np.array(
+            [{"parameter": PARAMETER, "local": LOCAL}.get(v["causality"], 0) for v in self.variables], dtype=np.uint8
+        )
         self._fixed = set(np.flatnonzero(self._kinds == PARAMETER).tolist())
         self._log: list[Log] = []
         self._running, self._stale = False, True
         self._locals = set(np.flatnonzero(self._kinds == LOCAL).tolist())
-        self._known: dict[tuple[int, int], tuple[list[int], Any, bool]] = {}  # selections by length and first reference; has it locals?
+        self._known: dict[
+            tuple[int, int], tuple[list[int], Any, bool]
+        ] = {}  # selections by length and first reference; has it locals?
         self._put: list[int] = []
 
     # ---- to override
@@ -99,7 +105,8 @@ class Fmi2Slave:
     # ---- called by the binary
 
     def memory(self) -> tuple[int, int, int]:
-        """Address of the values, their number, and the address of a byte for each: PARAMETER, LOCAL or 0. They stay where they are."""
+        """Address of the values, their number, and the address of a byte for each: PARAMETER, LOCAL or 0. They stay
+        where they are."""
         return self.values.ctypes.data, len(self.values), self._kinds.ctypes.data
 
     def settle(self) -> None:
@@ -185,8 +192,8 @@ class Fmi2Slave:
     # ---- private
 
     def _selection(self, references: list[int]) -> tuple[Any, bool]:
-        """A slice where the references are consecutive, else an index array, and whether local variables are among them; a master asks for
-        the same ones at every step."""
+        """A slice where the references are consecutive, else an index array, and whether local variables are among
+        them; a master asks for the same ones at every step."""
         key = (len(references), references[0] if references else 0)
         known = self._known.get(key)
         if known is None or known[0] != references:
@@ -201,7 +208,9 @@ class Fmi2Slave:
             variable, value = self.variables[k], self.values[k]
             low, high = variable.get("min", -math.inf), variable.get("max", math.inf)
             if not low <= value <= high:
-                raise ValueError(f"{variable['name']} = {value:g} {variable.get('unit', '')}: must lie between {low:g} and {high:g}")
+                raise ValueError(
+                    f"{variable['name']} = {value:g} {variable.get('unit', '')}: must lie between {low:g} and {high:g}"
+                )
         self.initialise()
         self._stale = False
 

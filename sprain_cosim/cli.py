@@ -1,4 +1,5 @@
-"""The command line. It reads options, calls the package, prints; it holds no logic. Heavy modules are imported inside the commands."""
+"""The command line. It reads options, calls the package, prints; it holds no logic. Heavy modules are imported inside
+the commands."""
 
 from __future__ import annotations
 
@@ -17,12 +18,20 @@ from .errors import InputError, SimulationError, SprainError
 OUT = click.option("--out", type=click.Path(path_type=Path), help="Folder for signals, summary and figure.")
 FOLDERS = click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
 FMUS = click.option("--fmu", "fmus", multiple=True, metavar="NAME=FILE", help="Put another FMU in a component's place.")
-MAPS = click.option("--map", "maps", multiple=True, metavar="NAME=FILE", help="Mapping file of the FMU given with --fmu.")
+MAPS = click.option(
+    "--map", "maps", multiple=True, metavar="NAME=FILE", help="Mapping file of the FMU given with --fmu."
+)
 WORKERS = click.option("--workers", type=click.IntRange(1), help="Worker processes (default: one per core).")
 PARQUET = click.option("--parquet", is_flag=True, help="Write trials.parquet beside trials.csv.")
-PROGRESS = click.option("--progress", type=click.Choice(["auto", "plain", "json", "none"]), default="auto", show_default=True)
+PROGRESS = click.option(
+    "--progress", type=click.Choice(["auto", "plain", "json", "none"]), default="auto", show_default=True
+)
 JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
-ISOLATE = click.option("--isolate", is_flag=True, help="Every FMU in a process of its own: a crash or a hang ends the run, not this program.")
+ISOLATE = click.option(
+    "--isolate",
+    is_flag=True,
+    help="Every FMU in a process of its own: a crash or a hang ends the run, not this program.",
+)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -35,12 +44,27 @@ def cli() -> None:
 @click.argument("scenario")
 @FMUS
 @MAPS
-@click.option("--set", "settings", multiple=True, metavar="COMPONENT.PARAMETER=VALUE", help='Such as plant.drop_height="0.35 m".')
+@click.option(
+    "--set", "settings", multiple=True, metavar="COMPONENT.PARAMETER=VALUE", help='Such as plant.drop_height="0.35 m".'
+)
 @click.option("--scheme", help="auto, jacobi, gauss-seidel, gauss-seidel-extrapolated, iterative, impedance.")
 @click.option("--step", metavar='"0.5 ms"', help="Communication step.")
-@click.option("--identify", type=click.IntRange(0), metavar="N", help="Find undeclared stiffness and damping anew every N steps (0: at the start only).")
-@click.option("--adaptive", is_flag=False, flag_value="0.1 %", metavar="[SHARE]", help="Divide steps whose residual energy exceeds SHARE (0.1 %).")
-@click.option("--check-coupling", is_flag=True, help="Run again at half the step and report the change of every metric.")
+@click.option(
+    "--identify",
+    type=click.IntRange(0),
+    metavar="N",
+    help="Find undeclared stiffness and damping anew every N steps (0: at the start only).",
+)
+@click.option(
+    "--adaptive",
+    is_flag=False,
+    flag_value="0.1 %",
+    metavar="[SHARE]",
+    help="Divide steps whose residual energy exceeds SHARE (0.1 %).",
+)
+@click.option(
+    "--check-coupling", is_flag=True, help="Run again at half the step and report the change of every metric."
+)
 @ISOLATE
 @OUT
 @JSON
@@ -97,7 +121,10 @@ def _print_table(title: str, summary: dict[str, Any], result: Any) -> None:
     from .metrics import table
 
     pose = summary["initial_pose"]
-    click.echo(f"{title}  ·  {f'pose {pose}, ' if pose else ''}{result.scheme}, {len(result.time) - 1} steps, {1e3 * result.wall:.0f} ms wall time\n")
+    click.echo(
+        f"{title}  ·  {f'pose {pose}, ' if pose else ''}{result.scheme}, {len(result.time) - 1} steps, "
+        f"{1e3 * result.wall:.0f} ms wall time\n"
+    )
     rows = table(result)
     if rows:
         click.echo(f"{'':32}{'value':>10}  {'unit':7}{'time [ms]':>10}")
@@ -112,7 +139,12 @@ def _print_table(title: str, summary: dict[str, Any], result: Any) -> None:
 @click.option("--method", help="monte-carlo, lhs, sobol, grid, table, mean-value, amv, amv+, hmv, form, sobol-indices.")
 @click.option("--trials", type=click.IntRange(1), help="Number of trials.")
 @click.option("--seed", type=click.IntRange(0), help="Seed of the sample.")
-@click.option("--inputs", type=click.Path(path_type=Path), metavar="TABLE.csv", help="Run these rows: header component.parameter [unit].")
+@click.option(
+    "--inputs",
+    type=click.Path(path_type=Path),
+    metavar="TABLE.csv",
+    help="Run these rows: header component.parameter [unit].",
+)
 @FMUS
 @MAPS
 @click.option("--set", "settings", multiple=True, metavar="COMPONENT.PARAMETER=VALUE", help="Fix a parameter.")
@@ -122,7 +154,13 @@ def _print_table(title: str, summary: dict[str, Any], result: Any) -> None:
 @ISOLATE
 @click.option("--resume", is_flag=True, help="Continue what --out holds.")
 @click.option("--max-failed", default="1%", show_default=True, help="Share of failed trials that is accepted.")
-@click.option("--trajectories", default="100", show_default=True, metavar="N|all|none", help="Record the first N trials besides percentile and failed ones.")
+@click.option(
+    "--trajectories",
+    default="100",
+    show_default=True,
+    metavar="N|all|none",
+    help="Record the first N trials besides percentile and failed ones.",
+)
 @PARQUET
 @PROGRESS
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of the study (default: runs/STUDY).")
@@ -169,17 +207,40 @@ def study(
     again = f"sprain-cosim {' '.join(_without_resume(sys.argv[1:]))}"
     try:
         done = chosen.run(
-            method=method, trials=trials, seed=seed, workers=workers, scheduler=scheduler, shard=portion, resume=resume, max_failed=share, out=folder,
-            progress=reporter(progress), trajectories=first_trajectories(trajectories), parquet=parquet, command=again,
-        )  # fmt: skip
+            method=method,
+            trials=trials,
+            seed=seed,
+            workers=workers,
+            scheduler=scheduler,
+            shard=portion,
+            resume=resume,
+            max_failed=share,
+            out=folder,
+            progress=reporter(progress),
+            trajectories=first_trajectories(trajectories),
+            parquet=parquet,
+            command=again,
+        )
     except (Interrupted, SimulationError):
         click.echo(f"{chr(10) if sys.stderr.isatty() else ''}continue with: {again} --resume", err=True)
         raise
     if done.summary.get("not_reproduced"):
-        click.echo(f"warning: trials {done.summary['not_reproduced']} gave other numbers when they were run again for their trajectories", err=True)
+        click.echo(
+            f"warning: trials {done.summary['not_reproduced']} gave other numbers when they were run again for their "
+            "trajectories",
+            err=True,
+        )
     if done.summary["n_failed"]:
-        click.echo(f"warning: {done.summary['n_failed']} trials failed; how, and the commands that run them again: {folder / 'failures.json'}", err=True)
-    click.echo(json.dumps(done.summary, allow_nan=False) if as_json else f"{text(done.study, done.summary)}\n\nwritten: {folder}")
+        click.echo(
+            f"warning: {done.summary['n_failed']} trials failed; how, and the commands that run them again: "
+            f"{folder / 'failures.json'}",
+            err=True,
+        )
+    click.echo(
+        json.dumps(done.summary, allow_nan=False)
+        if as_json
+        else f"{text(done.study, done.summary)}\n\nwritten: {folder}"
+    )
 
 
 @cli.command()
@@ -193,7 +254,11 @@ def merge(folders: tuple[Path, ...], out: Path | None, parquet: bool, as_json: b
     from .study.summary import text
 
     done = join(folders, out, parquet)
-    click.echo(json.dumps(done.summary, allow_nan=False) if as_json else f"{text(done.study, done.summary)}\n\nwritten: {done.out}")
+    click.echo(
+        json.dumps(done.summary, allow_nan=False)
+        if as_json
+        else f"{text(done.study, done.summary)}\n\nwritten: {done.out}"
+    )
 
 
 @cli.command()
@@ -202,7 +267,8 @@ def merge(folders: tuple[Path, ...], out: Path | None, parquet: bool, as_json: b
 @OUT
 @JSON
 def trial(folder: Path, number: int, out: Path | None, as_json: bool) -> int:
-    """Run trial NUMBER of the study in FOLDER again, in a process of its own, and say whether it gives the recorded numbers to the bit."""
+    """Run trial NUMBER of the study in FOLDER again, in a process of its own, and say whether it gives the recorded
+    numbers to the bit."""
     from .folders import run as runfolder
     from .study.runner import replay
 
@@ -213,8 +279,14 @@ def trial(folder: Path, number: int, out: Path | None, as_json: bool) -> int:
     result = again.result
     verdict = "the recorded numbers to the bit" if again.same else "OTHER numbers than recorded"
     if result is None:
-        raise SimulationError(f"trial {number} {outcome.status}: {outcome.message} (recorded: {again.row.outcome.status})")
-    summary = runfolder.summary(scenario, result) | {"metrics": dict(outcome.metrics), "trial": number, "reproduced": again.same}
+        raise SimulationError(
+            f"trial {number} {outcome.status}: {outcome.message} (recorded: {again.row.outcome.status})"
+        )
+    summary = runfolder.summary(scenario, result) | {
+        "metrics": dict(outcome.metrics),
+        "trial": number,
+        "reproduced": again.same,
+    }
     if out is not None:
         from .figures.gallery import landing_picture
 
@@ -226,7 +298,9 @@ def trial(folder: Path, number: int, out: Path | None, as_json: bool) -> int:
     if not as_json:
         click.echo(f"\n{outcome.status}: {verdict}{f'; written: {out}' if out else ''}")
     if result.status != "completed":
-        raise SimulationError(f"trial {number} {outcome.status}: {outcome.message} (recorded: {again.row.outcome.status})")
+        raise SimulationError(
+            f"trial {number} {outcome.status}: {outcome.message} (recorded: {again.row.outcome.status})"
+        )
     return 0 if again.same else 1
 
 
@@ -234,7 +308,9 @@ def trial(folder: Path, number: int, out: Path | None, as_json: bool) -> int:
 @click.argument("manifest", type=click.Path(path_type=Path))
 @WORKERS
 @PROGRESS
-@click.option("--out", type=click.Path(path_type=Path), help="Folder of the repetition (default: the study's folder with -again).")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder of the repetition (default: the study's folder with -again)."
+)
 @JSON
 def reproduce(manifest: Path, workers: int | None, progress: str, out: Path | None, as_json: bool) -> int:
     """Run the study of a MANIFEST again: exit code 0 identical, 1 not, and which trial is the first that differs."""
@@ -254,7 +330,12 @@ def _without_resume(arguments: list[str]) -> list[str]:
 
 @cli.command()
 @click.argument("fmu", type=click.Path(path_type=Path))
-@click.option("--map", "mapping", type=click.Path(path_type=Path), help="Mapping file: the FMU's names, signs and units to the contract's.")
+@click.option(
+    "--map",
+    "mapping",
+    type=click.Path(path_type=Path),
+    help="Mapping file: the FMU's names, signs and units to the contract's.",
+)
 @JSON
 def check(fmu: Path, mapping: Path | None, as_json: bool) -> int:
     """Does the device FMU fit the brace contract? Exit code 0 fits, 1 does not, 2 not a usable FMU."""
@@ -265,10 +346,13 @@ def check(fmu: Path, mapping: Path | None, as_json: bool) -> int:
     if report.proposal and mapping is None and not proposed.exists():
         try:
             proposed.write_text(report.proposal, "utf-8")
-            report.next_step = f"look at the lines marked review in {proposed}, then sprain-cosim check {fmu} --map {proposed}"
+            report.next_step = (
+                f"look at the lines marked review in {proposed}, then sprain-cosim check {fmu} --map {proposed}"
+            )
         except OSError as problem:
             report.next_step = (
-                f"write these lines to a mapping file ({proposed} cannot be written: {problem.strerror}), then check with --map:\n{report.proposal}"
+                f"write these lines to a mapping file ({proposed} cannot be written: "
+                f"{problem.strerror}), then check with --map:\n{report.proposal}"
             )
     if as_json:
         click.echo(json.dumps(report.as_dict(), allow_nan=False))
@@ -279,9 +363,21 @@ def check(fmu: Path, mapping: Path | None, as_json: bool) -> int:
 
 @cli.command()
 @click.argument("source", metavar="SCENARIO|STUDY")
-@click.option("--brace", "braces", multiple=True, metavar="NAME=FILE", help="A brace to compare: an FMU, or the name of a shipped one.")
+@click.option(
+    "--brace",
+    "braces",
+    multiple=True,
+    metavar="NAME=FILE",
+    help="A brace to compare: an FMU, or the name of a shipped one.",
+)
 @click.option("--map", "maps", multiple=True, metavar="NAME=FILE", help="Mapping file of the brace NAME.")
-@click.option("--set", "settings", multiple=True, metavar="NAME.PARAMETER=VALUE", help="Of one brace (soft.angle_scale=1.5) or of all (plant.drop_height=...).")
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="NAME.PARAMETER=VALUE",
+    help="Of one brace (soft.angle_scale=1.5) or of all (plant.drop_height=...).",
+)
 @click.option("--trials", type=click.IntRange(2), help="Landings of a study.")
 @click.option("--workers", type=click.IntRange(1), help="Worker processes of a study (default: one per core).")
 @click.option("--resume", is_flag=True, help="Continue what --out holds of a study.")
@@ -331,9 +427,16 @@ def compare(
     for entry in done.entries:
         for warning in entry.warnings:
             click.echo(f"warning: {entry.name}: {warning}", err=True)
-    click.echo(json.dumps(done.data, allow_nan=False) if as_json else f"{text(done.data)}\n\nwritten: {done.out}/compare.json, {done.out}/figures/compare.png")
+    click.echo(
+        json.dumps(done.data, allow_nan=False)
+        if as_json
+        else f"{text(done.data)}\n\nwritten: {done.out}/compare.json, {done.out}/figures/compare.png"
+    )
     if done.failed:
-        raise SimulationError(f"{len(done.failed)} of {len(done.entries)} failed: {'; '.join(f'{e.name}: {e.message}' for e in done.failed)}")
+        raise SimulationError(
+            f"{len(done.failed)} of {len(done.entries)} failed: "
+            f"{'; '.join(f'{e.name}: {e.message}' for e in done.failed)}"
+        )
 
 
 @cli.group()
@@ -348,12 +451,16 @@ def brace_new(folder: Path, lang: str) -> None:
     """Start a brace project in FOLDER: sources that build as they are, and a README."""
     from .brace.new import new
 
-    click.echo(f"written: {', '.join(str(path) for path in new(folder, lang))}\nnext: sprain-cosim brace build {folder}")
+    click.echo(
+        f"written: {', '.join(str(path) for path in new(folder, lang))}\nnext: sprain-cosim brace build {folder}"
+    )
 
 
 @brace.command("build")
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="FMU to write (default: FOLDER's name .fmu, here).")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), help="FMU to write (default: FOLDER's name .fmu, here)."
+)
 def brace_build(folder: Path, output: Path | None) -> None:
     """Build the FMU of a brace project (C: with $CC, cc, gcc or clang, else CMake)."""
     from .brace.new import build
@@ -364,7 +471,9 @@ def brace_build(folder: Path, output: Path | None) -> None:
 
 @brace.command("from-csv")
 @click.argument("table", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="FMU to write (default: TABLE with the ending .fmu).")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), help="FMU to write (default: TABLE with the ending .fmu)."
+)
 def from_csv(table: Path, output: Path | None) -> None:
     """Turn a torque-angle TABLE (CSV: angle [deg], subtalar_resistance [N.m], ...) into an FMU; no compiler needed."""
     from .brace.from_csv import from_csv as write
@@ -372,7 +481,10 @@ def from_csv(table: Path, output: Path | None) -> None:
 
     target = output or table.with_suffix(".fmu")
     for axis, (low, high) in write(table, target, fmu_path("brace_table", Path.cwd(), "brace_table")).items():
-        click.echo(f"{axis}: {57.29577951308232 * low:.4g} ... {57.29577951308232 * high:.4g} deg; outside, the torque goes straight on with the end slope")
+        click.echo(
+            f"{axis}: {57.29577951308232 * low:.4g} ... {57.29577951308232 * high:.4g} deg; outside, the torque goes "
+            "straight on with the end slope"
+        )
     click.echo(f"written: {target}\nnext: sprain-cosim check {target}")
 
 
@@ -380,7 +492,8 @@ def from_csv(table: Path, output: Path | None) -> None:
 @FOLDERS
 @click.option("--out", type=click.Path(path_type=Path), help="Where figures/ goes (default: the first folder).")
 def plot(folders: tuple[Path, ...], out: Path | None) -> None:
-    """Draw what the FOLDERS of runs, studies and comparisons hold, over each other: PNG and SVG, one journal column wide."""
+    """Draw what the FOLDERS of runs, studies and comparisons hold, over each other: PNG and SVG, one journal column
+    wide."""
     from .figures import gallery
     from .folders import read as results
 
@@ -388,14 +501,22 @@ def plot(folders: tuple[Path, ...], out: Path | None) -> None:
         click.echo(f"written: {path}")
 
 
-TRIAL = click.option("--trial", metavar="N|worst|pXX", help="Of a study: a number, the largest first response, a percentile of it (default p50).")
+TRIAL = click.option(
+    "--trial",
+    metavar="N|worst|pXX",
+    help="Of a study: a number, the largest first response, a percentile of it (default p50).",
+)
 
 
 @cli.command()
 @FOLDERS
 @TRIAL
 @click.option("--slow", type=float, default=20.0, show_default=True, help="How many times slower than real time.")
-@click.option("--out", type=click.Path(path_type=Path), help="File: .webp, .gif, .mp4, or .png for one picture (default: animation.webp in the first folder).")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="File: .webp, .gif, .mp4, or .png for one picture (default: animation.webp in the first folder).",
+)
 def animate(folders: tuple[Path, ...], trial: str | None, slow: float, out: Path | None) -> None:
     """Show the landings of up to six FOLDERS (or of the braces in a comparison's) side by side in slow motion."""
     from .animate.film import animate as draw
@@ -412,9 +533,13 @@ def animate(folders: tuple[Path, ...], trial: str | None, slow: float, out: Path
 @cli.command()
 @click.argument("folder", type=click.Path(path_type=Path))
 @TRIAL
-@click.option("--format", "kind", type=click.Choice(["sto", "mot", "csv", "parquet"]), help="Default: by the ending of the file.")
 @click.option(
-    "--content", type=click.Choice(["coordinates", "states", "forces", "ground", "signals"]), help="Default: states in .sto, coordinates in .mot, else signals."
+    "--format", "kind", type=click.Choice(["sto", "mot", "csv", "parquet"]), help="Default: by the ending of the file."
+)
+@click.option(
+    "--content",
+    type=click.Choice(["coordinates", "states", "forces", "ground", "signals"]),
+    help="Default: states in .sto, coordinates in .mot, else signals.",
 )
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="File to write.")
 def export(folder: Path, trial: str | None, kind: str | None, content: str | None, output: Path) -> None:
@@ -428,9 +553,15 @@ def export(folder: Path, trial: str | None, kind: str | None, content: str | Non
 
 @cli.command()
 @FOLDERS
-@click.option("--out", type=click.Path(path_type=Path), metavar="FILE|DIR", help="Where report.html goes (default: the first folder).")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="FILE|DIR",
+    help="Where report.html goes (default: the first folder).",
+)
 def report(folders: tuple[Path, ...], out: Path | None) -> None:
-    """Write one HTML file about what the FOLDERS of runs, studies and comparisons hold: verdict, tables, figures, inputs, provenance, limits."""
+    """Write one HTML file about what the FOLDERS of runs, studies and comparisons hold: verdict, tables, figures,
+    inputs, provenance, limits."""
     from .folders import read as results
     from .report.page import write
 
@@ -465,11 +596,23 @@ def build(models: tuple[str, ...]) -> None:
 @cli.command()
 @click.option("--quick", is_flag=True, help="Smaller studies, no long checks: under two minutes on two cores.")
 @click.option("--list", "listed", is_flag=True, help="List the checks and run none.")
-@click.option("--only", multiple=True, metavar="ID", help="An id, a group (paper) or a pattern (uq-0*); may be given more than once.")
-@click.option("--checks", "folder", type=click.Path(path_type=Path), metavar="FOLDER", help="Your own checks: *.toml files.")
+@click.option(
+    "--only",
+    multiple=True,
+    metavar="ID",
+    help="An id, a group (paper) or a pattern (uq-0*); may be given more than once.",
+)
+@click.option(
+    "--checks", "folder", type=click.Path(path_type=Path), metavar="FOLDER", help="Your own checks: *.toml files."
+)
 @click.option("--workers", type=click.IntRange(1), help="Worker processes of the studies (default: one per core).")
 @click.option("--strict", is_flag=True, help="Known gaps and checks that could not run fail the validation too.")
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for validation.html, validation.json, junit.xml, credibility.md.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Folder for validation.html, validation.json, junit.xml, credibility.md.",
+)
 @click.option("--junit", type=click.Path(path_type=Path), metavar="FILE", help="JUnit XML.")
 @JSON
 @click.pass_obj
@@ -500,9 +643,20 @@ def validate(
     def keep(report: suite.Report) -> None:
         output.write(report, out, junit)
 
-    report = suite.run(checks, Laboratory(quick, workers), lambda done: click.echo(suite.line(done), err=as_json), only, keep, lambda: bool(received))
+    report = suite.run(
+        checks,
+        Laboratory(quick, workers),
+        lambda done: click.echo(suite.line(done), err=as_json),
+        only,
+        keep,
+        lambda: bool(received),
+    )
     keep(report)
-    click.echo(output.json_text(report).strip() if as_json else f"\n{suite.summary(report)}" + (f"\nwritten: {out}" if out else ""))
+    click.echo(
+        output.json_text(report).strip()
+        if as_json
+        else f"\n{suite.summary(report)}" + (f"\nwritten: {out}" if out else "")
+    )
     return 0 if report.passes(strict) else 1
 
 
@@ -585,7 +739,8 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _run(arguments: list[str] | None, received: list[int]) -> int:
-    """The exit code. A signal that arrives while a Python FMU runs in this interpreter comes back as an FMI error, hence `received`."""
+    """The exit code. A signal that arrives while a Python FMU runs in this interpreter comes back as an FMI error,
+    hence `received`."""
     try:
         code = cli.main(arguments, prog_name="sprain-cosim", standalone_mode=False, obj=received) or 0
     except click.ClickException as problem:
@@ -605,7 +760,11 @@ def _run(arguments: list[str] | None, received: list[int]) -> int:
     except Exception as problem:
         if os.environ.get("SPRAIN_COSIM_DEBUG"):
             raise
-        code = _say(f"internal: {type(problem).__name__}: {_one_line(str(problem))}; please report it (SPRAIN_COSIM_DEBUG=1 shows where)", 4)
+        code = _say(
+            f"internal: {type(problem).__name__}: {_one_line(str(problem))}; please report it (SPRAIN_COSIM_DEBUG=1 "
+            "shows where)",
+            4,
+        )
     return code
 
 

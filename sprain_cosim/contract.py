@@ -1,8 +1,7 @@
 """The brace contract, version 1.0, as data: profiles, axes, signals. docs/brace-contract.md is its text.
 
-Torque is that of the brace on the foot, so a passive brace beyond its rest angle gives a torque of the opposite sign. Angles are zero at the
-model's neutral pose.
-"""
+Torque is that of the brace on the foot, so a passive brace beyond its rest angle gives a torque of the opposite sign.
+Angles are zero at the model's neutral pose."""
 
 from __future__ import annotations
 

@@ -17,7 +17,9 @@ Finding = tuple[bool, str, str]
 
 def findings() -> list[Finding]:
     """(ok, what, detail) rows."""
-    found: list[Finding] = [(True, "python", f"{platform.python_version()} on {platform.platform()}, {os.cpu_count()} cores")]
+    found: list[Finding] = [
+        (True, "python", f"{platform.python_version()} on {platform.platform()}, {os.cpu_count()} cores")
+    ]
     for name in REQUIRED:
         try:
             found.append((True, name, importlib.metadata.version(name)))
@@ -52,7 +54,14 @@ def _fmus() -> list[Finding]:
     for name in names:
         try:
             component = Component.read(name, FMUS / f"{name}.fmu")
-            rows.append((True, name, f"FMI {component.capabilities.fmi_version}, {len(component.connectors)} variables, {component.guid[:12]}"))
+            rows.append(
+                (
+                    True,
+                    name,
+                    f"FMI {component.capabilities.fmi_version}, {len(component.connectors)} variables, "
+                    f"{component.guid[:12]}",
+                )
+            )
         except SprainError as problem:
             rows.append((False, name, str(problem)))
     return rows
@@ -69,4 +78,8 @@ def _landing() -> Finding:
         return False, "landing", str(problem)
     if result.status != "completed":
         return False, "landing", result.message
-    return True, "landing", f"peak subtalar angle {result.metrics['peak_subtalar_angle_deg']:.1f} deg in {1e3 * result.wall:.0f} ms"
+    return (
+        True,
+        "landing",
+        f"peak subtalar angle {result.metrics['peak_subtalar_angle_deg']:.1f} deg in {1e3 * result.wall:.0f} ms",
+    )

@@ -1,8 +1,8 @@
 """A landing as a table for other tools: OpenSim's storage files (.sto, .mot), CSV, Parquet.
 
-Names and units are those of the OpenSim model: coordinates by their own names, states by path (/jointset/ankle_r/ankle_angle_r/value,
-/forceset/soleus_r/activation), ground reaction as in OpenSim's external loads files. Angles are radians; only the coordinates of a .mot are in degrees.
-"""
+Names and units are those of the OpenSim model: coordinates by their own names, states by path
+(/jointset/ankle_r/ankle_angle_r/value, /forceset/soleus_r/activation), ground reaction as in OpenSim's external loads
+files. Angles are radians; only the coordinates of a .mot are in degrees."""
 
 from __future__ import annotations
 
@@ -29,7 +29,12 @@ JOINTS = {
 }
 COORDINATES = tuple(name for names in JOINTS.values() for name in names)
 TRANSLATIONS = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
-FORMATS = {"sto": "states", "mot": "coordinates", "csv": "signals", "parquet": "signals"}  # with what each holds unless it is told
+FORMATS = {
+    "sto": "states",
+    "mot": "coordinates",
+    "csv": "signals",
+    "parquet": "signals",
+}  # with what each holds unless it is told
 
 
 def coordinates(run: Landing) -> pd.DataFrame:
@@ -39,7 +44,8 @@ def coordinates(run: Landing) -> pd.DataFrame:
 
 
 def states(run: Landing) -> pd.DataFrame:
-    """Coordinates and speeds [rad, m, rad/s, m/s], activations [1] and fibre lengths [m] of all muscles, by OpenSim's paths."""
+    """Coordinates and speeds [rad, m, rad/s, m/s], activations [1] and fibre lengths [m] of all muscles, by OpenSim's
+    paths."""
     run.need(COORDINATES, "the export of states")
     columns: dict[str, np.ndarray] = {}
     for joint, names in JOINTS.items():
@@ -53,10 +59,15 @@ def states(run: Landing) -> pd.DataFrame:
 
 
 def forces(run: Landing) -> pd.DataFrame:
-    """Tendon forces [N] by muscle, moments of the passive ankle and of the brace about every axis [N.m], + when they resist."""
+    """Tendon forces [N] by muscle, moments of the passive ankle and of the brace about every axis [N.m], + when they
+    resist."""
     run.need(COORDINATES, "the export of forces")
     columns = {muscle: run.result[f"plant.{muscle}_tendon_force"] for muscle in _muscles(run)}
-    moments = [name for name in run.result.names if name.startswith(("plant.anatomy_", "plant.brace_")) and name.endswith("_moment")]
+    moments = [
+        name
+        for name in run.result.names
+        if name.startswith(("plant.anatomy_", "plant.brace_")) and name.endswith("_moment")
+    ]
     return _frame(run, columns | {name.removeprefix("plant."): run.result[name] for name in moments})
 
 
@@ -67,7 +78,9 @@ def ground(run: Landing) -> pd.DataFrame:
     normal = (0.0, math.cos(incline), math.sin(incline))
     columns = {f"ground_force_v{k}": run.result[f"plant.ground_force_{k}"] for k in "xyz"}
     columns |= {f"ground_force_p{k}": run.result[f"plant.ground_point_{k}"] for k in "xyz"}
-    columns |= {f"ground_torque_{k}": n * run.result["plant.ground_free_moment"] for k, n in zip("xyz", normal, strict=True)}
+    columns |= {
+        f"ground_torque_{k}": n * run.result["plant.ground_free_moment"] for k, n in zip("xyz", normal, strict=True)
+    }
     return _frame(run, columns)
 
 
@@ -88,8 +101,8 @@ CONTENTS: dict[str, Callable[[Landing], pd.DataFrame]] = {
 
 
 def write(run: Landing, target: Path, kind: str | None = None, content: str | None = None) -> tuple[int, int]:
-    """Writes `content` (one of CONTENTS) of a landing as `kind` (one of FORMATS; None: by the ending of `target`). Returns rows and columns, time not
-    counted. Raises InputError, EnvironmentProblem."""
+    """Writes `content` (one of CONTENTS) of a landing as `kind` (one of FORMATS; None: by the ending of `target`).
+    Returns rows and columns, time not counted. Raises InputError, EnvironmentProblem."""
     kind = kind or target.suffix.lower().removeprefix(".")
     if kind not in FORMATS:
         raise InputError(f"{target}: format {kind!r} is unknown{nearest(kind, FORMATS)}")
@@ -103,13 +116,17 @@ def write(run: Landing, target: Path, kind: str | None = None, content: str | No
             try:
                 table.to_parquet(target)
             except ImportError:
-                raise EnvironmentProblem("Parquet needs the extra [parquet]: pip install 'sprain-cosim[parquet]'") from None
+                raise EnvironmentProblem(
+                    "Parquet needs the extra [parquet]: pip install 'sprain-cosim[parquet]'"
+                ) from None
         else:
             in_degrees = kind == "mot" and content == "coordinates"
             if in_degrees:
                 turned = [name for name in table.columns if name not in TRANSLATIONS]
                 table[turned] = np.degrees(table[turned])
-            target.write_text(opensim_text(table, {"coordinates": "Coordinates"}.get(content, content), in_degrees), "utf-8")
+            target.write_text(
+                opensim_text(table, {"coordinates": "Coordinates"}.get(content, content), in_degrees), "utf-8"
+            )
     except OSError as problem:
         raise EnvironmentProblem(f"{target}: cannot be written: {problem.strerror or problem}") from None
     return table.shape[0], table.shape[1]
@@ -117,9 +134,19 @@ def write(run: Landing, target: Path, kind: str | None = None, content: str | No
 
 def opensim_text(table: pd.DataFrame, name: str, in_degrees: bool) -> str:
     """A storage file of OpenSim 4: header, then columns separated by tabs; `table` over time [s]."""
-    head = [name, "version=1", f"nRows={len(table)}", f"nColumns={table.shape[1] + 1}", f"inDegrees={'yes' if in_degrees else 'no'}", "endheader"]
+    head = [
+        name,
+        "version=1",
+        f"nRows={len(table)}",
+        f"nColumns={table.shape[1] + 1}",
+        f"inDegrees={'yes' if in_degrees else 'no'}",
+        "endheader",
+    ]
     labels = "\t".join(["time", *(str(c).replace(" ", "_") for c in table.columns)])
-    rows = ["\t".join(f"{v:.10g}" for v in (time, *values)) for time, values in zip(table.index, table.to_numpy(), strict=True)]
+    rows = [
+        "\t".join(f"{v:.10g}" for v in (time, *values))
+        for time, values in zip(table.index, table.to_numpy(), strict=True)
+    ]
     return "\n".join([*head, labels, *rows]) + "\n"
 
 
@@ -130,7 +157,11 @@ def _frame(run: Landing, columns: dict[str, np.ndarray]) -> pd.DataFrame:
 
 
 def _muscles(run: Landing) -> list[str]:
-    names = [name.removeprefix("plant.").removesuffix("_tendon_force") for name in run.result.names if name.endswith("_tendon_force")]
+    names = [
+        name.removeprefix("plant.").removesuffix("_tendon_force")
+        for name in run.result.names
+        if name.endswith("_tendon_force")
+    ]
     if not names:
         raise InputError(f"{run.label}: its record has no muscles; run it again with this version")
     return names

@@ -2,12 +2,12 @@
 
 active = true                                                optional: a device that may give energy
 step = "1 ms"                                                optional: its own fixed step, where it declares none
-reset = true                                                 optional: its reset equals a fresh instance, so a study may reuse it
+reset = true                                                 optional: its reset equals a fresh instance
 [inputs]   subtalar_angle  = { to = "In1_InvAngle", unit = "deg" }
 [outputs]  subtalar_torque = { from = "M_out", factor = -1 }
 
-What arrives is factor * what comes + offset, both in the FMU's unit: the one it declares, or `unit` where it declares none or a wrong one.
-"""
+What arrives is factor * what comes + offset, both in the FMU's unit: the one it declares, or `unit` where it declares
+none or a wrong one."""
 
 from __future__ import annotations
 
@@ -61,16 +61,24 @@ class Mapping:
                 place = f"{causality}s.{name} = {signal.variable}"
                 found = component.connectors.get(signal.variable)
                 if found is None:
-                    problems.append(f"{place}: {component.fmu.name} has no such variable{nearest(signal.variable, component.select(causality))}")
+                    problems.append(
+                        f"{place}: {component.fmu.name} has no such "
+                        f"variable{nearest(signal.variable, component.select(causality))}"
+                    )
                     continue
                 if found.causality != causality:
-                    problems.append(f"{place}: is of causality {found.causality}; only an {causality} can be mapped here")
+                    problems.append(
+                        f"{place}: is of causality {found.causality}; only an {causality} can be mapped here"
+                    )
                 elif not found.scalar_number:
                     problems.append(f"{place}: is of type {found.kind}; only scalar numbers can be mapped")
                 elif signal.variable in used:
                     problems.append(f"{place}: is mapped to {used[signal.variable]} already")
                 elif name != signal.variable and name in component.connectors:
-                    problems.append(f"{place}: the FMU has a variable {name} of its own, which would be hidden; leave the line out or map that one")
+                    problems.append(
+                        f"{place}: the FMU has a variable {name} of its own, which would be hidden; leave the line "
+                        "out or map that one"
+                    )
                 else:
                     used[signal.variable] = name
                     connectors.pop(signal.variable, None)
@@ -97,7 +105,10 @@ def _renamed(name: str, found: Connector, signal: Signal, causality: str) -> Con
     wanted = (INPUTS if causality == "input" else OUTPUTS)[name]
     own = signal.unit or found.unit or wanted
     if not own.same_dimension(wanted):
-        raise InputError(f"its unit {own.name} has the dimension {own.dimension()}, expected {wanted.dimension()}; state the true one with unit = ...")
+        raise InputError(
+            f"its unit {own.name} has the dimension {own.dimension()}, expected {wanted.dimension()}; state the true "
+            "one with unit = ..."
+        )
     if causality == "input":
         factor = own.factor / signal.factor
         offset = own.offset - signal.offset * factor
@@ -109,7 +120,8 @@ def _renamed(name: str, found: Connector, signal: Signal, causality: str) -> Con
 
 
 def read_component(name: str, fmu: Path, mapping: Path | None = None) -> Component:
-    """The component under the contract's names: by the mapping file, else by the mapping it carries, else as it is. Raises InputError."""
+    """The component under the contract's names: by the mapping file, else by the mapping it carries, else as it is.
+    Raises InputError."""
     component = Component.read(name, fmu)
     found = load_mapping(mapping) if mapping is not None else carried(component)
     return component if found is None else found.apply(component)
@@ -144,7 +156,9 @@ def parse(text: str, source: str) -> Mapping:
     except tomllib.TOMLDecodeError as problem:
         raise InputError(f"{source}: not valid TOML: {problem}") from None
     problems = [f"unknown key {key!r}{nearest(key, KEYS)}" for key in content if key not in KEYS]
-    problems += [f"{key}: must be true or false" for key in ("active", "reset") if not isinstance(content.get(key, False), bool)]
+    problems += [
+        f"{key}: must be true or false" for key in ("active", "reset") if not isinstance(content.get(key, False), bool)
+    ]
     step = None
     if "step" in content:
         try:
@@ -169,7 +183,9 @@ def parse(text: str, source: str) -> Mapping:
             except InputError as problem:
                 problems.append(f"{section}.{name}: {problem}")
     problems_to_error(source, problems)
-    return Mapping(signals["inputs"], signals["outputs"], content.get("active", False), source, step, content.get("reset", False))
+    return Mapping(
+        signals["inputs"], signals["outputs"], content.get("active", False), source, step, content.get("reset", False)
+    )
 
 
 def _signal(entry: Any, link: str) -> Signal:

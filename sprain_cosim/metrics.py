@@ -1,4 +1,5 @@
-"""Named responses of a landing: signed maxima over the communication points, t = 0 included, and moments at the moment of a peak."""
+"""Named responses of a landing: signed maxima over the communication points, t = 0 included, and moments at the moment
+of a peak."""
 
 from __future__ import annotations
 
@@ -33,12 +34,13 @@ def brace_torques(run: Signals) -> dict[str, str]:
 
 
 def metrics(run: Signals) -> dict[str, float]:
-    """Keys carry their unit. Angles of the three axes of the joint coordinate system are raw, as in Table 3 of Yoder et al. 2021
-    (doi 10.3389/fbioe.2021.765331); velocities are components of the angular velocity; moments are those about an axis at the time of that
-    axis' own peak angle, positive when they resist. `peak_brace_subtalar_moment_Nm` is the brace's largest resistance to supination at any time;
-    `brace_subtalar_work_to_peak_J` the energy it took from the rolling foot until the subtalar peak, `brace_work_J` that from all axes over the
-    whole landing (negative where it gave: an elastic brace tensed by plantarflexion before contact). Without a brace on the plant these and
-    the `brace_` keys are absent; without a plant there are none."""
+    """Keys carry their unit. Angles of the three axes of the joint coordinate system are raw, as in Table 3 of Yoder et
+    al. 2021 (doi 10.3389/fbioe.2021.765331); velocities are components of the angular velocity; moments are those about
+    an axis at the time of that axis' own peak angle, positive when they resist. `peak_brace_subtalar_moment_Nm` is the
+    brace's largest resistance to supination at any time; `brace_subtalar_work_to_peak_J` the energy it took from the
+    rolling foot until the subtalar peak, `brace_work_J` that from all axes over the whole landing (negative where it
+    gave: an elastic brace tensed by plantarflexion before contact). Without a brace on the plant these and the `brace_`
+    keys are absent; without a plant there are none."""
     if "plant.subtalar_angle" not in run.index:
         return {}
     degrees = math.degrees(1.0)
@@ -80,11 +82,14 @@ def _work(torque: np.ndarray, angle: np.ndarray) -> float:
 
 def unit_of(key: str) -> str:
     """The unit in the name of a metric."""
-    return next((unit for suffix, unit in sorted(UNITS.items(), key=lambda item: -len(item[0])) if key.endswith(suffix)), "")
+    return next(
+        (unit for suffix, unit in sorted(UNITS.items(), key=lambda item: -len(item[0])) if key.endswith(suffix)), ""
+    )
 
 
 def table(run: Signals) -> list[tuple[str, float, str, float]]:
-    """What a reader wants first, as (label, value, unit, time [s]) rows: the peaks, and who bears the moment at the subtalar peak."""
+    """What a reader wants first, as (label, value, unit, time [s]) rows: the peaks, and who bears the moment at the
+    subtalar peak."""
     values = metrics(run)
     if not values:
         return []

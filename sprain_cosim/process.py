@@ -1,8 +1,9 @@
-"""Child processes: started, limited, asked, ended. Everything that runs foreign code apart from this process goes through here.
+"""Child processes: started, limited, asked, ended. Everything that runs foreign code apart from this process goes
+through here.
 
-Frames are a length and JSON (the first request a pickle, which the parent made) on two pipes of their own; what a child prints goes elsewhere:
-its last lines are kept for the record. A child ends with its parent; it is ended with its whole process group.
-"""
+Frames are a length and JSON (the first request a pickle, which the parent made) on two pipes of their own; what a child
+prints goes elsewhere: its last lines are kept for the record. A child ends with its parent; it is ended with its whole
+process group."""
 
 from __future__ import annotations
 
@@ -31,8 +32,9 @@ FRAME_LIMIT = 1 << 26  # B, longer replies are not ours
 
 @dataclass(frozen=True)
 class Limits:
-    """`trial` and `start` [s] wall time of one trial and of opening the FMUs; `cpu` [s] processor time of one trial, all threads; `memory` [B]
-    address space; `recycle` trials per child; `growth` [B] of resident memory after which a child is replaced."""
+    """`trial` and `start` [s] wall time of one trial and of opening the FMUs; `cpu` [s] processor time of one trial,
+    all threads; `memory` [B] address space; `recycle` trials per child; `growth` [B] of resident memory after which a
+    child is replaced."""
 
     trial: float = 60.0
     start: float = 300.0
@@ -51,7 +53,8 @@ class Gone(Exception):
 
 
 class Child:
-    """The process itself: runs `module` with the ends of its two lines, the limit of memory and our process number as arguments."""
+    """The process itself: runs `module` with the ends of its two lines, the limit of memory and our process number as
+    arguments."""
 
     def __init__(self, limits: Limits, module: str) -> None:
         self.trials, self.memory, self.grown = 0, 0, 0
@@ -86,7 +89,8 @@ class Child:
         return self._exchange(json.dumps(request).encode(), limit)
 
     def note(self, memory: int) -> None:
-        """Counts a trial; `memory` [B] resident after it. Growth is counted from the tenth trial on, when caches are warm."""
+        """Counts a trial; `memory` [B] resident after it. Growth is counted from the tenth trial on, when caches are
+        warm."""
         self.trials += 1
         self.grown = memory - self.memory if self.memory else 0
         if self.trials == 10 or not self.memory:
@@ -194,7 +198,8 @@ Answer = Callable[[dict[str, Any]], None]
 
 
 def listen(requests: int, replies: int, memory: int, parent: int) -> tuple[Any, Iterator[Any], Answer]:
-    """The child's side: what it was opened with (None if the parent is gone already), its requests, and the way to answer."""
+    """The child's side: what it was opened with (None if the parent is gone already), its requests, and the way to
+    answer."""
     import resource
 
     _die_with_parent(parent)

@@ -7,8 +7,8 @@ title = "..."
 [parameters]  "component.parameter" = "0.30 m"    a number only where the parameter has no dimension
 [connections] "input" = "output"      left out, devices connect themselves (system.py)
 [master] communication_step = "0.5 ms", stop = "150 ms", scheme = "auto"
-         identify = 1                 steps after which undeclared stiffness and damping are found anew; 0: at the start only
-         adaptive = "0.1 %"           divides communication steps where the residual energy exceeds this share; true: 0.1 %
+         identify = 1                 steps after which undeclared stiffness and damping are found anew; 0: at the start
+         adaptive = "0.1 %"           divides steps where the residual energy exceeds this share; true: 0.1 %
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ Value = float | int | str | bool
 
 @dataclass(frozen=True)
 class Scenario:
-    """`fmus` {component: FMU file} in stepping order, `maps` {component: mapping file}, `parameters` and `connections` as in the file, `source`
-    where it came from. `isolate` names the components that run in a process of their own; those whose
-    modules could clash always do."""
+    """`fmus` {component: FMU file} in stepping order, `maps` {component: mapping file}, `parameters` and `connections`
+    as in the file, `source` where it came from. `isolate` names the components that run in a process of their own;
+    those whose modules could clash always do."""
 
     title: str
     fmus: Mapping[str, Path]
@@ -59,7 +59,8 @@ class Scenario:
     isolate: tuple[str, ...] = ()
 
     def override(self, parameter: str, value: Value) -> Self:
-        """The same scenario with another value. Raises InputError when it has no such parameter or the value does not fit."""
+        """The same scenario with another value. Raises InputError when it has no such parameter or the value does not
+        fit."""
         changed = replace(self, parameters={**self.parameters, parameter: value})
         system = changed._described()
         connector = system.find(parameter)
@@ -69,34 +70,51 @@ class Scenario:
         return changed
 
     def replace_fmu(self, name: str, fmu: Path | str, mapping: Path | str | None = None) -> Self:
-        """Another device under a component's name, or one more: its connections are made anew from its contract profile, its names taken
-        through the `mapping` file; parameters of this scenario that it lacks are dropped, with one warning."""
+        """Another device under a component's name, or one more: its connections are made anew from its contract
+        profile, its names taken through the `mapping` file; parameters of this scenario that it lacks are dropped, with
+        one warning."""
         if name not in self.fmus and name not in ROLES:
             raise InputError(f"component {name!r} is not in {self.source}{nearest(name, [*self.fmus, *ROLES])}")
         path = fmu_path(str(fmu), Path.cwd(), f"{name} = {fmu}")
-        maps = {k: v for k, v in self.maps.items() if k != name} | ({name: Path(mapping)} if mapping is not None else {})
+        maps = {k: v for k, v in self.maps.items() if k != name} | (
+            {name: Path(mapping)} if mapping is not None else {}
+        )
         component = read_component(name, path, maps.get(name))
-        lost = tuple(k for k in self.parameters if k.startswith(f"{name}.") and k.partition(".")[2] not in component.parameters)
-        warning = (f"{name}: {path.name} has no {', '.join(k.partition('.')[2] for k in lost)}; the scenario's value is dropped",) if lost else ()
+        lost = tuple(
+            k for k in self.parameters if k.startswith(f"{name}.") and k.partition(".")[2] not in component.parameters
+        )
+        warning = (
+            (
+                f"{name}: {path.name} has no {', '.join(k.partition('.')[2] for k in lost)}; the scenario's value is "
+                "dropped",
+            )
+            if lost
+            else ()
+        )
         return replace(
             self,
             title=f"{self.title} · {name} = {path.name}",
             fmus={**self.fmus, name: path},
             maps=maps,
             parameters={k: v for k, v in self.parameters.items() if k not in lost},
-            connections={t: s for t, s in self.connections.items() if name not in (t.partition(".")[0], s.partition(".")[0])},
+            connections={
+                t: s for t, s in self.connections.items() if name not in (t.partition(".")[0], s.partition(".")[0])
+            },
             warnings=self.warnings + warning,
             dropped=self.dropped + lost,
         )
 
     def without(self, name: str) -> Self:
-        """The same scenario without a component: its parameters and connections go with it. Itself where there is none of that name."""
+        """The same scenario without a component: its parameters and connections go with it. Itself where there is none
+        of that name."""
         return replace(
             self,
             fmus={k: v for k, v in self.fmus.items() if k != name},
             maps={k: v for k, v in self.maps.items() if k != name},
             parameters={k: v for k, v in self.parameters.items() if not k.startswith(f"{name}.")},
-            connections={t: s for t, s in self.connections.items() if name not in (t.partition(".")[0], s.partition(".")[0])},
+            connections={
+                t: s for t, s in self.connections.items() if name not in (t.partition(".")[0], s.partition(".")[0])
+            },
         )
 
     def with_master(
@@ -121,11 +139,13 @@ class Scenario:
         return replace(self, master=master)
 
     def isolated(self, *names: str) -> Self:
-        """The same with these components (default: all) in a process of their own: a crash or a hang then ends the run, not this process."""
+        """The same with these components (default: all) in a process of their own: a crash or a hang then ends the run,
+        not this process."""
         return replace(self, isolate=names or tuple(self.fmus))
 
     def recording(self, *patterns: str) -> Self:
-        """The same, with these local variables of its FMUs in the result besides inputs and outputs: "plant.*", "plant.*_fibre_length"."""
+        """The same, with these local variables of its FMUs in the result besides inputs and outputs: "plant.*",
+        "plant.*_fibre_length"."""
         return replace(self, master=replace(self.master, record=patterns))
 
     def initial_pose(self) -> str | None:
@@ -155,7 +175,9 @@ class Scenario:
         for name, path in self.fmus.items():
             try:
                 component = read_component(name, path, self.maps.get(name))
-                components.append(isolated(component) if name in self.isolate or component.capabilities.shared_modules else component)
+                components.append(
+                    isolated(component) if name in self.isolate or component.capabilities.shared_modules else component
+                )
             except InputError as problem:
                 unreadable.append(f"components.{name}: {problem}")
         problems_to_error(self.source, unreadable)
@@ -164,24 +186,36 @@ class Scenario:
         return System(tuple(components), connections)
 
     def doubts(self) -> list[str]:
-        """What is assumed without being said anywhere, one line each: undeclared units of connected variables, a mapping that another replaces."""
+        """What is assumed without being said anywhere, one line each: undeclared units of connected variables, a
+        mapping that another replaces."""
         system = self._described()
         found = []
         for component in system.components:
-            ends = {end.partition(".")[2]: None for pair in system.connections.items() for end in pair if end.partition(".")[0] == component.name}
+            ends = {
+                end.partition(".")[2]: None
+                for pair in system.connections.items()
+                for end in pair
+                if end.partition(".")[0] == component.name
+            }
             connectors = [component.connectors[n] for n in ends if n in component.connectors]
             silent = [c.name for c in connectors if c.unit is None and c.kind == "real"]
             if silent:
-                found.append(f"{component.name}: {component.fmu.name} declares no unit for {', '.join(silent)}; SI is assumed")
+                found.append(
+                    f"{component.name}: {component.fmu.name} declares no unit for {', '.join(silent)}; SI is assumed"
+                )
             if component.name in self.maps and carried(component) is not None:
-                found.append(f"{component.name}: the mapping inside {component.fmu.name} is not used, but {self.maps[component.name]} in its place")
+                found.append(
+                    f"{component.name}: the mapping inside {component.fmu.name} is not used, but "
+                    f"{self.maps[component.name]} in its place"
+                )
         return found
 
     def open(self) -> Session:
         return Session(self)
 
     def coupling_check(self, result: Result) -> dict[str, float]:
-        """Change of every metric when the communication step is halved: how far the coupling of `result` is from converged.
+        """Change of every metric when the communication step is halved: how far the coupling of `result` is from
+        converged.
 
         Raises SimulationError when the run at half the step fails."""
         master = replace(self.master, communication_step=0.5 * self.master.communication_step)
@@ -191,7 +225,8 @@ class Scenario:
         return {key: finer.metrics[key] - value for key, value in result.metrics.items()}
 
     def run(self) -> Result:
-        """One landing. Raises InputError before it, never during it: a failure is in the result's status and message."""
+        """One landing. Raises InputError before it, never during it: a failure is in the result's status and
+        message."""
         with self.open() as session:
             return session.run()
 
@@ -264,7 +299,10 @@ def _find(name: str, beside: Path | None = None) -> Path:
             return inside
     if name.endswith(".toml") or "/" in name:
         raise InputError(f"{name}: no such scenario file")
-    raise InputError(f"scenario {name!r}: no such file, and none of that name ships{nearest(name, shipped_scenarios())}; `sprain-cosim scenarios` lists them")
+    raise InputError(
+        f"scenario {name!r}: no such file, and none of that name ships{nearest(name, shipped_scenarios())}; "
+        "`sprain-cosim scenarios` lists them"
+    )
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -289,7 +327,11 @@ def _read(path: Path) -> dict[str, Any]:
             continue
         if not isinstance(spec.get("map", ""), str):
             problems.append(f"components.{name}.map: must be the path of a mapping file")
-        problems += [f"components.{name}: unknown key {key!r}{nearest(key, ['fmu', 'map'])}" for key in spec if key not in ("fmu", "map")]
+        problems += [
+            f"components.{name}: unknown key {key!r}{nearest(key, ['fmu', 'map'])}"
+            for key in spec
+            if key not in ("fmu", "map")
+        ]
     for key, value in content.get("parameters", {}).items():
         if isinstance(value, dict):
             problems.append(f'parameters.{key}: quote names with a dot: "{key}.{next(iter(value), "parameter")}" = ...')
@@ -363,7 +405,9 @@ def _without_repeats(problems: list[str]) -> list[str]:
     """check() and the conversion of values both meet an unknown parameter; the first report stays."""
     kept: list[str] = []
     for problem in problems:
-        if not any(problem in other or other.removeprefix("parameter ") == problem.removeprefix("parameter ") for other in kept):
+        if not any(
+            problem in other or other.removeprefix("parameter ") == problem.removeprefix("parameter ") for other in kept
+        ):
             kept.append(problem)
     return kept
 

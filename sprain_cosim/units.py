@@ -1,8 +1,8 @@
 """Units: names to base-unit exponents, "30 deg" to radians, and back.
 
-A unit is a factor, an offset and the exponents of FMI's eight base units: value in base units = factor * value + offset. Dimensions are equal
-when the exponents are equal, whatever the names; the radian is a base unit of its own, as in FMI.
-"""
+A unit is a factor, an offset and the exponents of FMI's eight base units: value in base units = factor * value +
+offset. Dimensions are equal when the exponents are equal, whatever the names; the radian is a base unit of its own, as
+in FMI."""
 
 from __future__ import annotations
 
@@ -138,7 +138,8 @@ def split(text: str) -> tuple[float, str] | None:
 
 
 def quantity(value: float | str, wanted: Unit | None, what: str) -> float:
-    """A number or "number unit" in the unit `wanted` (None: not declared, so SI is assumed). `what` begins the messages.
+    """A number or "number unit" in the unit `wanted` (None: not declared, so SI is assumed). `what` begins the
+    messages.
 
     Raises InputError when the unit is missing, unknown or of another dimension, or the number is not finite."""
     dimensionless = wanted is None or wanted.dimensionless
@@ -147,7 +148,10 @@ def quantity(value: float | str, wanted: Unit | None, what: str) -> float:
     if isinstance(value, str):
         parts = split(value)
         if parts is None:
-            raise InputError(f"{what} = {value!r}: expected {'a number' if dimensionless else 'a number and a unit'}, such as {_example(wanted)}")
+            raise InputError(
+                f"{what} = {value!r}: expected {'a number' if dimensionless else 'a number and a unit'}, such as "
+                f"{_example(wanted)}"
+            )
         number, name = parts
     else:
         number, name = float(value), ""
@@ -166,7 +170,8 @@ def quantity(value: float | str, wanted: Unit | None, what: str) -> float:
         return given.to_base(number)
     if not given.same_dimension(target):
         raise InputError(
-            f"{what} = {value!r}: {name} has the dimension {given.dimension()}, expected {target.dimension()}, for example {_example(wanted, number)}"
+            f"{what} = {value!r}: {name} has the dimension {given.dimension()}, expected {target.dimension()}, for "
+            f"example {_example(wanted, number)}"
         )
     if given.name == target.name:
         return number

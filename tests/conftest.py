@@ -12,7 +12,9 @@ from tests.reference import FOLDER
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     missing = [r for r in terminalreporter.stats.get("skipped", []) if "reference numbers not found" in str(r.longrepr)]
     if missing:
-        terminalreporter.write_line(f"{len(missing)} tests skipped: no reference numbers in {FOLDER} (set SPRAIN_REFERENCE)")
+        terminalreporter.write_line(
+            f"{len(missing)} tests skipped: no reference numbers in {FOLDER} (set SPRAIN_REFERENCE)"
+        )
 
 
 @pytest.fixture(scope="session", autouse=True)

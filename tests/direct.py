@@ -1,5 +1,5 @@
-"""Landings in one process, without FMI: the plant's kernels with a reflex controller of a few lines. An independent check of what the FMUs do,
-and ten times faster to loop over."""
+"""Landings in one process, without FMI: the plant's kernels with a reflex controller of a few lines. An independent
+check of what the FMUs do, and ten times faster to loop over."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Components without FMUs: a few lines of Python behind the protocol that the master drives, and small FMUs built from source text."""
+"""Components without FMUs: a few lines of Python behind the protocol that the master drives, and small FMUs built from
+source text."""
 
 from __future__ import annotations
 
@@ -57,9 +58,20 @@ class FakeInstance:
         self.component, self.parameters = component, {}
         self.reset()
 
-    def bind(self, bus: np.ndarray, inputs: Sequence[str], first_input: int, outputs: Sequence[str], first_output: int, echoing: int) -> None:
+    def bind(
+        self,
+        bus: np.ndarray,
+        inputs: Sequence[str],
+        first_input: int,
+        outputs: Sequence[str],
+        first_output: int,
+        echoing: int,
+    ) -> None:
         self.bus, self.names = bus, list(inputs)
-        self.place, self.out = slice(first_input, first_input + len(inputs)), slice(first_output, first_output + len(outputs))
+        self.place, self.out = (
+            slice(first_input, first_input + len(inputs)),
+            slice(first_output, first_output + len(outputs)),
+        )
         self.inputs = dict.fromkeys(self.component.inputs, 0.0)
 
     def note(self, what: str) -> None:
@@ -111,10 +123,13 @@ def make_fmu(folder: Path, name: str, variables: str, slave: str, extra: str = "
     """An FMU from the text of `variables()`'s list and of the slave's methods."""
     model = folder / name
     model.mkdir(parents=True)
-    (model / "interface.py").write_text(f'MODEL = "{name}"\nDESCRIPTION = "made by a test"\n{extra}\n\ndef variables():\n    return {variables}\n')
+    (model / "interface.py").write_text(
+        f'MODEL = "{name}"\nDESCRIPTION = "made by a test"\n{extra}\n\ndef variables():\n    return {variables}\n'
+    )
     body = textwrap.indent(textwrap.dedent(slave).strip(), "    ")
     (model / "slave.py").write_text(
-        f"from .._fmi import Fmi2Slave\nfrom .interface import variables\n\n\nclass Slave(Fmi2Slave):\n    variables = variables()\n\n{body}\n"
+        "from .._fmi import Fmi2Slave\nfrom .interface import variables\n\n\nclass Slave(Fmi2Slave):\n    variables "
+        f"= variables()\n\n{body}\n"
     )
     target = folder / f"{name}.fmu"
     build_fmu(model, target, FMUS / "_fmi.py")
@@ -131,7 +146,8 @@ def brace_variables(angle_unit: str = "rad", torque_unit: str = "N.m", axis: str
 
 
 def linear_variables(declares: bool) -> str:
-    """The list for a spring-damper on the subtalar axis, k [N.m/rad] and c [N.m.s/rad]; `declares`: it has outputs for both."""
+    """The list for a spring-damper on the subtalar axis, k [N.m/rad] and c [N.m.s/rad]; `declares`: it has outputs for
+    both."""
     declared = """
         dict(name="subtalar_stiffness", causality="output", variability="continuous", unit="N.m/rad", description="stiffness"),
         dict(name="subtalar_damping", causality="output", variability="continuous", unit="N.m.s/rad", description="damping"),"""

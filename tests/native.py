@@ -44,12 +44,30 @@ SUBTALAR = """
 """
 
 
-def compile_fmu(target: Path, source: str = "faulty", variables: str = SUBTALAR, outputs: tuple[int, ...] = (2,), fault: str = "none") -> Path:
-    """An FMI 2.0 co-simulation FMU of tests/sources/`source`.c; `outputs` are the 1-based indices of the output variables, `fault`
-    the one that is set from the start."""
+def compile_fmu(
+    target: Path,
+    source: str = "faulty",
+    variables: str = SUBTALAR,
+    outputs: tuple[int, ...] = (2,),
+    fault: str = "none",
+) -> Path:
+    """An FMI 2.0 co-simulation FMU of tests/sources/`source`.c; `outputs` are the 1-based indices of the output
+    variables, `fault` the one that is set from the start."""
     library = target.with_suffix(".so")
     subprocess.run(
-        ["gcc", "-shared", "-fPIC", "-O1", "-w", f"-DFAULT_AT_START={FAULTS.index(fault)}", f"-I{HEADERS}", "-o", library, SOURCES / f"{source}.c", "-lm"],
+        [
+            "gcc",
+            "-shared",
+            "-fPIC",
+            "-O1",
+            "-w",
+            f"-DFAULT_AT_START={FAULTS.index(fault)}",
+            f"-I{HEADERS}",
+            "-o",
+            library,
+            SOURCES / f"{source}.c",
+            "-lm",
+        ],
         check=True,
     )
     structure = "".join(f'<Unknown index="{k}"/>' for k in outputs)
@@ -98,13 +116,33 @@ def device(
     saves: bool = True,
     attributes: str = "",
 ) -> Path:
-    """tests/sources/device.c as an FMU of the version and kind; `sign` -1 pushes instead of resisting; `declared` False leaves the units out;
-    `behaviour` are macros of the source, `saves`: declares that it saves its state, `attributes` further capabilities."""
+    """tests/sources/device.c as an FMU of the version and kind; `sign` -1 pushes instead of resisting; `declared` False
+    leaves the units out; `behaviour` are macros of the source, `saves`: declares that it saves its state, `attributes`
+    further capabilities."""
     library = target.with_suffix(".so")
-    macros = [f"-DFMI={fmi}", f"-DSIGN={sign}", f"-DANGLE_UNIT={UNITS[angle][0]!r}", f"-DTORQUE_UNIT={UNITS[torque][0]!r}"]
+    macros = [
+        f"-DFMI={fmi}",
+        f"-DSIGN={sign}",
+        f"-DANGLE_UNIT={UNITS[angle][0]!r}",
+        f"-DTORQUE_UNIT={UNITS[torque][0]!r}",
+    ]
     macros += [f"-D{name}={value}" for name, value in (behaviour or {}).items()]
     subprocess.run(
-        ["gcc", "-shared", "-fPIC", "-O1", "-w", *macros, f"-I{HEADERS}", "-o", library, SOURCES / "device.c", SOURCES / "stubs.c", "-lm"], check=True
+        [
+            "gcc",
+            "-shared",
+            "-fPIC",
+            "-O1",
+            "-w",
+            *macros,
+            f"-I{HEADERS}",
+            "-o",
+            library,
+            SOURCES / "device.c",
+            SOURCES / "stubs.c",
+            "-lm",
+        ],
+        check=True,
     )
     variables = [  # name, reference, causality, variability, unit, start
         (names[0], 0, "input", "continuous", angle, "0"),
@@ -126,7 +164,8 @@ def device(
     if fmi == 1:
         units = "".join(f'<BaseUnit unit="{u}"/>' for u in used)
         listed = "".join(
-            f'<ScalarVariable name="{n}" valueReference="{r}" causality="{c if c in ("input", "output") else "internal"}"'
+            f'<ScalarVariable name="{n}" valueReference="{r}" '
+            f'causality="{c if c in ("input", "output") else "internal"}"'
             f' variability="{"parameter" if c == "parameter" else "continuous"}">'
             f"<Real{unit(u)}{f' start={chr(34)}{s}{chr(34)}' if s else ''}/></ScalarVariable>"
             for n, r, c, _, u, s in variables
@@ -154,13 +193,18 @@ def device(
                 '<InitialUnknowns><Unknown index="2"/><Unknown index="4"/><Unknown index="5"/></InitialUnknowns>'
             )
         else:
-            structure = '<Output valueReference="1"/><ContinuousStateDerivative valueReference="4"/><InitialUnknown valueReference="1"/>'
+            structure = (
+                '<Output valueReference="1"/><ContinuousStateDerivative valueReference="4"/><InitialUnknown '
+                'valueReference="1"/>'
+            )
             structure += '<InitialUnknown valueReference="4"/><EventIndicator valueReference="3"/>'
         identity = 'guid="{device}" numberOfEventIndicators="1"' if fmi == 2 else 'instantiationToken="{device}"'
         body = f"""<fmiModelDescription fmiVersion="{fmi}.0" modelName="device" {identity}>
             <{tag} modelIdentifier="device"{handles}{states}/><UnitDefinitions>{units}</UnitDefinitions><ModelVariables>{listed}</ModelVariables>
             <ModelStructure>{structure}</ModelStructure></fmiModelDescription>"""
-    machine = {"aarch64": "aarch64-linux"}.get(platform.machine(), "linux64") if fmi < 3 else f"{platform.machine()}-linux"
+    machine = (
+        {"aarch64": "aarch64-linux"}.get(platform.machine(), "linux64") if fmi < 3 else f"{platform.machine()}-linux"
+    )
     with zipfile.ZipFile(target, "w") as archive:
         archive.writestr("modelDescription.xml", '<?xml version="1.0" encoding="UTF-8"?>\n' + body)
         archive.write(library, f"binaries/{machine}/device.so")
@@ -169,14 +213,42 @@ def device(
     return target
 
 
-QUIRKS = ["plain", "late", "refuses", "silent", "stale_reset", "stale_state", "memory", "extra", "preload", "plastic", "damper", "snap", "ball", "once"]
+QUIRKS = [
+    "plain",
+    "late",
+    "refuses",
+    "silent",
+    "stale_reset",
+    "stale_state",
+    "memory",
+    "extra",
+    "preload",
+    "plastic",
+    "damper",
+    "snap",
+    "ball",
+    "once",
+]
 
 
 def quirk(target: Path, name: str, sign: float = 1.0, extra: dict[str, str] | None = None) -> Path:
     """tests/sources/quirks.c as an FMI 2.0 co-simulation FMU; `sign` is that of the damper."""
     library = target.with_suffix(".so")
     macros = ["-DFMI=2", f"-DQUIRK={QUIRKS.index(name)}", f"-DSIGN={sign}"]
-    command = ["gcc", "-shared", "-fPIC", "-O1", "-w", *macros, f"-I{HEADERS}", "-o", library, SOURCES / "quirks.c", SOURCES / "stubs.c", "-lm"]
+    command = [
+        "gcc",
+        "-shared",
+        "-fPIC",
+        "-O1",
+        "-w",
+        *macros,
+        f"-I{HEADERS}",
+        "-o",
+        library,
+        SOURCES / "quirks.c",
+        SOURCES / "stubs.c",
+        "-lm",
+    ]
     subprocess.run(command, check=True)
     listed = [
         ("subtalar_angle", "input", "rad"),
@@ -186,11 +258,22 @@ def quirk(target: Path, name: str, sign: float = 1.0, extra: dict[str, str] | No
     ]
     if name == "ball":
         listed = [("e", "parameter", "1"), ("g", "parameter", "m/s2"), ("h", "output", "m"), ("v", "output", "m/s")]
-    exponents = {"1": "", "rad": 'rad="1"', "rad/s": 'rad="1" s="-1"', "m": 'm="1"', "m/s": 'm="1" s="-1"', "m/s2": 'm="1" s="-2"', "N": 'kg="1" m="1" s="-2"'}
+    exponents = {
+        "1": "",
+        "rad": 'rad="1"',
+        "rad/s": 'rad="1" s="-1"',
+        "m": 'm="1"',
+        "m/s": 'm="1" s="-1"',
+        "m/s2": 'm="1" s="-2"',
+        "N": 'kg="1" m="1" s="-2"',
+    }
     exponents["N.m"] = 'kg="1" m="2" s="-2"'
-    units = "".join(f'<Unit name="{u}"><BaseUnit {exponents[u]}/></Unit>' for u in dict.fromkeys(u for _, _, u in listed))
+    units = "".join(
+        f'<Unit name="{u}"><BaseUnit {exponents[u]}/></Unit>' for u in dict.fromkeys(u for _, _, u in listed)
+    )
     variables = "".join(
-        f'<ScalarVariable name="{n}" valueReference="{k}" causality="{c}" variability="{"fixed" if c == "parameter" else "continuous"}">'
+        f'<ScalarVariable name="{n}" valueReference="{k}" causality="{c}" '
+        f'variability="{"fixed" if c == "parameter" else "continuous"}">'
         f"<Real unit={chr(34)}{u}{chr(34)}{'' if c == 'output' else ' start=' + chr(34) + '0' + chr(34)}/></ScalarVariable>"
         for k, (n, c, u) in enumerate(listed)
     )

@@ -1,4 +1,5 @@
-"""Reads the reference numbers (folder SPRAIN_REFERENCE, default ../shared/reference); tests that need them skip where it is absent."""
+"""Reads the reference numbers (folder SPRAIN_REFERENCE, default ../shared/reference); tests that need them skip where
+it is absent."""
 
 from __future__ import annotations
 

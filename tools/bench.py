@@ -1,8 +1,9 @@
 """Speed, side by side in one run. Run: make bench, or python tools/bench.py [--repeat N].
 
-Prints the time of one landing driven directly, through the FMI slaves in one process, and co-simulated, here and with the same FMUs under
-libcosim and CoFmuPy (each installed once into an environment of its own below build/peers, where that is possible; --no-peers leaves them out); the
-parts of each; and how the cost grows with tolerance, communication step and number of facets. Best of N repetitions on one core."""
+Prints the time of one landing driven directly, through the FMI slaves in one process, and co-simulated, here and with
+the same FMUs under libcosim and CoFmuPy (each installed once into an environment of its own below build/peers, where
+that is possible; --no-peers leaves them out); the parts of each; and how the cost grows with tolerance, communication
+step and number of facets. Best of N repetitions on one core."""
 
 from __future__ import annotations
 
@@ -120,8 +121,8 @@ def parts(repeat: int) -> dict[str, float]:
 
 
 def traffic(name: str) -> tuple[float, dict[str, float], dict[str, float], float]:
-    """Wall time of a run [s], microseconds per communication step spent in each member's calls, wall time [s] by communication step, cost of the
-    default coupling over that of plain Gauss-Seidel at the same step."""
+    """Wall time of a run [s], microseconds per communication step spent in each member's calls, wall time [s] by
+    communication step, cost of the default coupling over that of plain Gauss-Seidel at the same step."""
     spent: dict[str, float] = defaultdict(float)
     with load_scenario(name).open() as session:
         plain = best(lambda: session.run().metrics, 15)
@@ -130,7 +131,9 @@ def traffic(name: str) -> tuple[float, dict[str, float], dict[str, float], float
             for call in ("push", "pull", "pull_states", "pull_echoes", "step"):
                 inner = getattr(member.instance, call)
 
-                def timed(*arguments: object, inner: Callable = inner, key: str = f"{member.name} {call.split('_')[0]}") -> None:
+                def timed(
+                    *arguments: object, inner: Callable = inner, key: str = f"{member.name} {call.split('_')[0]}"
+                ) -> None:
                     start = time.perf_counter()
                     inner(*arguments)
                     spent[key] += time.perf_counter() - start
@@ -155,7 +158,10 @@ def peer(name: str, package: str) -> tuple[float, float] | str:
     environment = Path(__file__).parent.parent / "build" / "peers" / name
     python = environment / "bin" / "python"
     if not (environment / "complete").is_file():
-        for command in ([sys.executable, "-m", "venv", environment], [python, "-m", "pip", "install", "--quiet", package, "mujoco-core", "numba", "numpy"]):
+        for command in (
+            [sys.executable, "-m", "venv", environment],
+            [python, "-m", "pip", "install", "--quiet", package, "mujoco-core", "numba", "numpy"],
+        ):
             outcome = subprocess.run(command, capture_output=True, text=True)
             if outcome.returncode:
                 return f"cannot be installed: {(outcome.stderr.strip().splitlines() or ['?'])[-1]}"
@@ -197,31 +203,54 @@ def main() -> None:
     repeat = arguments.repeat
     plant = Plant()
     direct(plant, Landing())
-    print(f"{date.today()}  {platform.processor() or platform.machine()}, one core, best of {repeat}; 150 ms landing, 30° slope, touching pose\n")
+    print(
+        f"{date.today()}  {platform.processor() or platform.machine()}, one core, best of {repeat}; 150 ms landing, "
+        "30° slope, touching pose\n"
+    )
     alone = best(lambda: direct(plant, Landing()), repeat)
-    row("plant driven directly", alone, f"{OPENSIM / alone:.0f} times faster than OpenSim 4.6 ({OPENSIM} s); {plant.state['evaluations']} evaluations")
+    row(
+        "plant driven directly",
+        alone,
+        f"{OPENSIM / alone:.0f} times faster than OpenSim 4.6 ({OPENSIM} s); {plant.state['evaluations']} evaluations",
+    )
     row("the same, observed every 0.5 ms", best(lambda: direct(plant, Landing(), STEP), repeat))
     three = InProcess()
     three.run()
     together = best(three.run, repeat)
     row("three slaves in one process, no FMI (brace)", together)
     for name in ("incline30", "incline30_brace", "incline30_mixed"):
-        # in a process of its own: two copies of the kernels in one process make numba compare their record types at every call
-        child = subprocess.run([sys.executable, __file__, "--traffic", name], capture_output=True, text=True, check=True)
+        # in a process of its own: two copies of the kernels in one process make numba compare their record types at
+        # every call
+        child = subprocess.run(
+            [sys.executable, __file__, "--traffic", name], capture_output=True, text=True, check=True
+        )
         seconds, spent, by_step, ratio = json.loads(child.stdout)
-        extra = f"FMI and master {1e6 * (seconds - together) / 300:.1f} us per step over the line above" if name == "incline30_brace" else ""
+        extra = (
+            f"FMI and master {1e6 * (seconds - together) / 300:.1f} us per step over the line above"
+            if name == "incline30_brace"
+            else ""
+        )
         row(f"co-simulated, {name}", seconds, f"{OPENSIM / seconds:.0f} times faster than OpenSim 4.6. {extra}")
         print(f"{'  default coupling over plain gauss-seidel':46}{ratio:9.3f}")
         if name == "incline30_brace":
             brace_traffic, brace_steps = spent, by_step
-    for label, name, package in () if arguments.no_peers else (("libcosim", "libcosim", "libcosimpy"), ("CoFmuPy", "cofmupy", "cofmupy")):
+    for label, name, package in (
+        () if arguments.no_peers else (("libcosim", "libcosim", "libcosimpy"), ("CoFmuPy", "cofmupy", "cofmupy"))
+    ):
         found = peer(name, package)
         if isinstance(found, str):
             print(f"the same FMUs under {label}: {found}")
         else:
             seconds, peak = found
-            row(f"the same FMUs under {label} (Jacobi)", seconds, f"peak {np.degrees(peak):.2f} deg; without reset and initialisation")
-    print("\nmicroseconds per communication step, incline30_brace (each call timed, so a little more than in the run above)")
+            row(
+                f"the same FMUs under {label} (Jacobi)",
+                seconds,
+                f"peak {np.degrees(peak):.2f} deg; without reset and initialisation",
+            )
+    print(
+        "\nmicroseconds per communication step, incline30_brace (each call timed, so a little more than in the run "
+        "above)"
+    )
     for key, value in sorted(brace_traffic.items(), key=lambda item: -item[1]):
         print(f"  {key:24}{value:8.1f}")
     print("\nmicroseconds per call, 60 ms after contact")

@@ -1,7 +1,9 @@
-"""The same FMUs under another co-simulation master, for tools/bench.py, which runs this file with the Python of that master's own environment.
+"""The same FMUs under another co-simulation master, for tools/bench.py, which runs this file with the Python of that
+master's own environment.
 
-Reads a task from stdin (JSON: peer, fmus {name: file}, connections {input: output}, parameters {"component.parameter": value}, references
-{"component.variable": value reference}, step and stop [s], repeat) and prints {"seconds": shortest wall time of a landing, "peak": [rad]} as JSON."""
+Reads a task from stdin (JSON: peer, fmus {name: file}, connections {input: output}, parameters {"component.parameter":
+value}, references {"component.variable": value reference}, step and stop [s], repeat) and prints {"seconds": shortest
+wall time of a landing, "peak": [rad]} as JSON."""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ PEAK = "plant.subtalar_angle"
 
 
 def libcosim(task: dict[str, Any]) -> tuple[float, float]:
-    """Fixed-step algorithm of libcosim (parallel Jacobi), a fresh execution for each landing, which is how it is used."""
+    """Fixed-step algorithm of libcosim (parallel Jacobi), a fresh execution for each landing, which is how it is
+    used."""
     from libcosimpy.CosimEnums import CosimVariableType
     from libcosimpy.CosimExecution import CosimExecution
     from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
@@ -44,7 +47,9 @@ def libcosim(task: dict[str, Any]) -> tuple[float, float]:
     began = time.perf_counter()
     execution.simulate_until(round(1e9 * (task["stop"] + task["step"])))
     seconds = time.perf_counter() - began
-    return seconds, max(observer.time_series_real_samples(index["plant"], reference[PEAK], 1, round(task["stop"] / task["step"]))[2])
+    return seconds, max(
+        observer.time_series_real_samples(index["plant"], reference[PEAK], 1, round(task["stop"] / task["step"]))[2]
+    )
 
 
 def cofmupy(task: dict[str, Any]) -> tuple[float, float]:

@@ -1,5 +1,5 @@
-"""Draws docs/figures/coupling.png, error against communication step for every scheme, and prints the table of docs/coupling.md, default settings
-against the brace inside the plant. Run: python tools/coupling_figure.py"""
+"""Draws docs/figures/coupling.png, error against communication step for every scheme, and prints the table of
+docs/coupling.md, default settings against the brace inside the plant. Run: python tools/coupling_figure.py"""
 
 from __future__ import annotations
 
@@ -46,7 +46,9 @@ def table() -> None:
             scenario = scenario.override(parameter, value)
         if scale:
             scenario = scenario.override("brace.angle_scale", scale)
-            reference = scenario.override("brace.torque_scale", 0.0).override("plant.internal_brace_angle_scale", scale).run()
+            reference = (
+                scenario.override("brace.torque_scale", 0.0).override("plant.internal_brace_angle_scale", scale).run()
+            )
         else:
             reference = scenario.with_master(communication_step="0.05 ms").run()
         result = scenario.run()
@@ -79,7 +81,10 @@ def main() -> None:
                 every = round(step / 0.125)
                 difference = result["plant.subtalar_angle"] - truth["plant.subtalar_angle"][::every]
                 found.append((np.degrees(np.sqrt(np.mean(difference**2))), result.coupling_error))
-                print(f"{100 * scale:4.0f} %  {name:26}{step:6g} ms   RMS {found[-1][0]:.5f} deg   stated {100 * (result.coupling_error or 0):.3f} %")
+                print(
+                    f"{100 * scale:4.0f} %  {name:26}{step:6g} ms   RMS {found[-1][0]:.5f} deg   stated "
+                    f"{100 * (result.coupling_error or 0):.3f} %"
+                )
             axis.loglog(STEPS, [f[0] for f in found], "o-", color=color, markersize=4, linewidth=1.6, label=name)
         axis.axvline(0.5, color=FAINT, linewidth=0.8)
         axis.set_title(f"{100 * scale:.0f} % brace", loc="left", fontsize=10, color=INK)

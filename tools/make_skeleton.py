@@ -1,7 +1,6 @@
-"""Makes the plant's drawing (fmus/plant/extra/sprain-cosim/skeleton.json) from the model's tables: the tree of its moving bodies, so that a pose
-follows from the 15 coordinates, and round volumes carried by them. Joints and the sole are the model's own; the thickness of limbs and trunk is
-drawn by eye. Run: python tools/make_skeleton.py
-"""
+"""Makes the plant's drawing (fmus/plant/extra/sprain-cosim/skeleton.json) from the model's tables: the tree of its
+moving bodies, so that a pose follows from the 15 coordinates, and round volumes carried by them. Joints and the sole
+are the model's own; the thickness of limbs and trunk is drawn by eye. Run: python tools/make_skeleton.py"""
 
 from __future__ import annotations
 
@@ -27,7 +26,10 @@ VOLUMES: list[tuple[str, str, list[float], float, list[float], float]] = [
     ("pelvis", "shorts", [-0.078, -0.025, -0.062], 0.100, [-0.078, -0.025, 0.062], 0.100),
     ("pelvis", "shorts", [-0.085, 0.02, -0.05], 0.102, [-0.085, 0.02, 0.05], 0.102),
     *(("torso", "shirt", [0.012, -0.05, 0.4 * z], 0.098, [-0.02, 0.27, z], 0.098) for z in (-0.085, 0.085)),
-    *(("torso", "shirt", [0.012, -0.05, 0.4 * z], 0.100, [-0.018, 0.30, z], 0.100) for z in (-0.056, -0.028, 0.0, 0.028, 0.056)),
+    *(
+        ("torso", "shirt", [0.012, -0.05, 0.4 * z], 0.100, [-0.018, 0.30, z], 0.100)
+        for z in (-0.056, -0.028, 0.0, 0.028, 0.056)
+    ),
     ("torso", "shirt", [-0.022, 0.27, -0.10], 0.092, [-0.022, 0.27, 0.10], 0.092),
     *(("torso", "shirt", [-0.02, 0.30, 0.10 * z], 0.080, [-0.004, 0.372, 0.155 * z], 0.056) for z in (-1.0, 1.0)),
     *(("torso", "shirt", [-0.02, 0.385, 0.0], 0.060, [-0.004, 0.372, 0.155 * z], 0.054) for z in (-1.0, 1.0)),
@@ -112,14 +114,23 @@ def drawing(skeleton: Skeleton) -> dict[str, Any]:
     for body, part, start, r_start, end, r_end in [*VOLUMES, *sole()]:
         carrier, a = place(body, start)
         volumes.append(
-            {"body": carrier, "part": "left " + part if body.endswith("_l") else part, "from": a, "to": place(body, end)[1], "radii": rounded([r_start, r_end])}
+            {
+                "body": carrier,
+                "part": "left " + part if body.endswith("_l") else part,
+                "from": a,
+                "to": place(body, end)[1],
+                "radii": rounded([r_start, r_end]),
+            }
         )
     axis = next(vector(row, "axis", "") for row in table("joints") if row["body"] == "calcn_r")
     return {
         "unit": "m and rad; X anterior, Y up, Z right",
         "bodies": bodies,
         "volumes": volumes,
-        "points": {"knee": dict(zip(("body", "at"), place(*KNEE), strict=True)), "ankle": dict(zip(("body", "at"), place(*ANKLE), strict=True))},
+        "points": {
+            "knee": dict(zip(("body", "at"), place(*KNEE), strict=True)),
+            "ankle": dict(zip(("body", "at"), place(*ANKLE), strict=True)),
+        },
         "subtalar_axis": {"body": "calcn_r", "axis": rounded(axis / np.linalg.norm(axis))},
         "platform": {"pivot": list(PLATFORM_PIVOT), "incline": "platform_incline"},
     }

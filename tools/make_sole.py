@@ -1,10 +1,10 @@
 """Makes the plant's sole (fmus/plant/data/sole.csv) from the surface of the paper's foot.
 
-The surface, given as facets (centroid, normal, area), is sampled anew on a regular grid: every facet is spread over a 2 x 2 pattern in
-its own plane (0.3 of its width), the samples are gathered in cubic cells, and each cell becomes two equal facets that keep its area, its
-centroid and its largest second moment. Parts above HIGHEST never come near the platform and are left out. docs/validation.md shows what
-this costs. Run: python tools/make_sole.py [folder with contact_foot_mesh_triangles.csv]
-"""
+The surface, given as facets (centroid, normal, area), is sampled anew on a regular grid: every facet is spread over a 2
+x 2 pattern in its own plane (0.3 of its width), the samples are gathered in cubic cells, and each cell becomes two
+equal facets that keep its area, its centroid and its largest second moment. Parts above HIGHEST never come near the
+platform and are left out. docs/validation.md shows what this costs. Run: python tools/make_sole.py [folder with
+contact_foot_mesh_triangles.csv]"""
 
 from __future__ import annotations
 
@@ -51,12 +51,20 @@ def main() -> None:
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else reference / "model"
     surface = pd.read_csv(folder / "contact_foot_mesh_triangles.csv")
     centroid = surface[["centroid_x_m", "centroid_y_m", "centroid_z_m"]].to_numpy() + OFFSET
-    points, areas = sample(centroid, surface[["normal_x", "normal_y", "normal_z"]].to_numpy(), surface["area_m2"].to_numpy())
+    points, areas = sample(
+        centroid, surface[["normal_x", "normal_y", "normal_z"]].to_numpy(), surface["area_m2"].to_numpy()
+    )
     facets = gather(points, areas)
     facets = facets[facets[:, 1] < HIGHEST]
     with open(TARGET, "w", encoding="utf-8", newline="\n") as file:
-        file.write("# The sole: facets in the calcaneus frame, resampled on a regular grid by tools/make_sole.py from the foot surface of\n")
-        file.write("# Yoder, Petrella & Farrokhi 2021, doi 10.3389/fbioe.2021.765331 (areas and first moments kept, parts that never touch left out).\n")
+        file.write(
+            "# The sole: facets in the calcaneus frame, resampled on a regular grid by tools/make_sole.py from the "
+            "foot surface of\n"
+        )
+        file.write(
+            "# Yoder, Petrella & Farrokhi 2021, doi 10.3389/fbioe.2021.765331 (areas and first moments kept, parts "
+            "that never touch left out).\n"
+        )
         file.write("x_m,y_m,z_m,area_m2\n")
         for x, y, z, area in facets:
             file.write(f"{x:.6f},{y:.6f},{z:.6f},{area:.5e}\n")

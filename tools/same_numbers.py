@@ -1,11 +1,12 @@
-"""Does a change that should change no number change none? Records every number that the product prints, and compares two records byte by byte.
+"""Does a change that should change no number change none? Records every number that the product prints, and compares
+two records byte by byte.
 
     python tools/same_numbers.py record FOLDER [--clone CLONE]
     python tools/same_numbers.py compare BEFORE AFTER
 
-`record` runs the six scenarios, studies 1 to 6 (50 trials each), a comparison and the quick validation with the package in CLONE (default: this one) and
-keeps tables, signals and JSON without times, versions and folders. `compare` exits 1 and names every file that differs.
-"""
+`record` runs the six scenarios, studies 1 to 6 (50 trials each), a comparison and the quick validation with the package
+in CLONE (default: this one) and keeps tables, signals and JSON without times, versions and folders. `compare` exits 1
+and names every file that differs."""
 
 from __future__ import annotations
 
@@ -22,7 +23,22 @@ ROOT = Path(__file__).resolve().parent.parent
 SCENARIOS = ("level", "incline30", "incline30_reflex", "incline30_coactivation", "incline30_brace", "incline30_mixed")
 STUDIES = tuple(f"study{k}" for k in range(1, 7))
 # what may differ between two runs of the same code, or between two versions of it
-FREE = {"wall_s", "seconds", "versions", "version", "commit", "date", "started", "environment", "folder", "out", "sha256", "platform", "command", "format"}
+FREE = {
+    "wall_s",
+    "seconds",
+    "versions",
+    "version",
+    "commit",
+    "date",
+    "started",
+    "environment",
+    "folder",
+    "out",
+    "sha256",
+    "platform",
+    "command",
+    "format",
+}
 
 
 def without_times(value: Any) -> Any:
@@ -33,14 +49,26 @@ def without_times(value: Any) -> Any:
 
 def record(folder: Path, clone: Path) -> None:
     folder.mkdir(parents=True)
-    environment = {**os.environ, "PYTHONPATH": str(clone), "SPRAIN_REFERENCE": os.environ.get("SPRAIN_REFERENCE", str(ROOT.parent / "shared/reference"))}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(clone),
+        "SPRAIN_REFERENCE": os.environ.get("SPRAIN_REFERENCE", str(ROOT.parent / "shared/reference")),
+    }
 
     def command(name: str, *arguments: str, accepted: tuple[int, ...] = (0,)) -> None:
         print(name, flush=True)
-        done = subprocess.run([sys.executable, "-m", "sprain_cosim", *arguments, "--json"], cwd=clone, env=environment, capture_output=True, text=True)
+        done = subprocess.run(
+            [sys.executable, "-m", "sprain_cosim", *arguments, "--json"],
+            cwd=clone,
+            env=environment,
+            capture_output=True,
+            text=True,
+        )
         if done.returncode not in accepted:
             sys.exit(f"{name}: exit code {done.returncode}: {done.stderr}")
-        (folder / f"{name}.json").write_text(json.dumps(without_times(json.loads(done.stdout)), indent=1, sort_keys=True))
+        (folder / f"{name}.json").write_text(
+            json.dumps(without_times(json.loads(done.stdout)), indent=1, sort_keys=True)
+        )
 
     with tempfile.TemporaryDirectory() as scratch:
         for name in SCENARIOS:
@@ -59,7 +87,13 @@ def record(folder: Path, clone: Path) -> None:
 
 def compare(before: Path, after: Path) -> int:
     names = sorted({p.name for folder in (before, after) for p in folder.iterdir()})
-    different = [n for n in names if not (before / n).is_file() or not (after / n).is_file() or (before / n).read_bytes() != (after / n).read_bytes()]
+    different = [
+        n
+        for n in names
+        if not (before / n).is_file()
+        or not (after / n).is_file()
+        or (before / n).read_bytes() != (after / n).read_bytes()
+    ]
     for name in different:
         print(f"differs: {name}")
     print(f"{len(names) - len(different)} of {len(names)} files are equal to the byte")

@@ -1,8 +1,8 @@
 """What a study of many trials costs besides its landings.
 Run: python tools/scale.py [--trials N] [--scheduler local-cluster] [--workers K] [--landing SECONDS].
 
-Trials of a known duration stand in place of the landing; all else is as in a study: child processes, batches, window, ledger. Prints the rate, the size of
-the ledger, and the memory of this process, sampled along the way."""
+Trials of a known duration stand in place of the landing; all else is as in a study: child processes, batches, window,
+ledger. Prints the rate, the size of the ledger, and the memory of this process, sampled along the way."""
 
 from __future__ import annotations
 
@@ -47,16 +47,24 @@ class Stub:
         if self.seconds:
             time.sleep(self.seconds)
         values = list(parameters.values())
-        return SimpleNamespace(status="completed", message="", metrics={f"metric_{k}": values[k % len(values)] + k for k in range(METRICS)})
+        return SimpleNamespace(
+            status="completed", message="", metrics={f"metric_{k}": values[k % len(values)] + k for k in range(METRICS)}
+        )
 
 
 def memory() -> tuple[float, float, int]:
     """Resident MB of this process, private MB of it, open descriptors."""
-    status = {line.split(":")[0]: line.split()[1] for line in Path("/proc/self/status").read_text().splitlines() if line.startswith(("VmRSS", "RssAnon"))}
+    status = {
+        line.split(":")[0]: line.split()[1]
+        for line in Path("/proc/self/status").read_text().splitlines()
+        if line.startswith(("VmRSS", "RssAnon"))
+    }
     return int(status["VmRSS"]) / 1024, int(status["RssAnon"]) / 1024, len(os.listdir("/proc/self/fd"))
 
 
-def measure(trials: int, workers: int, scheduler: str | None, landing: float, out: Path) -> list[tuple[int, float, float, float, int]]:
+def measure(
+    trials: int, workers: int, scheduler: str | None, landing: float, out: Path
+) -> list[tuple[int, float, float, float, int]]:
     """(finished, seconds, resident MB, private MB, descriptors) every 5 % of the trials."""
     joint = JointDistribution(tuple(Normal(0.0, 1.0) for _ in range(INPUTS)))
     seen: list[tuple[int, float, float, float, int]] = []
@@ -65,7 +73,9 @@ def measure(trials: int, workers: int, scheduler: str | None, landing: float, ou
         if finished >= total * len(seen) / 20:
             seen.append((finished, seconds, *memory()))
             print(
-                f"{finished:9d} trials {seconds:8.1f} s  {seen[-1][2]:7.1f} MB resident, {seen[-1][3]:7.1f} MB private, {seen[-1][4]} descriptors", flush=True
+                f"{finished:9d} trials {seconds:8.1f} s  {seen[-1][2]:7.1f} MB resident, {seen[-1][3]:7.1f} MB "
+                f"private, {seen[-1][4]} descriptors",
+                flush=True,
             )
 
     def blocks() -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -73,7 +83,11 @@ def measure(trials: int, workers: int, scheduler: str | None, landing: float, ou
             yield np.arange(first, first + len(x)), x
 
     with Ledger(out, "scale", {}) as ledger:
-        dispatch = Dispatch(ledger, open_backend(Task(Stub(landing), tuple(f"x{k}" for k in range(INPUTS))), workers, scheduler), progress=progress)
+        dispatch = Dispatch(
+            ledger,
+            open_backend(Task(Stub(landing), tuple(f"x{k}" for k in range(INPUTS))), workers, scheduler),
+            progress=progress,
+        )
         try:
             dispatch.finish(blocks(), trials)
         finally:
@@ -103,7 +117,9 @@ def main() -> None:
 
 if __name__ == "__main__":
     tools = str(Path(__file__).parent)
-    os.environ["PYTHONPATH"] = os.pathsep.join([tools, str(Path(tools).parent), os.environ.get("PYTHONPATH", "")])  # children import Stub by its name
+    os.environ["PYTHONPATH"] = os.pathsep.join(
+        [tools, str(Path(tools).parent), os.environ.get("PYTHONPATH", "")]
+    )  # children import Stub by its name
     import scale
 
     scale.main()

@@ -1,5 +1,5 @@
-"""Hooks of the documentation site (mkdocs.yml): the command reference is written from the program's own options, and equations become MathML when the
-site is built, so that a page needs no script and no network."""
+"""Hooks of the documentation site (mkdocs.yml): the command reference is written from the program's own options, and
+equations become MathML when the site is built, so that a page needs no script and no network."""
 
 from __future__ import annotations
 
@@ -22,16 +22,32 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 def on_page_content(content: str, **_: Any) -> str:
     """`$...$` and `$$...$$`, as arithmatex leaves them, as MathML."""
-    return FORMULA.sub(lambda m: convert(html.unescape(m[3].strip()), display="block" if m[2] == "[" else "inline"), content)
+    return FORMULA.sub(
+        lambda m: convert(html.unescape(m[3].strip()), display="block" if m[2] == "[" else "inline"), content
+    )
 
 
 def _section(command: click.Command, path: str, parent: click.Context | None) -> list[str]:
     """Heading, help, usage and options of a command, then of the commands under it."""
     context = click.Context(command, parent, info_name=path.rpartition(" ")[2])
-    lines = [f"## {path}", "", _prose(command.help), "", "```text", f"{path} {' '.join(command.collect_usage_pieces(context))}", "```", ""]
+    lines = [
+        f"## {path}",
+        "",
+        _prose(command.help),
+        "",
+        "```text",
+        f"{path} {' '.join(command.collect_usage_pieces(context))}",
+        "```",
+        "",
+    ]
     options = [record for p in command.params if isinstance(p, click.Option) and (record := p.get_help_record(context))]
     if options:
-        lines += ["| Option | Meaning |", "|---|---|", *(f"| `{names}` | {_prose(text)} |" for names, text in options), ""]
+        lines += [
+            "| Option | Meaning |",
+            "|---|---|",
+            *(f"| `{names}` | {_prose(text)} |" for names, text in options),
+            "",
+        ]
     if isinstance(command, click.Group):
         for name in command.list_commands(context):
             lines += _section(command.commands[name], f"{path} {name}", context)
@@ -39,4 +55,9 @@ def _section(command: click.Command, path: str, parent: click.Context | None) ->
 
 
 def _prose(text: str | None) -> str:
-    return html.escape(" ".join((text or "").split()), quote=False).replace("|", "&#124;").replace("*", "&#42;").replace("_", "&#95;")
+    return (
+        html.escape(" ".join((text or "").split()), quote=False)
+        .replace("|", "&#124;")
+        .replace("*", "&#42;")
+        .replace("_", "&#95;")
+    )

@@ -1,7 +1,8 @@
-"""Runs the paper's studies and AMV in full and writes their tables beside the published ones into docs/validation.md, between the markers.
+"""Runs the paper's studies and AMV in full and writes their tables beside the published ones into docs/validation.md,
+between the markers.
 
-Needs the reference numbers (SPRAIN_REFERENCE). Run: python tools/study_tables.py [--out DIR] [--workers K]. A study already complete in DIR is not run
-again, nor are its seeds chosen here: they stand in the study files."""
+Needs the reference numbers (SPRAIN_REFERENCE). Run: python tools/study_tables.py [--out DIR] [--workers K]. A study
+already complete in DIR is not run again, nor are its seeds chosen here: they stand in the study files."""
 
 from __future__ import annotations
 
@@ -31,13 +32,26 @@ from tests.reference import FOLDER, read
 
 PAGE = Path(__file__).parent.parent / "docs" / "validation.md"
 BEGIN, END = "<!-- studies: begin, written by tools/study_tables.py -->", "<!-- studies: end -->"
-TITLES = {1: "level", 2: "30° slope", 3: "reflex gain 10", 4: "co-activation 60 %", 5: "240 % brace", 6: "mixed, 150 % brace"}
+TITLES = {
+    1: "level",
+    2: "30° slope",
+    3: "reflex gain 10",
+    4: "co-activation 60 %",
+    5: "240 % brace",
+    6: "mixed, 150 % brace",
+}
 SUMMARY = {  # the prefix of the columns of paper/summary.csv: our input
-    "drop_height_m": "plant.drop_height", "contact_modulus": "plant.contact_modulus", "dissipation": "plant.contact_dissipation",
-    "ankle_stiffness_fi": "plant.passive_angle_scale", "coactivation": "controller.coactivation", "reflex_gain": "controller.reflex_gain",
-    "talocrural_deg": "plant.talocrural_angle_at_contact", "subtalar_deg": "plant.subtalar_angle_at_contact", "strength_m1i": "plant.ankle_strength_scale",
+    "drop_height_m": "plant.drop_height",
+    "contact_modulus": "plant.contact_modulus",
+    "dissipation": "plant.contact_dissipation",
+    "ankle_stiffness_fi": "plant.passive_angle_scale",
+    "coactivation": "controller.coactivation",
+    "reflex_gain": "controller.reflex_gain",
+    "talocrural_deg": "plant.talocrural_angle_at_contact",
+    "subtalar_deg": "plant.subtalar_angle_at_contact",
+    "strength_m1i": "plant.ankle_strength_scale",
     "brace_bi": "brace.angle_scale",
-}  # fmt: skip
+}
 LEVELS = (5, 50, 95)
 
 
@@ -53,7 +67,10 @@ def run(name: str, out: Path, workers: int, **options: Any) -> Any:
 def published_inputs(out: Path, workers: int) -> Iterator[str]:
     yield "### On the published inputs"
     yield ""
-    yield "The 500 trials of each study whose inputs are at hand, run with `--inputs`, minus the records of the same trials. Asked: mean and SD within"
+    yield (
+        "The 500 trials of each study whose inputs are at hand, run with `--inputs`, minus the records of the same "
+        "trials. Asked: mean and SD within"
+    )
     yield "0.05°, every percentile within 0.15°, every Pearson r within 0.02."
     yield ""
     yield "| Study | mean [deg] | SD | 5 % | 50 % | 95 % | largest gap of r | missed |"
@@ -81,14 +98,19 @@ def published_inputs(out: Path, workers: int) -> Iterator[str]:
 
 def standard_errors(y: np.ndarray) -> dict[str, float]:
     """Of mean, SD and percentiles of an independent sample, from their 95 % intervals."""
-    half = {"mean": statistics.mean(y), "SD": statistics.standard_deviation(y)} | {f"{p} %": statistics.percentile(y, p / 100) for p in LEVELS}
+    half = {"mean": statistics.mean(y), "SD": statistics.standard_deviation(y)} | {
+        f"{p} %": statistics.percentile(y, p / 100) for p in LEVELS
+    }
     return {k: e.half_width / 1.96 for k, e in half.items()}
 
 
 def fresh(campaigns: dict[int, Any]) -> Iterator[str]:
     yield "### Fresh samples of 1000 trials"
     yield ""
-    yield "Seed 20211208 in every study file, fixed before the first run. `z` is the difference over its standard error, both samples counted (1000"
+    yield (
+        "Seed 20211208 in every study file, fixed before the first run. `z` is the difference over its standard "
+        "error, both samples counted (1000"
+    )
     yield "published trials each). Asked: |z| ≤ 3 everywhere; one in 370 would miss that by chance."
     yield ""
     yield "| Study | | mean [deg] | SD [deg] | 5 % [deg] | 50 % [deg] | 95 % [deg] |"
@@ -100,13 +122,19 @@ def fresh(campaigns: dict[int, Any]) -> Iterator[str]:
         record = read("paper/summary.csv").set_index("study").loc[n]
         error = standard_errors(y)
         ours = {"mean": y.mean(), "SD": y.std(ddof=1)} | {f"{p} %": np.percentile(y, p) for p in LEVELS}
-        theirs = {"mean": record.peak_subtalar_mean_deg, "SD": record.peak_subtalar_sd_deg} | {f"{p} %": record[f"p{p}_deg"] for p in LEVELS}
+        theirs = {"mean": record.peak_subtalar_mean_deg, "SD": record.peak_subtalar_sd_deg} | {
+            f"{p} %": record[f"p{p}_deg"] for p in LEVELS
+        }
         interval = campaign.summary["responses"][PEAK]
         ends = {"mean": interval["mean_ci"], "SD": interval["sd_ci"]} | {
             f"{p} %": [interval["percentiles"][str(p)][e] for e in ("ci_low", "ci_high")] for p in LEVELS
         }
         z = {k: (ours[k] - theirs[k]) / (math.sqrt(2) * error[k]) for k in ours}
-        yield f"| {n}: {title} | here | " + " | ".join(f"{ours[k]:.2f} ({ends[k][0]:.2f} … {ends[k][1]:.2f})" for k in ours) + " |"
+        yield (
+            f"| {n}: {title} | here | "
+            + " | ".join(f"{ours[k]:.2f} ({ends[k][0]:.2f} … {ends[k][1]:.2f})" for k in ours)
+            + " |"
+        )
         yield "| | published | " + " | ".join(f"{v:.2f}" for v in theirs.values()) + " |"
         yield "| | z | " + " | ".join(f"{v:+.1f}" for v in z.values()) + " |"
         missed += [f"study {n}, {k}: z = {v:+.1f}" for k, v in z.items() if abs(v) > 3]
@@ -140,7 +168,10 @@ def table3(campaigns: dict[int, Any]) -> Iterator[str]:
     table = printed.astype(float)
     yield "### Table 3, cell by cell"
     yield ""
-    yield "Mean ± SD of 1000 fresh trials, here / published (which is rounded to the digits shown). JCS angles are raw, as in the paper's table. Asked:"
+    yield (
+        "Mean ± SD of 1000 fresh trials, here / published (which is rounded to the digits shown). JCS angles are "
+        "raw, as in the paper's table. Asked:"
+    )
     yield "the mean within a tenth of the published SD; cells outside are marked and listed."
     yield ""
     yield "| Metric | " + " | ".join(f"study {n}" for n in TITLES) + " |"
@@ -161,7 +192,13 @@ def table3(campaigns: dict[int, Any]) -> Iterator[str]:
             mark = ""
             if gap > 0.1 * sd:
                 mark = " *"
-                reason = "rounding" if gap <= 0.1 * sd + rounding else "sampling" if gap <= chance + rounding else "none of these"
+                reason = (
+                    "rounding"
+                    if gap <= 0.1 * sd + rounding
+                    else "sampling"
+                    if gap <= chance + rounding
+                    else "none of these"
+                )
                 outside[reason].append(f"{metric} of study {n} ({y.mean() - mean:+.{digits + 1}f}, SD {sd:g})")
             else:
                 inside += 1
@@ -170,16 +207,28 @@ def table3(campaigns: dict[int, Any]) -> Iterator[str]:
     yield ""
     yield f"Within: {inside} of {inside + sum(map(len, outside.values()))} cells. Outside, by what can explain it:"
     yield ""
-    yield f"- the published mean's own rounding (a tenth of the SD plus half a unit of its last digit): {len(outside['rounding'])} cells;"
-    yield f"- two samples of 1000 differ that much (3 standard errors plus rounding): {'; '.join(outside['sampling']) or 'none'};"
+    yield (
+        "- the published mean's own rounding (a tenth of the SD plus half a unit of its last digit): "
+        f"{len(outside['rounding'])} cells;"
+    )
+    yield (
+        "- two samples of 1000 differ that much (3 standard errors plus rounding): "
+        f"{'; '.join(outside['sampling']) or 'none'};"
+    )
     yield f"- none of these: {'; '.join(outside['none of these']) or 'no cell'}."
 
 
 def sigma_effects(campaigns: dict[int, Any], out: Path, workers: int) -> Iterator[str]:
     yield "### Effects on the spread in studies 3 and 4"
     yield ""
-    yield "The paper marks, in studies 3 and 4, that the SD of the response falls with the mean of the contact dissipation and rises with the mean of the"
-    yield "talocrural angle. Normalised factors ± standard error; * where the 95 % BCa bootstrap interval excludes 0, ** where the estimate is above 2.7"
+    yield (
+        "The paper marks, in studies 3 and 4, that the SD of the response falls with the mean of the contact "
+        "dissipation and rises with the mean of the"
+    )
+    yield (
+        "talocrural angle. Normalised factors ± standard error; * where the 95 % BCa bootstrap interval excludes 0, "
+        "** where the estimate is above 2.7"
+    )
     yield "standard errors (5 % over the eight inputs together)."
     yield ""
     yield "| Input | study 3 ∂σ/∂μ | ∂σ/∂σ | study 4 ∂σ/∂μ | ∂σ/∂σ |"
@@ -205,7 +254,9 @@ def sigma_effects(campaigns: dict[int, Any], out: Path, workers: int) -> Iterato
     for n in (3, 4):
         study = sc.load_study(f"study{n}")
         x = run(f"study{n}", out, workers, inputs=out / f"records{n}" / "inputs.csv").trials[study.headings].to_numpy()
-        found = sensitivity.sensitivity_factors(x, read(f"paper/study{n}_trials.csv")["peak_subtalar_deg"], tuple(study.marginals.values()))
+        found = sensitivity.sensitivity_factors(
+            x, read(f"paper/study{n}_trials.csv")["peak_subtalar_deg"], tuple(study.marginals.values())
+        )
         assert found.standard_error
         for name in ("plant.contact_dissipation", "plant.talocrural_angle_at_contact"):
             k = study.names.index(name)
@@ -216,7 +267,10 @@ def sigma_effects(campaigns: dict[int, Any], out: Path, workers: int) -> Iterato
 def by_levels(out: Path, workers: int, campaign: Any) -> Iterator[str]:
     yield "### AMV of study 6 and what it is worth"
     yield ""
-    yield "Peak subtalar angle, published pose. The Monte Carlo intervals are order statistics of the 1000 trials, the authors' and ours."
+    yield (
+        "Peak subtalar angle, published pose. The Monte Carlo intervals are order statistics of the 1000 trials, "
+        "the authors' and ours."
+    )
     yield ""
     study = sc.load_study("amv6")
     records = study.published["monte_carlo"]
@@ -226,10 +280,15 @@ def by_levels(out: Path, workers: int, campaign: Any) -> Iterator[str]:
     found = {m: run("amv6", out, workers, method=m).summary["amv"] for m in ("mean-value", "amv", "amv+", "hmv")}
     for level in ("5", "50", "95"):
         known, mine = records[f"{level} % [deg]"], ours[level]
-        row = [f"{known[0]:g} ({known[1]:g} … {known[2]:g})", f"{mine['value']:.1f} ({mine['ci_low']:.1f} … {mine['ci_high']:.1f})"]
+        row = [
+            f"{known[0]:g} ({known[1]:g} … {known[2]:g})",
+            f"{mine['value']:.1f} ({mine['ci_low']:.1f} … {mine['ci_high']:.1f})",
+        ]
         author = study.published[f"{level} % [deg]"]
         row.append(f"{author:g}: {statistics.agreement(author, statistics.Estimate(*known))}")
-        row += [f"{f['levels'][level]['value']:.2f}: {f['levels'][level]['against_monte_carlo']}" for f in found.values()]
+        row += [
+            f"{f['levels'][level]['value']:.2f}: {f['levels'][level]['against_monte_carlo']}" for f in found.values()
+        ]
         yield f"| {level} % | " + " | ".join(row) + " |"
     cost = [f"{f['evaluations_requested']} / {f['evaluations_executed']}" for f in found.values()]
     yield "| landings requested / executed | 1000 | 1000 | 14 | " + " | ".join(cost) + " |"
@@ -239,7 +298,10 @@ def by_levels(out: Path, workers: int, campaign: Any) -> Iterator[str]:
     shown = ", ".join(f"{k} {v:+.2f}" for k, v in sorted(importance.items(), key=lambda kv: -abs(kv[1])))
     yield f"Importance levels of the linearisation (unrounded gradients): {shown}."
     yield ""
-    yield "The paper's AMV differs at 5 %. Where that comes from: the same landings, the same 0.1 SD steps, only the gradient differs."
+    yield (
+        "The paper's AMV differs at 5 %. Where that comes from: the same landings, the same 0.1 SD steps, only the "
+        "gradient differs."
+    )
     yield ""
     yield "| Gradient from | inputs that move nothing | 5 % | 50 % | 95 % |"
     yield "|---|---|---|---|---|"
@@ -259,9 +321,24 @@ def decomposition(study: Any) -> Iterator[str]:
 
         means = np.array([m.mean for m in marginals])
         records = read("paper/amv_trials.csv").set_index("trial")["peak_subtalar_deg"]
-        trial = dict(zip(("plant.drop_height", "plant.contact_modulus", "plant.contact_dissipation", "plant.passive_angle_scale", "controller.coactivation",
-                          "controller.reflex_gain", "plant.talocrural_angle_at_contact", "plant.subtalar_angle_at_contact", "plant.ankle_strength_scale",
-                          "brace.angle_scale"), range(2, 12), strict=True))  # fmt: skip
+        trial = dict(
+            zip(
+                (
+                    "plant.drop_height",
+                    "plant.contact_modulus",
+                    "plant.contact_dissipation",
+                    "plant.passive_angle_scale",
+                    "controller.coactivation",
+                    "controller.reflex_gain",
+                    "plant.talocrural_angle_at_contact",
+                    "plant.subtalar_angle_at_contact",
+                    "plant.ankle_strength_scale",
+                    "brace.angle_scale",
+                ),
+                range(2, 12),
+                strict=True,
+            )
+        )
 
         def moved(row: np.ndarray) -> np.ndarray:
             return np.flatnonzero(~np.isclose(row, means, rtol=1e-9, atol=1e-12))
@@ -271,11 +348,17 @@ def decomposition(study: Any) -> Iterator[str]:
             out = []
             for row in x:
                 where = moved(row)
-                out.append(landing(row[None])[0] if len(where) > 1 else records[trial[study.names[where[0]]] if len(where) else 1])
+                out.append(
+                    landing(row[None])[0]
+                    if len(where) > 1
+                    else records[trial[study.names[where[0]]] if len(where) else 1]
+                )
             return np.array(out)
 
         def rounded(x: np.ndarray) -> np.ndarray:
-            return np.array([landing(row[None])[0] if len(moved(row)) > 1 else round(landing(row[None])[0], 1) for row in x])
+            return np.array(
+                [landing(row[None])[0] if len(moved(row)) > 1 else round(landing(row[None])[0], 1) for row in x]
+            )
 
         cases = {
             "our outputs, forward differences": (landing, {}),
@@ -286,20 +369,33 @@ def decomposition(study: Any) -> Iterator[str]:
         for label, (function, options) in cases.items():
             found = reliability.amv(function, marginals, **options)
             still = int(np.sum(found.gradient == 0.0))
-            yield f"| {label} | {still} of {len(marginals)} | " + " | ".join(f"{found.value[p]:.2f}" for p in (0.05, 0.5, 0.95)) + " |"
+            yield (
+                f"| {label} | {still} of {len(marginals)} | "
+                + " | ".join(f"{found.value[p]:.2f}" for p in (0.05, 0.5, 0.95))
+                + " |"
+            )
     yield "| *the authors' AMV records* | 6 of 10 | 25.2 | 30.7 | 34.3 |"
 
 
 def questions(campaigns: dict[int, Any], out: Path, workers: int) -> Iterator[str]:
     yield "### What a designer asks"
     yield ""
-    yield "Probability that inversion, counted from the neutral pose (not the raw angle of Table 3, which lies 10° lower), exceeds an injury threshold of"
-    yield "35 ± 6°, and that the anatomy's inversion moment exceeds 2.7 … 4.3 N·m (uniform); 95 % intervals, published pose."
+    yield (
+        "Probability that inversion, counted from the neutral pose (not the raw angle of Table 3, which lies 10° "
+        "lower), exceeds an injury threshold of"
+    )
+    yield (
+        "35 ± 6°, and that the anatomy's inversion moment exceeds 2.7 … 4.3 N·m (uniform); 95 % intervals, "
+        "published pose."
+    )
     yield ""
     yield "| Study | P(inversion > 35 ± 6°) | P(moment > 2.7 … 4.3 N·m) |"
     yield "|---|---|---|"
     for n, title in TITLES.items():
-        cells = [f"{q['probability']:.3f} ({q['ci_low']:.3f} … {q['ci_high']:.3f})" for q in campaigns[n].summary["questions"].values()]
+        cells = [
+            f"{q['probability']:.3f} ({q['ci_low']:.3f} … {q['ci_high']:.3f})"
+            for q in campaigns[n].summary["questions"].values()
+        ]
         yield f"| {n}: {title} | " + " | ".join(cells) + " |"
     smooth = run("study6", out, workers, method="sobol", trials=1024).summary["questions"]
     yield (
@@ -308,7 +404,10 @@ def questions(campaigns: dict[int, Any], out: Path, workers: int) -> Iterator[st
         + " |"
     )
     form = run("form6", out, workers).summary["form"]
-    yield f"| 6, FORM (`form6`, {form['evaluations_executed']} landings, {form['status']}) | {form['probability']:.4f} | |"
+    yield (
+        f"| 6, FORM (`form6`, {form['evaluations_executed']} landings, {form['status']}) | "
+        f"{form['probability']:.4f} | |"
+    )
 
 
 def grids(out: Path, workers: int) -> Iterator[str]:
@@ -331,8 +430,14 @@ def grids(out: Path, workers: int) -> Iterator[str]:
             reference = read("demers2017/index.csv")
             planned = reference[reference.case.str.contains("activation")]
             ours = {level: values[0] for level, values in zip(rows["levels"], grid["responses"][response], strict=True)}
-            gaps = [ours[round(c, 1)] - peak for c, peak in zip(planned.coactivation, planned.peak_subtalar_deg, strict=True)]
-            yield f"Against the authors' own runs without reflex (co-activation 0 … 1 in steps of 0.2): {min(gaps):+.2f} … {max(gaps):+.2f}°."
+            gaps = [
+                ours[round(c, 1)] - peak
+                for c, peak in zip(planned.coactivation, planned.peak_subtalar_deg, strict=True)
+            ]
+            yield (
+                "Against the authors' own runs without reflex (co-activation 0 … 1 in steps of 0.2): "
+                f"{min(gaps):+.2f} … {max(gaps):+.2f}°."
+            )
             yield ""
 
 
@@ -340,13 +445,19 @@ def speed(campaigns: dict[int, Any], spent: dict[int, tuple[float, float]]) -> I
     """`spent` is the processor time [s] of workers and driver of the studies that were run now."""
     yield "### Cost"
     yield ""
-    yield f"Load average of the machine {os.getloadavg()[2]:.0f} on {os.cpu_count()} cores while this ran: where it is above the number of workers, processor"
+    yield (
+        f"Load average of the machine {os.getloadavg()[2]:.0f} on {os.cpu_count()} cores while this ran: where it "
+        "is above the number of workers, processor"
+    )
     yield "time says more than wall time. The driver's share is what the runner costs beside the simulations."
     yield ""
     yield "| Study | processor time of the workers [s] | of the driver [s] | driver's share | wall time here [s] |"
     yield "|---|---|---|---|---|"
     for n, (workers, driver) in spent.items():
-        yield f"| {n}: {TITLES[n]} | {workers:.1f} | {driver:.1f} | {driver / workers:.1%} | {campaigns[n].summary['wall_s']:.0f} |"
+        yield (
+            f"| {n}: {TITLES[n]} | {workers:.1f} | {driver:.1f} | {driver / workers:.1%} | "
+            f"{campaigns[n].summary['wall_s']:.0f} |"
+        )
 
 
 def processor_time() -> tuple[float, float]:
@@ -369,10 +480,19 @@ def main() -> None:
             if not complete:
                 spent[n] = tuple(after - was for after, was in zip(processor_time(), before, strict=True))
         parts = [
-            published_inputs(out, workers), fresh(campaigns), table3(campaigns), sigma_effects(campaigns, out, workers), by_levels(out, workers, campaigns[6]),
-            questions(campaigns, out, workers), grids(out, workers), speed(campaigns, spent),
-        ]  # fmt: skip
-        head = f"Written by `python tools/study_tables.py`, {date.today()}, {workers} workers on shared {platform.machine()} cores of a server."
+            published_inputs(out, workers),
+            fresh(campaigns),
+            table3(campaigns),
+            sigma_effects(campaigns, out, workers),
+            by_levels(out, workers, campaigns[6]),
+            questions(campaigns, out, workers),
+            grids(out, workers),
+            speed(campaigns, spent),
+        ]
+        head = (
+            f"Written by `python tools/study_tables.py`, {date.today()}, {workers} workers on shared "
+            f"{platform.machine()} cores of a server."
+        )
         text = "\n\n".join([head, *("\n".join(part).rstrip() for part in parts)])
     page = PAGE.read_text("utf-8")
     before, rest = page.split(BEGIN)

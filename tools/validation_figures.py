@@ -1,4 +1,5 @@
-"""Draws the figures of docs/validation.md and prints its tables. Needs the reference numbers (SPRAIN_REFERENCE). Run: python tools/validation_figures.py"""
+"""Draws the figures of docs/validation.md and prints its tables. Needs the reference numbers (SPRAIN_REFERENCE). Run:
+python tools/validation_figures.py"""
 
 from __future__ import annotations
 
@@ -45,7 +46,10 @@ def scatter() -> None:
         axis.set_title(f"study {title}", fontsize=10, loc="left", color=INK)
         text = f"RMS {np.sqrt(np.mean(errors**2)):.3f}°\nbias {errors.mean():+.3f}°"
         axis.text(0.05, 0.95, text, transform=axis.transAxes, va="top", fontsize=9, color=INK)
-        print(f"| {title} | {len(errors)} | {errors.mean():+.3f} | {np.sqrt(np.mean(errors**2)):.3f} | {np.abs(errors).max():.2f} |")
+        print(
+            f"| {title} | {len(errors)} | {errors.mean():+.3f} | {np.sqrt(np.mean(errors**2)):.3f} | "
+            f"{np.abs(errors).max():.2f} |"
+        )
     made.supxlabel("published peak subtalar supination [deg]", fontsize=10, color=INK)
     made.supylabel("simulated [deg]", fontsize=10, color=INK)
     made.savefig(FIGURES / "trials.png", dpi=130, metadata={"Software": None})
@@ -57,7 +61,10 @@ def overlay() -> None:
         reference = read(f"landing/{case}.csv.gz")
         out = landings.simulated(case)[0]
         ms = 1e3 * reference.time_s
-        for name, column, color in (("subtalar", "subtalar_angle_deg", SUBTALAR), ("talocrural", "ankle_angle_deg", TALOCRURAL)):
+        for name, column, color in (
+            ("subtalar", "subtalar_angle_deg", SUBTALAR),
+            ("talocrural", "ankle_angle_deg", TALOCRURAL),
+        ):
             axis.plot(ms, reference[column], color=color, linewidth=4, alpha=0.3)
             axis.plot(ms, np.degrees(out[:, COLUMN[f"{name}_angle"]]), color=color, linewidth=1.2)
         axis.set_title(case, fontsize=9, loc="left", color=INK)
@@ -70,7 +77,10 @@ def overlay() -> None:
 
 
 def table() -> None:
-    print("\n| Landings | cases | subtalar RMS | subtalar peak | talocrural RMS | knee RMS | ground reaction after 5 ms |\n|---|---|---|---|---|---|---|")
+    print(
+        "\n| Landings | cases | subtalar RMS | subtalar peak | talocrural RMS | knee RMS | ground reaction after 5 ms "
+        "|\n|---|---|---|---|---|---|---|"
+    )
     groups: dict[str, list[list[float]]] = {"published pose": [], "touching pose": []}
     for case in landings.CASES:
         reference = read(f"landing/{case}.csv.gz")

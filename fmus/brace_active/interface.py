@@ -72,7 +72,16 @@ def variables() -> list[dict]:
         )
     )
     out.append(
-        dict(name="lag", causality="parameter", variability="fixed", unit="s", start=0.008, min=0.0001, max=1.0, description="time constant of the actuator")
+        dict(
+            name="lag",
+            causality="parameter",
+            variability="fixed",
+            unit="s",
+            start=0.008,
+            min=0.0001,
+            max=1.0,
+            description="time constant of the actuator",
+        )
     )
     out.append(
         dict(
@@ -87,15 +96,51 @@ def variables() -> list[dict]:
         )
     )
     for axis in AXES:
-        out.append(dict(name=f"{axis}_angle", causality="input", unit="rad", start=0.0, description="zero at the neutral pose", **signal))
+        out.append(
+            dict(
+                name=f"{axis}_angle",
+                causality="input",
+                unit="rad",
+                start=0.0,
+                description="zero at the neutral pose",
+                **signal,
+            )
+        )
     for axis in AXES:
-        out.append(dict(name=f"{axis}_velocity", causality="input", unit="rad/s", start=0.0, description="of the angle", **signal))
+        out.append(
+            dict(
+                name=f"{axis}_velocity",
+                causality="input",
+                unit="rad/s",
+                start=0.0,
+                description="of the angle",
+                **signal,
+            )
+        )
     for kind, unit, text in (
         ("torque", "N.m", "of the brace on the foot"),
         ("stiffness", "N.m/rad", "-d(torque)/d(angle)"),
         ("damping", "N.m.s/rad", "-d(torque)/d(velocity)"),
     ):
         for axis in AXES:
-            out.append(dict(name=f"{axis}_{kind}", causality="output", unit=unit, description=text, depends=[f"{axis}_angle", f"{axis}_velocity"], **signal))
-    out.append(dict(name="strap_tension", causality="output", unit="N", description="actuator torque over a lever of 40 mm", depends=[], **signal))
+            out.append(
+                dict(
+                    name=f"{axis}_{kind}",
+                    causality="output",
+                    unit=unit,
+                    description=text,
+                    depends=[f"{axis}_angle", f"{axis}_velocity"],
+                    **signal,
+                )
+            )
+    out.append(
+        dict(
+            name="strap_tension",
+            causality="output",
+            unit="N",
+            description="actuator torque over a lever of 40 mm",
+            depends=[],
+            **signal,
+        )
+    )
     return out

@@ -23,7 +23,15 @@ class Slave(Fmi2Slave):
         self._tension, self._tight = 0.0, False
 
     def initialise(self) -> None:
-        names = ("angle_threshold", "velocity_threshold", "gain", "damping_gain", "torque_limit", "lag", "passive_stiffness")
+        names = (
+            "angle_threshold",
+            "velocity_threshold",
+            "gain",
+            "damping_gain",
+            "torque_limit",
+            "lag",
+            "passive_stiffness",
+        )
         self._parameters = tuple(self[n] for n in names)
         self._tension, self._tight = 0.0, False
         self.refresh()

@@ -85,7 +85,14 @@ def variables() -> list[dict]:
     )
     out.append(
         dict(
-            name="subtalar_rest_angle", causality="parameter", variability="fixed", unit="rad", start=0.0, min=-1.0, max=1.0, description="middle of the slack"
+            name="subtalar_rest_angle",
+            causality="parameter",
+            variability="fixed",
+            unit="rad",
+            start=0.0,
+            min=-1.0,
+            max=1.0,
+            description="middle of the slack",
         )
     )
     out.append(
@@ -101,14 +108,41 @@ def variables() -> list[dict]:
         )
     )
     for axis in AXES:
-        out.append(dict(name=f"{axis}_angle", causality="input", unit="rad", start=0.0, description="zero at the neutral pose", **signal))
+        out.append(
+            dict(
+                name=f"{axis}_angle",
+                causality="input",
+                unit="rad",
+                start=0.0,
+                description="zero at the neutral pose",
+                **signal,
+            )
+        )
     for axis in AXES:
-        out.append(dict(name=f"{axis}_velocity", causality="input", unit="rad/s", start=0.0, description="of the angle", **signal))
+        out.append(
+            dict(
+                name=f"{axis}_velocity",
+                causality="input",
+                unit="rad/s",
+                start=0.0,
+                description="of the angle",
+                **signal,
+            )
+        )
     for kind, unit, text in (
         ("torque", "N.m", "of the brace on the foot"),
         ("stiffness", "N.m/rad", "-d(torque)/d(angle)"),
         ("damping", "N.m.s/rad", "-d(torque)/d(velocity)"),
     ):
         for axis in AXES:
-            out.append(dict(name=f"{axis}_{kind}", causality="output", unit=unit, description=text, depends=[f"{axis}_angle", f"{axis}_velocity"], **signal))
+            out.append(
+                dict(
+                    name=f"{axis}_{kind}",
+                    causality="output",
+                    unit=unit,
+                    description=text,
+                    depends=[f"{axis}_angle", f"{axis}_velocity"],
+                    **signal,
+                )
+            )
     return out

@@ -18,7 +18,10 @@ class Slave(Fmi2Slave):
         self._outputs = slice(self.index[f"{AXES[0]}_torque"], self.index[f"{AXES[-1]}_damping"] + 1)
 
     def initialise(self) -> None:
-        self._axes = [tuple(self[f"{a}_{p}"] for p in ("stiffness_coefficient", "damping_coefficient", "rest_angle", "slack")) for a in AXES]
+        self._axes = [
+            tuple(self[f"{a}_{p}"] for p in ("stiffness_coefficient", "damping_coefficient", "rest_angle", "slack"))
+            for a in AXES
+        ]
         self.refresh()
 
     def step(self, time: float, step: float) -> None:

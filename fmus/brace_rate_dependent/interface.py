@@ -35,7 +35,18 @@ def variables() -> list[dict]:
             description="k1: of fast motion",
         )
     )
-    out.append(dict(name="damping_coefficient", causality="parameter", variability="fixed", unit="N.m.s/rad", start=0.1, min=0.0, max=1000.0, description="c"))
+    out.append(
+        dict(
+            name="damping_coefficient",
+            causality="parameter",
+            variability="fixed",
+            unit="N.m.s/rad",
+            start=0.1,
+            min=0.0,
+            max=1000.0,
+            description="c",
+        )
+    )
     out.append(
         dict(
             name="transition_velocity",
@@ -49,19 +60,75 @@ def variables() -> list[dict]:
         )
     )
     out.append(
-        dict(name="exponent", causality="parameter", variability="fixed", unit="1", start=4.0, min=1.0, max=20.0, description="p: sharpness of the transition")
+        dict(
+            name="exponent",
+            causality="parameter",
+            variability="fixed",
+            unit="1",
+            start=4.0,
+            min=1.0,
+            max=20.0,
+            description="p: sharpness of the transition",
+        )
     )
-    out.append(dict(name="lag", causality="parameter", variability="fixed", unit="s", start=0.003, min=0.0, max=1.0, description="time constant of stiffening"))
+    out.append(
+        dict(
+            name="lag",
+            causality="parameter",
+            variability="fixed",
+            unit="s",
+            start=0.003,
+            min=0.0,
+            max=1.0,
+            description="time constant of stiffening",
+        )
+    )
     for axis in AXES:
-        out.append(dict(name=f"{axis}_angle", causality="input", unit="rad", start=0.0, description="zero at the neutral pose", **signal))
+        out.append(
+            dict(
+                name=f"{axis}_angle",
+                causality="input",
+                unit="rad",
+                start=0.0,
+                description="zero at the neutral pose",
+                **signal,
+            )
+        )
     for axis in AXES:
-        out.append(dict(name=f"{axis}_velocity", causality="input", unit="rad/s", start=0.0, description="of the angle", **signal))
+        out.append(
+            dict(
+                name=f"{axis}_velocity",
+                causality="input",
+                unit="rad/s",
+                start=0.0,
+                description="of the angle",
+                **signal,
+            )
+        )
     for kind, unit, text in (
         ("torque", "N.m", "of the brace on the foot"),
         ("stiffness", "N.m/rad", "-d(torque)/d(angle)"),
         ("damping", "N.m.s/rad", "-d(torque)/d(velocity)"),
     ):
         for axis in AXES:
-            out.append(dict(name=f"{axis}_{kind}", causality="output", unit=unit, description=text, depends=[f"{axis}_angle", f"{axis}_velocity"], **signal))
-    out.append(dict(name="activation", causality="output", unit="1", description="0 soft, 1 stiff", depends=["subtalar_velocity"], **signal))
+            out.append(
+                dict(
+                    name=f"{axis}_{kind}",
+                    causality="output",
+                    unit=unit,
+                    description=text,
+                    depends=[f"{axis}_angle", f"{axis}_velocity"],
+                    **signal,
+                )
+            )
+    out.append(
+        dict(
+            name="activation",
+            causality="output",
+            unit="1",
+            description="0 soft, 1 stiff",
+            depends=["subtalar_velocity"],
+            **signal,
+        )
+    )
     return out

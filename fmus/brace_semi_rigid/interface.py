@@ -35,7 +35,18 @@ def variables() -> list[dict]:
             description="K: of the shell beyond a stop",
         )
     )
-    out.append(dict(name="damping_coefficient", causality="parameter", variability="fixed", unit="N.m.s/rad", start=0.2, min=0.0, max=1000.0, description="c"))
+    out.append(
+        dict(
+            name="damping_coefficient",
+            causality="parameter",
+            variability="fixed",
+            unit="N.m.s/rad",
+            start=0.2,
+            min=0.0,
+            max=1000.0,
+            description="c",
+        )
+    )
     out.append(
         dict(
             name="inversion_stop",
@@ -73,15 +84,51 @@ def variables() -> list[dict]:
         )
     )
     for axis in AXES:
-        out.append(dict(name=f"{axis}_angle", causality="input", unit="rad", start=0.0, description="zero at the neutral pose", **signal))
+        out.append(
+            dict(
+                name=f"{axis}_angle",
+                causality="input",
+                unit="rad",
+                start=0.0,
+                description="zero at the neutral pose",
+                **signal,
+            )
+        )
     for axis in AXES:
-        out.append(dict(name=f"{axis}_velocity", causality="input", unit="rad/s", start=0.0, description="of the angle", **signal))
+        out.append(
+            dict(
+                name=f"{axis}_velocity",
+                causality="input",
+                unit="rad/s",
+                start=0.0,
+                description="of the angle",
+                **signal,
+            )
+        )
     for kind, unit, text in (
         ("torque", "N.m", "of the brace on the foot"),
         ("stiffness", "N.m/rad", "-d(torque)/d(angle)"),
         ("damping", "N.m.s/rad", "-d(torque)/d(velocity)"),
     ):
         for axis in AXES:
-            out.append(dict(name=f"{axis}_{kind}", causality="output", unit=unit, description=text, depends=[f"{axis}_angle", f"{axis}_velocity"], **signal))
-    out.append(dict(name="stored_energy", causality="output", unit="J", description="elastic energy", depends=["subtalar_angle"], **signal))
+            out.append(
+                dict(
+                    name=f"{axis}_{kind}",
+                    causality="output",
+                    unit=unit,
+                    description=text,
+                    depends=[f"{axis}_angle", f"{axis}_velocity"],
+                    **signal,
+                )
+            )
+    out.append(
+        dict(
+            name="stored_energy",
+            causality="output",
+            unit="J",
+            description="elastic energy",
+            depends=["subtalar_angle"],
+            **signal,
+        )
+    )
     return out

@@ -19,7 +19,14 @@ class Slave(Fmi2Slave):
         self._outputs = slice(self.index["subtalar_torque"], self.index["stored_energy"] + 1)
 
     def initialise(self) -> None:
-        names = ("liner_stiffness", "stop_stiffness", "damping_coefficient", "inversion_stop", "eversion_stop", "transition")
+        names = (
+            "liner_stiffness",
+            "stop_stiffness",
+            "damping_coefficient",
+            "inversion_stop",
+            "eversion_stop",
+            "transition",
+        )
         self._parameters = tuple(self[n] for n in names)
         self.refresh()
 

@@ -1,4 +1,5 @@
-"""Cubic pieces from resources/table.json; where loading and unloading differ, the torque passes from one to the other (README.md)."""
+"""Cubic pieces from resources/table.json; where loading and unloading differ, the torque passes from one to the other
+(README.md)."""
 
 from __future__ import annotations
 
@@ -21,8 +22,12 @@ class Slave(Fmi2Slave):
         self._angles = self.slots(*(f"{a}_angle" for a in AXES))
         self._outputs = slice(self.index[f"{AXES[0]}_torque"], self.index[f"{AXES[-1]}_stiffness"] + 1)
         table = json.loads((self.resources / "table.json").read_text("utf-8"))
-        self._axes: list[tuple[Curve, Curve] | None] = [(table[a]["loading"], table[a]["unloading"]) if a in table else None for a in AXES]
-        self._before = [(0.0, 0.0)] * len(AXES)  # angle and share of the increasing branch (-1 ... 1) at the last communication point
+        self._axes: list[tuple[Curve, Curve] | None] = [
+            (table[a]["loading"], table[a]["unloading"]) if a in table else None for a in AXES
+        ]
+        self._before = [(0.0, 0.0)] * len(
+            AXES
+        )  # angle and share of the increasing branch (-1 ... 1) at the last communication point
 
     def initialise(self) -> None:
         self._scale, self._turn = self["torque_scale"], self["turn"]
@@ -34,7 +39,9 @@ class Slave(Fmi2Slave):
 
     def refresh(self) -> list[tuple[float, float]]:
         torques, stiffnesses, now = [], [], []
-        for angle, curves, (last, share) in zip(self.values[self._angles].tolist(), self._axes, self._before, strict=True):
+        for angle, curves, (last, share) in zip(
+            self.values[self._angles].tolist(), self._axes, self._before, strict=True
+        ):
             moved = share + 2.0 * (angle - last) / self._turn
             share = min(1.0, max(-1.0, moved))
             now.append((angle, share))

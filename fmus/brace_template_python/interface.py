@@ -20,10 +20,39 @@ OUTPUTS = ("subtalar_torque", "N.m"), ("subtalar_stiffness", "N.m/rad"), ("subta
 def variables() -> list[dict]:
     out = []
     for name, unit, start, least, greatest, text in PARAMETERS:
-        out.append(dict(name=name, causality="parameter", variability="fixed", unit=unit, start=start, min=least, max=greatest, description=text))
+        out.append(
+            dict(
+                name=name,
+                causality="parameter",
+                variability="fixed",
+                unit=unit,
+                start=start,
+                min=least,
+                max=greatest,
+                description=text,
+            )
+        )
     for name, unit in INPUTS:
-        out.append(dict(name=name, causality="input", variability="continuous", unit=unit, start=0.0, description="0 at the neutral pose, + supination"))
+        out.append(
+            dict(
+                name=name,
+                causality="input",
+                variability="continuous",
+                unit=unit,
+                start=0.0,
+                description="0 at the neutral pose, + supination",
+            )
+        )
     for name, unit in OUTPUTS:
         follows = [n for n, _ in INPUTS]  # the inputs that change it at once
-        out.append(dict(name=name, causality="output", variability="continuous", unit=unit, description="of the brace on the foot", depends=follows))
+        out.append(
+            dict(
+                name=name,
+                causality="output",
+                variability="continuous",
+                unit=unit,
+                description="of the brace on the foot",
+                depends=follows,
+            )
+        )
     return out

@@ -16,7 +16,8 @@ class Slave(Fmi2Slave):
         self.refresh()
 
     def step(self, time: float, step: float) -> None:
-        """From `time` to `time + step` [s] with the inputs held. A brace with memory moves its own state here, and saves it in `save`/`restore`."""
+        """From `time` to `time + step` [s] with the inputs held. A brace with memory moves its own state here, and
+        saves it in `save`/`restore`."""
         self.refresh()
 
     def refresh(self) -> None:

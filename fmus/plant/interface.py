@@ -1,5 +1,5 @@
-"""What the plant's FMU shows to the outside: parameters, inputs and outputs with units, start values and signs. Plain data, no imports of
-compiled code, so that the exporter can describe the FMU without running it."""
+"""What the plant's FMU shows to the outside: parameters, inputs and outputs with units, start values and signs. Plain
+data, no imports of compiled code, so that the exporter can describe the FMU without running it."""
 
 from __future__ import annotations
 
@@ -66,13 +66,29 @@ PARAMETERS = (
 
 
 def variables() -> list[dict]:
-    """All scalar variables in the order of their value references: independent time is left to the exporter. Keys: name, causality,
-    variability, unit, start (absent for outputs), min, max, description, and for enumerations type and items."""
+    """All scalar variables in the order of their value references: independent time is left to the exporter. Keys:
+    name, causality, variability, unit, start (absent for outputs), min, max, description, and for enumerations type and
+    items."""
     out: list[dict] = []
     for name, unit, start, least, greatest, text in PARAMETERS:
-        out.append(dict(name=name, causality="parameter", variability="fixed", unit=unit, start=start, min=least, max=greatest, description=text))
+        out.append(
+            dict(
+                name=name,
+                causality="parameter",
+                variability="fixed",
+                unit=unit,
+                start=start,
+                min=least,
+                max=greatest,
+                description=text,
+            )
+        )
     for name, items, text in (
-        ("initial_pose", POSES, "touching: pelvis moved along the vertical until the foot just touches; published: as in the measured state"),
+        (
+            "initial_pose",
+            POSES,
+            "touching: pelvis moved along the vertical until the foot just touches; published: as in the measured state",
+        ),
         (
             "fibre_start",
             FIBRE_STARTS,
@@ -88,13 +104,20 @@ def variables() -> list[dict]:
         out.append(entry)
 
     for muscle in ANKLE_MUSCLES:
-        signal(f"{muscle}_excitation", "input", "1", "from outside; the sum with the body reflexes is clamped to 0 ... 1")
+        signal(
+            f"{muscle}_excitation", "input", "1", "from outside; the sum with the body reflexes is clamped to 0 ... 1"
+        )
     for axis in AXES:
         signal(f"brace_{axis}_torque", "input", "N.m", f"of the brace on the foot; {MEANING[axis]}")
     for kind, unit in (("stiffness", "N.m/rad"), ("damping", "N.m.s/rad")):
         for axis, other in IMPEDANCES:
             name = f"brace_{axis}_{kind}" if axis == other else f"brace_{axis}_{other}_{kind}"
-            signal(name, "input", unit, f"-d(torque about {axis})/d({other} {'angle' if kind == 'stiffness' else 'velocity'})")
+            signal(
+                name,
+                "input",
+                unit,
+                f"-d(torque about {axis})/d({other} {'angle' if kind == 'stiffness' else 'velocity'})",
+            )
     of_brace = [v["name"] for v in out if v["name"].startswith("brace_")]
     for name, unit, text in SIGNALS:
         signal(name, "output", unit, text)
@@ -104,7 +127,9 @@ def variables() -> list[dict]:
     return out
 
 
-IMPEDANCES = tuple((axis, axis) for axis in AXES) + tuple((axis, other) for axes in PROFILES.values() for axis in axes for other in axes if axis != other)
+IMPEDANCES = tuple((axis, axis) for axis in AXES) + tuple(
+    (axis, other) for axes in PROFILES.values() for axis in axes for other in axes if axis != other
+)
 
 SIGNALS = (
     *((f"{axis}_angle", "rad", MEANING[axis]) for axis in AXES),

@@ -1,9 +1,9 @@
-"""Compiled kernels of the plant: forces, the equations of motion and their integrator. One file, so that numba's cache never serves a stale caller.
+"""Compiled kernels of the plant: forces, the equations of motion and their integrator. One file, so that numba's cache
+never serves a stale caller.
 
-Two records carry everything: `MODEL` (constants, and the addresses of MuJoCo's arrays) and `STATE` (parameters, inputs, state, work space).
-MuJoCo's C functions give kinematics, mass matrix and bias; they are called from compiled code by address. Frames, units and signs: `model.py`;
-equations and their sources: README.md beside this file.
-"""
+Two records carry everything: `MODEL` (constants, and the addresses of MuJoCo's arrays) and `STATE` (parameters, inputs,
+state, work space). MuJoCo's C functions give kinematics, mass matrix and bias; they are called from compiled code by
+address. Frames, units and signs: `model.py`; equations and their sources: README.md beside this file."""
 
 from __future__ import annotations
 
@@ -123,12 +123,14 @@ kernel = njit(error_model="numpy", fastmath=FAST)
 entry = njit(error_model="numpy", fastmath=FAST, cache=True, nogil=True)
 
 
-# ---------------------------------------------------------------------------------------------------------------- skeleton
+# ----------------------------------------------------------------------------------------------------------------
+# skeleton
 
 
 @kernel
 def knee_movements(m, s, angle, rate):
-    """Tibia (x, y, turn) and patella (x, y, turn) over the knee angle: writes qpos, qvel, qacc of MuJoCo, slopes and curvatures."""
+    """Tibia (x, y, turn) and patella (x, y, turn) over the knee angle: writes qpos, qvel, qacc of MuJoCo, slopes and
+    curvatures."""
     qpos = carray(_pointer(m.qpos), NV)
     qvel = carray(_pointer(m.qvel), NV)
     qacc = carray(_pointer(m.qacc), NV)
@@ -159,7 +161,8 @@ def knee_movements(m, s, angle, rate):
 
 @kernel
 def coupled_screw(s, first, axes, anchor, out):
-    """Screw of the knee coordinate through a body's two translations and its rotation (slopes `first` ... `first` + 2)."""
+    """Screw of the knee coordinate through a body's two translations and its rotation (slopes `first` ... `first` +
+    2)."""
     e = axes[2]
     turn = s.slope[first + 2]
     for c in range(3):
@@ -172,8 +175,8 @@ def coupled_screw(s, first, axes, anchor, out):
 
 @kernel
 def skeleton(m, s, stage, q, u):
-    """Kinematics, reduced mass matrix (15 x 15) and bias at (q, u); the screw of each coordinate and the twist of each body about the
-    ground's origin (angular part first)."""
+    """Kinematics, reduced mass matrix (15 x 15) and bias at (q, u); the screw of each coordinate and the twist of each
+    body about the ground's origin (angular part first)."""
     qpos = carray(_pointer(m.qpos), NV)
     qvel = carray(_pointer(m.qvel), NV)
     for k in range(NQ):
@@ -278,12 +281,14 @@ def generalised_force(s, force):
             force[k] += screw[k, c] * foot
 
 
-# ------------------------------------------------------------------------------------------------------------------ muscles
+# ------------------------------------------------------------------------------------------------------------------
+# muscles
 
 
 @kernel
 def connect_paths(m, s, q):
-    """Lists the segments that cross from body to body for the conditional points active at q; the lengths inside bodies are constants."""
+    """Lists the segments that cross from body to body for the conditional points active at q; the lengths inside bodies
+    are constants."""
     active = 0
     bit = 1
     for p in range(NP):
@@ -384,7 +389,8 @@ def passive_fibre(length):
 
 @kernel
 def fibre_speed(a, afl, f):
-    """Speed of the contractile element in V_max for the force f at activation a, afl = a * f_l, with its slopes over f and afl."""
+    """Speed of the contractile element in V_max for the force f at activation a, afl = a * f_l, with its slopes over f
+    and afl."""
     k = 0.25 + 0.75 * a
     if f <= 0.0:
         slope = k * (1.0 + 1.0 / A_F) / afl
@@ -428,14 +434,22 @@ def muscles(m, s, stage, a, l):
             rate[k] = top * v
             pole[k] = top * (dv_f * df - dv_afl * afl * 4.0 * (norm - 1.0) / lo)
             coupling[k] = top * dv_f * kt / cosine
-        reflex[k] = s.reflex_scale * (m.length_gain[k] * max(0.0, length - m.rest_length[k] * lo) + m.velocity_gain[k] * max(0.0, rate[k]) / V_MAX) / lo
+        reflex[k] = (
+            s.reflex_scale
+            * (
+                m.length_gain[k] * max(0.0, length - m.rest_length[k] * lo)
+                + m.velocity_gain[k] * max(0.0, rate[k]) / V_MAX
+            )
+            / lo
+        )
 
 
 @kernel
 def activations(m, s, stage, a):
-    """Rates of the activations for the excitations from outside and from the body's reflexes, clamped to `excitation_floor` ... 1. A muscle acts with
-    max(activation, 0.01). Without a floor (OpenSim 4) the state itself drains below that, which delays the next rise; with a floor of 0.01
-    (OpenSim 3.3, the published records) it cannot."""
+    """Rates of the activations for the excitations from outside and from the body's reflexes, clamped to
+    `excitation_floor` ... 1. A muscle acts with max(activation, 0.01). Without a floor (OpenSim 4) the state itself
+    drains below that, which delays the next rise; with a floor of 0.01 (OpenSim 3.3, the published records) it
+    cannot."""
     for k in range(NM):
         excitation = s.reflex[stage, k]
         if m.ankle_index[k] >= 0:
@@ -448,15 +462,17 @@ def activations(m, s, stage, a):
         s.a_pole[stage, k] = 1.0 / tau if a[k] >= MIN_ACTIVATION else 0.0
 
 
-# ------------------------------------------------------------------------------------------------------------------ contact
+# ------------------------------------------------------------------------------------------------------------------
+# contact
 
 
 def _facet_sums(with_damping):
     @kernel
     def facet_sums(xs, ys, elastics, n, twist, dissipation, friction, viscous, transition, total):
-        """Elastic foundation: sums over n facets at (x, y) of the plane with elastic force k A depth. Each gives f_n = k A depth
-        max(0, 1 - c v_n) against slip f_n (mu / max(v_t, v_s) + mu_v) v_t, with velocity and point of application on the plane. `total`
-        (16,): force (t1, t2, n), moments, then with damping the moments up to second order of k A depth c and of the tangential damping."""
+        """Elastic foundation: sums over n facets at (x, y) of the plane with elastic force k A depth. Each gives f_n =
+        k A depth max(0, 1 - c v_n) against slip f_n (mu / max(v_t, v_s) + mu_v) v_t, with velocity and point of
+        application on the plane. `total` (16,): force (t1, t2, n), moments, then with damping the moments up to second
+        order of k A depth c and of the tangential damping."""
         w1, w2, wn, v1, v2, vn = twist[0], twist[1], twist[2], twist[3], twist[4], twist[5]
         floor = transition * transition
         f0 = f1 = f2 = mx = my = mz = d0 = d1 = d2 = d3 = d4 = d5 = t0 = t1 = t2 = t3 = 0.0
@@ -502,14 +518,23 @@ facet_forces, facet_forces_and_damping = _facet_sums(False), _facet_sums(True)
 
 @kernel
 def place_facets(m, s, facets, blocks, place, origin):
-    """Plane coordinates and elastic force k A depth of the facets in blocks that may touch, packed into the work space; how many."""
+    """Plane coordinates and elastic force k A depth of the facets in blocks that may touch, packed into the work space;
+    how many."""
     p00, p01, p02 = place[0, 0], place[0, 1], place[0, 2]
     p10, p11, p12 = place[1, 0], place[1, 1], place[1, 2]
     n0, n1, n2 = place[2, 0], place[2, 1], place[2, 2]
     o0, o1, o2, modulus = origin[0], origin[1], origin[2], s.modulus
     a0, a1, a2 = abs(n0), abs(n1), abs(n2)
     for k in range(blocks.shape[1]):
-        s.block_low[k] = o2 + n0 * blocks[0, k] + n1 * blocks[1, k] + n2 * blocks[2, k] - a0 * blocks[3, k] - a1 * blocks[4, k] - a2 * blocks[5, k]
+        s.block_low[k] = (
+            o2
+            + n0 * blocks[0, k]
+            + n1 * blocks[1, k]
+            + n2 * blocks[2, k]
+            - a0 * blocks[3, k]
+            - a1 * blocks[4, k]
+            - a2 * blocks[5, k]
+        )
     x, y, elastic = s.facet_x, s.facet_y, s.facet_force
     n = 0
     for k in range(blocks.shape[1]):
@@ -528,7 +553,8 @@ def place_facets(m, s, facets, blocks, place, origin):
 
 @kernel
 def contact(m, s, facets, blocks, stage):
-    """`facets` (n, 4, BLOCK) are sorted into `blocks` (6, n): centre and half extents of each. Wrench of the platform on the calcaneus, and the damping matrices for the integrator, about the platform's pivot."""
+    """`facets` (n, 4, BLOCK) are sorted into `blocks` (6, n): centre and half extents of each. Wrench of the platform
+    on the calcaneus, and the damping matrices for the integrator, about the platform's pivot."""
     xpos = carray(_pointer(m.xpos), (NB, 3))
     xmat = carray(_pointer(m.xmat), (NB, 9))
     plane, pivot = s.plane, m.pivot
@@ -542,15 +568,32 @@ def contact(m, s, facets, blocks, stage):
     vz = w[5] + w[0] * pivot[1] - w[1] * pivot[0]
     for i in range(3):
         for j in range(3):
-            place[i, j] = plane[i, 0] * xmat[CALCN, j] + plane[i, 1] * xmat[CALCN, 3 + j] + plane[i, 2] * xmat[CALCN, 6 + j]
-        origin[i] = plane[i, 0] * (xpos[CALCN, 0] - pivot[0]) + plane[i, 1] * (xpos[CALCN, 1] - pivot[1]) + plane[i, 2] * (xpos[CALCN, 2] - pivot[2])
+            place[i, j] = (
+                plane[i, 0] * xmat[CALCN, j] + plane[i, 1] * xmat[CALCN, 3 + j] + plane[i, 2] * xmat[CALCN, 6 + j]
+            )
+        origin[i] = (
+            plane[i, 0] * (xpos[CALCN, 0] - pivot[0])
+            + plane[i, 1] * (xpos[CALCN, 1] - pivot[1])
+            + plane[i, 2] * (xpos[CALCN, 2] - pivot[2])
+        )
         twist[i] = plane[i, 0] * w[0] + plane[i, 1] * w[1] + plane[i, 2] * w[2]
         twist[3 + i] = plane[i, 0] * vx + plane[i, 1] * vy + plane[i, 2] * vz
     for c in range(6):
         s.contact[c] = 0.0
     s.touching = 0
     n = place_facets(m, s, facets, blocks, place, origin)
-    force = (s.facet_x, s.facet_y, s.facet_force, n, twist, s.dissipation, s.friction, s.viscous_friction, s.transition, total)
+    force = (
+        s.facet_x,
+        s.facet_y,
+        s.facet_force,
+        n,
+        twist,
+        s.dissipation,
+        s.friction,
+        s.viscous_friction,
+        s.transition,
+        total,
+    )
     if stage == 0:
         facet_forces_and_damping(*force)
     else:
@@ -618,7 +661,8 @@ def contact_damping(m, s, damp):
             damp[j, k] = value
 
 
-# ------------------------------------------------------------------------------------------ passive joints, ankle axes, brace
+# ------------------------------------------------------------------------------------------ passive joints, ankle axes,
+# brace
 
 
 @kernel
@@ -629,15 +673,21 @@ def smooth_step(x):
 
 @kernel
 def limit_force(limit, angle, rate):
-    """Torque of an elastic stop [N m]; `limit`: upper, lower [rad], stiffness above, below [N m/rad], damping [N m s/rad], transition [rad]."""
+    """Torque of an elastic stop [N m]; `limit`: upper, lower [rad], stiffness above, below [N m/rad], damping [N m
+    s/rad], transition [rad]."""
     above = smooth_step((angle - limit[0]) / limit[5])
     below = smooth_step((limit[1] - angle) / limit[5])
-    return limit[2] * above * (limit[0] - angle) + limit[3] * below * (limit[1] - angle) - limit[4] * (above + below) * rate
+    return (
+        limit[2] * above * (limit[0] - angle)
+        + limit[3] * below * (limit[1] - angle)
+        - limit[4] * (above + below) * rate
+    )
 
 
 @kernel
 def euler_axes(xmat, parent, child, axis, dual):
-    """Body-fixed X-Y-Z Euler angles of `child` in `parent` [rad]; the three axes in the ground frame and their dual basis."""
+    """Body-fixed X-Y-Z Euler angles of `child` in `parent` [rad]; the three axes in the ground frame and their dual
+    basis."""
     p, c = xmat[parent], xmat[child]
     r00 = p[0] * c[0] + p[3] * c[3] + p[6] * c[6]
     r01 = p[0] * c[1] + p[3] * c[4] + p[6] * c[7]
@@ -672,7 +722,8 @@ def dual_basis(axis, dual):
 
 @kernel
 def jcs_angles(xmat, e1, axis, dual):
-    """Raw angles (dorsiflexion, inversion, internal rotation) [rad] of the ankle complex (Wu 2002); axes and dual basis in the ground frame."""
+    """Raw angles (dorsiflexion, inversion, internal rotation) [rad] of the ankle complex (Wu 2002); axes and dual basis
+    in the ground frame."""
     t, c = xmat[TIBIA], xmat[CALCN]
     axis[0, 0], axis[0, 1], axis[0, 2] = e1[0], e1[1], e1[2]
     axis[2, 0], axis[2, 1], axis[2, 2] = c[1], c[4], c[7]
@@ -700,8 +751,8 @@ def cubic(coefficient, t):
 
 @kernel
 def ankle_axes(m, s, q, u):
-    """Angles, velocities, axes and dual bases of the contract's eight axes. The dual vectors of talocrural and subtalar lie in their plane:
-    a torque about one of them carries no moment that does no work."""
+    """Angles, velocities, axes and dual bases of the contract's eight axes. The dual vectors of talocrural and subtalar
+    lie in their plane: a torque about one of them carries no moment that does no work."""
     xmat = carray(_pointer(m.xmat), (NB, 9))
     talo, sub = s.screw[TALOCRURAL, :3], s.screw[SUBTALAR, :3]
     axis, dual, angle = s.axis, s.dual, s.angle
@@ -754,8 +805,9 @@ def passive_joints(m, s, q, u):
 
 @kernel
 def brace(m, s, stage):
-    """Torques of the brace about the talocrural and subtalar axes, from the held torques of the contract's axes, their impedance
-    tau - K (theta - theta_held) - C (omega - omega_held), and the internal bushing; damping over the two coordinates besides."""
+    """Torques of the brace about the talocrural and subtalar axes, from the held torques of the contract's axes, their
+    impedance tau - K (theta - theta_held) - C (omega - omega_held), and the internal bushing; damping over the two
+    coordinates besides."""
     force, damp, moment = s.ankle_force[stage], s.ankle_damp[stage], s.brace
     for i in range(2):
         force[i] = 0.0
@@ -772,7 +824,9 @@ def brace(m, s, stage):
             for j in range(N_AXES):
                 stiffness, damping = s.stiffness[k, j], s.damping[k, j]
                 if stiffness != 0.0 or damping != 0.0:
-                    torque[k] -= stiffness * (s.angle[j] - s.held_angle[j]) + damping * (s.velocity[j] - s.held_velocity[j])
+                    torque[k] -= stiffness * (s.angle[j] - s.held_angle[j]) + damping * (
+                        s.velocity[j] - s.held_velocity[j]
+                    )
                     damp[0, 0] += s.talo_rate[k] * damping * s.talo_rate[j]
                     damp[0, 1] += s.talo_rate[k] * damping * s.sub_rate[j]
                     damp[1, 0] += s.sub_rate[k] * damping * s.talo_rate[j]
@@ -789,12 +843,14 @@ def brace(m, s, stage):
     damp[0, 1] = damp[1, 0] = mean
 
 
-# ------------------------------------------------------------------------------------------------------ equations of motion
+# ------------------------------------------------------------------------------------------------------ equations of
+# motion
 
 
 @kernel
 def evaluate(m, s, facets, blocks, stage, q, u, a, l):
-    """Everything at one point of the state space that does not depend on inputs: mass matrix, force, damping, rates of the fibres."""
+    """Everything at one point of the state space that does not depend on inputs: mass matrix, force, damping, rates of
+    the fibres."""
     s.evaluations += 1
     connect_paths(m, s, q)
     skeleton(m, s, stage, q, u)
@@ -878,8 +934,9 @@ def back_substitute(low, right, out):
 
 @kernel
 def error_norm(m, s, h):
-    """Largest difference between the second-order result and its embedded first-order companion, over scales that weigh equally in the
-    peak angle of a landing: 30 rad/s (m/s) + the speed, 0.05 rad (m), 0.1 optimal fibre lengths, activations of 0.2."""
+    """Largest difference between the second-order result and its embedded first-order companion, over scales that weigh
+    equally in the peak angle of a landing: 30 rad/s (m/s) + the speed, 0.05 rad (m), 0.1 optimal fibre lengths,
+    activations of 0.2."""
     worst = 0.0
     for k in range(NQ):
         worst = max(worst, abs(s.k1u[k] + s.k2u[k]) / (30.0 + abs(s.u[k])))
@@ -927,7 +984,9 @@ def step(m, s, facets, blocks, h):
         s.yu[k] = u[k] + h * (1.5 * s.k1u[k] + 0.5 * s.k2u[k])
     for k in range(NM):
         s.k2a[k] = (s.a_rate[1, k] - 2.0 * s.k1a[k]) / (1.0 + gh * s.a_pole[1, k])
-        s.k2l[k] = (s.l_rate[1, k] - 2.0 * s.k1l[k] + gh * s.l_mtu[1, k] * (s.mtu_rate[1, k] - 2.0 * s.mtu_rate[0, k])) / (1.0 - gh * s.l_pole[1, k])
+        s.k2l[k] = (
+            s.l_rate[1, k] - 2.0 * s.k1l[k] + gh * s.l_mtu[1, k] * (s.mtu_rate[1, k] - 2.0 * s.mtu_rate[0, k])
+        ) / (1.0 - gh * s.l_pole[1, k])
         s.ya[k] = a[k] + h * (1.5 * s.k1a[k] + 0.5 * s.k2a[k])
         s.yl[k] = max(l[k] + h * (1.5 * s.k1l[k] + 0.5 * s.k2l[k]), m.l_min[k])
     return error_norm(m, s, h)
@@ -945,8 +1004,8 @@ def refresh(m, s, facets, blocks):
 
 @entry
 def advance(model, state, facets, blocks, end, fixed_step):
-    """Integrates to `end` [s] with the inputs held; `fixed_step` > 0 [s] switches the step control off. Returns DONE, NOT_FINITE,
-    STEP_TOO_SMALL or TOO_MANY_STEPS."""
+    """Integrates to `end` [s] with the inputs held; `fixed_step` > 0 [s] switches the step control off. Returns DONE,
+    NOT_FINITE, STEP_TOO_SMALL or TOO_MANY_STEPS."""
     m, s = model[0], state[0]
     if s.valid == 0:
         evaluate(m, s, facets, blocks, 0, s.q, s.u, s.a, s.l)
@@ -994,7 +1053,8 @@ def advance(model, state, facets, blocks, end, fixed_step):
     return DONE
 
 
-# --------------------------------------------------------------------------------------------------------- start and outputs
+# --------------------------------------------------------------------------------------------------------- start and
+# outputs
 
 
 @kernel
@@ -1014,10 +1074,12 @@ def velocity_factor(a, speed):
 
 @kernel
 def fibre_equilibrium(m, k, mtu, mtu_rate, a, as_published):
-    """Fibre length [m] at which fibre and tendon carry the same force while they share the muscle's speed by their stiffnesses.
+    """Fibre length [m] at which fibre and tendon carry the same force while they share the muscle's speed by their
+    stiffnesses.
 
-    Newton iteration with step halving from 1 % tendon strain. `as_published` repeats a failure of OpenSim 3.3 that shaped a few published
-    trials: a fibre that ends slack, shorter than 0.996 L_opt and shortening, was set to its minimum length."""
+    Newton iteration with step halving from 1 % tendon strain. `as_published` repeats a failure of OpenSim 3.3 that
+    shaped a few published trials: a fibre that ends slack, shorter than 0.996 L_opt and shortening, was set to its
+    minimum length."""
     lo, slack, height, low = m.l_opt[k], m.l_slack[k], m.height[k], m.l_min[k]
     along = mtu - 1.01 * slack
     length = max(low, math.sqrt(along * along + height * height)) if along > 0.0 else low
@@ -1065,8 +1127,9 @@ def fibre_equilibrium(m, k, mtu, mtu_rate, a, as_published):
 
 @entry
 def initialise(model, state, facets, blocks, touching, as_published):
-    """From coordinates, speeds and activations to a consistent start: the pose (pelvis moved along the vertical until the deepest facet
-    lies in the plane, if `touching`) and the fibres in equilibrium. Returns the depth of the deepest facet before that [m]."""
+    """From coordinates, speeds and activations to a consistent start: the pose (pelvis moved along the vertical until
+    the deepest facet lies in the plane, if `touching`) and the fibres in equilibrium. Returns the depth of the deepest
+    facet before that [m]."""
     m, s = model[0], state[0]
     s.known = 0
     s.time, s.h = 0.0, 2e-6
@@ -1125,7 +1188,8 @@ def brace_moments(s, out):
 
 @entry
 def respond(model, state, inputs, moments):
-    """New inputs at the present state: the only outputs that follow them at once are the moments of the brace (n_axes,)."""
+    """New inputs at the present state: the only outputs that follow them at once are the moments of the brace
+    (n_axes,)."""
     s = state[0]
     accept(s, inputs)
     for k in range(N_AXES):

@@ -1,9 +1,10 @@
 """The musculoskeletal model: tables in `data/` -> seven moving bodies, MJCF, and the constants of the kernels.
 
-Frames: X anterior, Y up, Z right; SI and radians. Coordinates ("reduced", 15 of them, in this order): pelvis_tx, pelvis_ty, pelvis_tz,
-pelvis_tilt, pelvis_list, pelvis_rotation, hip_flexion_r, hip_adduction_r, hip_rotation_r, knee_angle_r, ankle_angle_r (talocrural,
-+ dorsiflexion), subtalar_angle_r (+ supination), lumbar_extension, lumbar_bending, lumbar_rotation. MuJoCo sees 20 joint coordinates: the knee
-and the patella are two translations and a rotation each, all functions of the knee angle.
+Frames: X anterior, Y up, Z right; SI and radians. Coordinates ("reduced", 15 of them, in this order): pelvis_tx,
+pelvis_ty, pelvis_tz, pelvis_tilt, pelvis_list, pelvis_rotation, hip_flexion_r, hip_adduction_r, hip_rotation_r,
+knee_angle_r, ankle_angle_r (talocrural, + dorsiflexion), subtalar_angle_r (+ supination), lumbar_extension,
+lumbar_bending, lumbar_rotation. MuJoCo sees 20 joint coordinates: the knee and the patella are two translations and a
+rotation each, all functions of the knee angle.
 
 Source: DeMers, Hicks & Delp 2017 (doi 10.1016/j.jbiomech.2016.11.002), extended by Yoder, Petrella & Farrokhi 2021
 (doi 10.3389/fbioe.2021.765331).
@@ -35,8 +36,8 @@ def vector(row: dict[str, str], prefix: str, unit: str = "_m") -> np.ndarray:
 
 @dataclass(frozen=True)
 class Spline:
-    """Cubic spline over the knee angle, (n,) knots and values, with third derivatives at the ends taken from the cubics through the four
-    outermost knots (Forsythe, Malcolm & Moler 1977, chapter 4); linear beyond the knots."""
+    """Cubic spline over the knee angle, (n,) knots and values, with third derivatives at the ends taken from the cubics
+    through the four outermost knots (Forsythe, Malcolm & Moler 1977, chapter 4); linear beyond the knots."""
 
     knots: np.ndarray
     values: np.ndarray
@@ -117,7 +118,8 @@ class Body:
 
 @dataclass(frozen=True)
 class Skeleton:
-    """Seven moving bodies; every locked joint is fused into its nearest moving ancestor with its exact composite inertia."""
+    """Seven moving bodies; every locked joint is fused into its nearest moving ancestor with its exact composite
+    inertia."""
 
     bodies: dict[str, Body]
     movements: list[Movement]
@@ -149,7 +151,8 @@ class Skeleton:
             i = body.inertia
             full = np.array([i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]])
             joints = "".join(
-                f'<joint name="{body.name}_{k}" type="{"slide" if m.motion == "translation" else "hinge"}" axis="{text(m.axis)}" pos="{text(body.at_child)}"/>'
+                f'<joint name="{body.name}_{k}" type="{"slide" if m.motion == "translation" else "hinge"}" '
+                f'axis="{text(m.axis)}" pos="{text(body.at_child)}"/>'
                 for k, m in enumerate(m for m in self.movements if m.body == body.name)
             )
             children = "".join(element(child) for child in self.bodies.values() if child.parent == body.name)
@@ -213,7 +216,15 @@ def load_skeleton() -> Skeleton:
         position = position - turn @ body.at_child
         placed[body.name] = (carrier, position, turn)
         moving[carrier] = moving[carrier].with_load(body, position, turn)
-    order = ["pelvis", "femur_r", "tibia_r", "talus_r", "calcn_r", "patella_r", "torso"]  # depth first, as MuJoCo numbers them
+    order = [
+        "pelvis",
+        "femur_r",
+        "tibia_r",
+        "talus_r",
+        "calcn_r",
+        "patella_r",
+        "torso",
+    ]  # depth first, as MuJoCo numbers them
     free = [m for name in order for m in movements if m.body == name]
     return Skeleton({name: moving[name] for name in order}, free, placed)
 

@@ -66,8 +66,8 @@ def sole() -> np.ndarray:
 
 
 def blocks(facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sorts (4, n) facets into m spatial blocks: (m, 4, BLOCK), padded with repeated facets of no area, and the (6, m) centres and half
-    extents of their bounding boxes."""
+    """Sorts (4, n) facets into m spatial blocks: (m, 4, BLOCK), padded with repeated facets of no area, and the (6, m)
+    centres and half extents of their bounding boxes."""
     if facets.shape[1] > kernels.MAX_FACETS // 2:
         raise ValueError(f"a sole of {facets.shape[1]} facets; at most {kernels.MAX_FACETS // 2} are supported")
 
@@ -91,8 +91,8 @@ def blocks(facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 class Plant:
     """`start(landing)`, then `advance(to)` any number of times; `observe()` gives the outputs of interface.py.
 
-    Inputs are written to `state` (fields `excitation`, `torque`, `stiffness`, `damping`) and held by `advance`. `facets` (4, n) replaces the
-    project's sole. Raises SimulationError when a step cannot be taken."""
+    Inputs are written to `state` (fields `excitation`, `torque`, `stiffness`, `damping`) and held by `advance`.
+    `facets` (4, n) replaces the project's sole. Raises SimulationError when a step cannot be taken."""
 
     def __init__(self, facets: np.ndarray | None = None) -> None:
         self.skeleton, self.muscles, self._mj_model = anatomy()
@@ -123,10 +123,22 @@ class Plant:
             model["spline_coefficient"][j, : size - 1] = movement.spline.coefficients
 
         muscles = self.muscles
-        model["max_force"], model["l_opt"], model["l_slack"] = muscles.max_force, muscles.optimal_length, muscles.slack_length
+        model["max_force"], model["l_opt"], model["l_slack"] = (
+            muscles.max_force,
+            muscles.optimal_length,
+            muscles.slack_length,
+        )
         model["height"] = muscles.optimal_length * np.sin(muscles.pennation)
         model["l_min"] = np.maximum(0.01 * muscles.optimal_length, model["height"] / math.sin(MAX_PENNATION))
-        for name in ("length_gain", "velocity_gain", "rest_length", "point_muscle", "point_body", "point", "point_coordinate"):
+        for name in (
+            "length_gain",
+            "velocity_gain",
+            "rest_length",
+            "point_muscle",
+            "point_body",
+            "point",
+            "point_coordinate",
+        ):
             model[name] = getattr(muscles, name)
         model["point_low"], model["point_high"] = muscles.point_range.T
         self.ankle_muscles = [muscles.names.index(f"{name}_r") for name in ANKLE_MUSCLES]
@@ -161,21 +173,31 @@ class Plant:
         model["jcs_zero"] = state["angle"][2:5].copy()
 
     def start(self, landing: Landing) -> None:
-        """Sets the state at contact. Excitations present in `state` give the ankle muscles their initial activation (floor 0.01)
-        unless `initial_ankle_activation` is set."""
+        """Sets the state at contact. Excitations present in `state` give the ankle muscles their initial activation
+        (floor 0.01) unless `initial_ankle_activation` is set."""
         s = self.state
         sine, cosine = math.sin(landing.platform_incline), math.cos(landing.platform_incline)
         s["plane"] = [[1.0, 0.0, 0.0], [0.0, sine, -cosine], [0.0, cosine, sine]]
         s["modulus"], s["dissipation"] = landing.contact_modulus, landing.contact_dissipation
-        s["friction"], s["viscous_friction"], s["transition"] = landing.contact_friction, landing.contact_viscous_friction, 0.1
+        s["friction"], s["viscous_friction"], s["transition"] = (
+            landing.contact_friction,
+            landing.contact_viscous_friction,
+            0.1,
+        )
         s["passive_scale"], s["internal_brace_scale"] = landing.passive_angle_scale, landing.internal_brace_angle_scale
         s["reflex_scale"], s["tolerance"] = landing.body_reflex_scale, landing.tolerance
         s["excitation_floor"] = kernels.MIN_ACTIVATION if landing.fibre_start == Landing.AS_PUBLISHED else 0.0
         s["strength"] = 1.0
         s["strength"][self.ankle_muscles] = landing.ankle_strength_scale
         q, u = self.skeleton.initial()
-        q[kernels.TALOCRURAL], q[kernels.SUBTALAR] = landing.talocrural_angle_at_contact, landing.subtalar_angle_at_contact
-        u[kernels.TALOCRURAL], u[kernels.SUBTALAR] = landing.talocrural_velocity_at_contact, landing.subtalar_velocity_at_contact
+        q[kernels.TALOCRURAL], q[kernels.SUBTALAR] = (
+            landing.talocrural_angle_at_contact,
+            landing.subtalar_angle_at_contact,
+        )
+        u[kernels.TALOCRURAL], u[kernels.SUBTALAR] = (
+            landing.talocrural_velocity_at_contact,
+            landing.subtalar_velocity_at_contact,
+        )
         u[1] = landing.pelvis_vertical_velocity or -math.sqrt(2.0 * GRAVITY * landing.drop_height)
         s["q"], s["u"], s["a"] = q, u, 0.05
         ankle = landing.initial_ankle_activation or s["excitation"]
@@ -192,13 +214,15 @@ class Plant:
         )
 
     def advance(self, to: float, fixed_step: float = 0.0) -> None:
-        """Integrates to time `to` [s] with inputs held. `fixed_step` [s] > 0 switches the step control off (for convergence studies)."""
+        """Integrates to time `to` [s] with inputs held. `fixed_step` [s] > 0 switches the step control off (for
+        convergence studies)."""
         status = kernels.advance(self._model, self._state, self._facets, self._blocks, to, fixed_step)
         if status != kernels.DONE:
             reason = {
                 kernels.NOT_FINITE: "the state is no longer finite",
                 kernels.STEP_TOO_SMALL: "the step fell below 1e-11 s",
-                kernels.TOO_MANY_STEPS: f"{kernels.MAX_STEPS} steps were not enough; the parameters make the model too stiff",
+                kernels.TOO_MANY_STEPS: f"{kernels.MAX_STEPS} steps were not enough; the parameters make the model "
+                "too stiff",
             }[status]
             raise SimulationError(f"plant: the integration stopped at {self.state['time']:.6f} s: {reason}")
 
@@ -211,7 +235,8 @@ class Plant:
         kernels.take(self._state, inputs)
 
     def respond(self, inputs: np.ndarray, moments: np.ndarray) -> None:
-        """New inputs at the present state, and the outputs that follow them at once: the moments of the brace (n_axes,)."""
+        """New inputs at the present state, and the outputs that follow them at once: the moments of the brace
+        (n_axes,)."""
         kernels.respond(self._model, self._state, inputs, moments)
 
     def look(self, out: np.ndarray) -> None:

@@ -57,8 +57,8 @@ class Slave(Fmi2Slave):
         self.values[self._outputs] = self._base + self._gain * self._delayed() if self._gain else self._base
 
     def _delayed(self) -> np.ndarray | float:
-        """Stretch velocity one delay before the middle of the coming step, over which the plant will hold the excitation; 0 before the
-        start of the run. The newest sample stands for what is not known yet."""
+        """Stretch velocity one delay before the middle of the coming step, over which the plant will hold the
+        excitation; 0 before the start of the run. The newest sample stands for what is not known yet."""
         times = self._times
         wanted = min(times[-1] + 0.5 * self._step - self._delay, times[-1])
         if wanted < times[0]:

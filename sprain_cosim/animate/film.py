@@ -1,4 +1,5 @@
-"""The landing in slow motion, from behind and from the side, with ground force, moments and curves running along. Needs no OpenGL."""
+"""The landing in slow motion, from behind and from the side, with ground force, moments and curves running along. Needs
+no OpenGL."""
 
 from __future__ import annotations
 
@@ -19,9 +20,11 @@ QUALITY = 78
 FORMATS = (".webp", ".mp4", ".gif", ".png")
 
 
-def animate(runs: Sequence[Landing], out: Path, slow: float = 20.0, progress: Callable[[float], None] | None = None) -> int:
-    """Writes the landings side by side, slowed `slow` times, to `out` (.webp, .mp4, .gif; .png: the instant of the largest subtalar angle). Returns the
-    number of pictures. Raises InputError, EnvironmentProblem."""
+def animate(
+    runs: Sequence[Landing], out: Path, slow: float = 20.0, progress: Callable[[float], None] | None = None
+) -> int:
+    """Writes the landings side by side, slowed `slow` times, to `out` (.webp, .mp4, .gif; .png: the instant of the
+    largest subtalar angle). Returns the number of pictures. Raises InputError, EnvironmentProblem."""
     kind = out.suffix.lower()
     if kind not in FORMATS:
         raise InputError(f"{out}: ends in {kind or 'nothing'}; an animation ends in {', '.join(FORMATS)}")
@@ -61,7 +64,11 @@ def _pictures(frames: Iterator[np.ndarray], count: int, out: Path) -> None:
         first.save(out)
         return
     milliseconds = [round(1e3 / RATE)] * (count - 1) + [round(1e3 * HOLD)]
-    more = {"quality": QUALITY, "method": 4, "minimize_size": False} if out.suffix.lower() == ".webp" else {"optimize": False}
+    more = (
+        {"quality": QUALITY, "method": 4, "minimize_size": False}
+        if out.suffix.lower() == ".webp"
+        else {"optimize": False}
+    )
     first.save(out, save_all=True, append_images=rest, duration=milliseconds, loop=0, **more)
 
 
@@ -69,10 +76,18 @@ def _video(frames: Iterator[np.ndarray], count: int, out: Path) -> None:
     try:
         import imageio_ffmpeg
     except ImportError:
-        raise EnvironmentProblem("MP4 needs the extra [video]: pip install 'sprain-cosim[video]'; .webp needs nothing") from None
+        raise EnvironmentProblem(
+            "MP4 needs the extra [video]: pip install 'sprain-cosim[video]'; .webp needs nothing"
+        ) from None
     first = next(frames)
     writer = imageio_ffmpeg.write_frames(
-        str(out), first.shape[1::-1], fps=RATE, codec="libx264", quality=None, output_params=["-crf", "20"], macro_block_size=2
+        str(out),
+        first.shape[1::-1],
+        fps=RATE,
+        codec="libx264",
+        quality=None,
+        output_params=["-crf", "20"],
+        macro_block_size=2,
     )
     writer.send(None)
     try:

@@ -1,4 +1,5 @@
-"""The body that is drawn: a plant's FMU carries it as extra/sprain-cosim/skeleton.json, and its coordinates give the pose."""
+"""The body that is drawn: a plant's FMU carries it as extra/sprain-cosim/skeleton.json, and its coordinates give the
+pose."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ Pose = dict[str, tuple[np.ndarray, np.ndarray]]  # {body: (origin (3,) [m], orie
 
 @dataclass(frozen=True)
 class Skeleton:
-    """`bodies` from the root to the ends, each with the movements of its joint; `volumes` are round cones (part, body, ends, radii)."""
+    """`bodies` from the root to the ends, each with the movements of its joint; `volumes` are round cones (part, body,
+    ends, radii)."""
 
     content: Mapping[str, Any]
 

@@ -1,8 +1,8 @@
-"""Round cones and one box under parallel light and a parallel camera: a small ray caster that needs no OpenGL, no display and no driver.
+"""Round cones and one box under parallel light and a parallel camera: a small ray caster that needs no OpenGL, no
+display and no driver.
 
-Camera frame: x right, y up, z towards the viewer. Intersection of a ray with a round cone after I. Quilez, "Ray-surface intersectors"
-(iquilezles.org/articles/intersectors), specialised to rays along -z.
-"""
+Camera frame: x right, y up, z towards the viewer. Intersection of a ray with a round cone after I. Quilez, "Ray-surface
+intersectors" (iquilezles.org/articles/intersectors), specialised to rays along -z."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ PAPER = np.array([0.965, 0.972, 0.980])
 
 @dataclass(frozen=True)
 class Camera:
-    """Looks from where `towards_viewer` points, `up` [world] upwards; `centre` (3,) [m] lies in the middle of width x height [px] at `scale` [px/m]."""
+    """Looks from where `towards_viewer` points, `up` [world] upwards; `centre` (3,) [m] lies in the middle of width x
+    height [px] at `scale` [px/m]."""
 
     right: np.ndarray
     up: np.ndarray
@@ -37,17 +38,43 @@ class Camera:
     def project(self, points: np.ndarray) -> np.ndarray:
         """(..., 2) pixels, y downwards, of (..., 3) points [m]."""
         seen = (points - self.centre) @ self.turn.T
-        return np.stack([self.width / 2 + self.scale * seen[..., 0], self.height / 2 - self.scale * seen[..., 1]], axis=-1)
+        return np.stack(
+            [self.width / 2 + self.scale * seen[..., 0], self.height / 2 - self.scale * seen[..., 1]], axis=-1
+        )
 
-    def picture(self, volumes: np.ndarray, colours: np.ndarray, box: np.ndarray, turn: np.ndarray, half: np.ndarray, box_colour: np.ndarray) -> np.ndarray:
-        """(height, width, 3) uint8: `volumes` (n, 8) as Skeleton.volumes in `colours` (n, 3) of 0...1, and a box: its middle `box` (3,) [m], its axes the rows
-        of `turn` (3, 3), half extents `half` (3,) [m], `box_colour` (3,)."""
+    def picture(
+        self,
+        volumes: np.ndarray,
+        colours: np.ndarray,
+        box: np.ndarray,
+        turn: np.ndarray,
+        half: np.ndarray,
+        box_colour: np.ndarray,
+    ) -> np.ndarray:
+        """(height, width, 3) uint8: `volumes` (n, 8) as Skeleton.volumes in `colours` (n, 3) of 0...1, and a box: its
+        middle `box` (3,) [m], its axes the rows of `turn` (3, 3), half extents `half` (3,) [m], `box_colour` (3,)."""
         t = self.turn
         seen = np.empty_like(volumes)
-        seen[:, :3], seen[:, 3:6], seen[:, 6:] = (volumes[:, :3] - self.centre) @ t.T, (volumes[:, 3:6] - self.centre) @ t.T, volumes[:, 6:]
+        seen[:, :3], seen[:, 3:6], seen[:, 6:] = (
+            (volumes[:, :3] - self.centre) @ t.T,
+            (volumes[:, 3:6] - self.centre) @ t.T,
+            volumes[:, 6:],
+        )
         image = np.empty((self.height, self.width, 3), np.uint8)
         light = LIGHT / np.linalg.norm(LIGHT)
-        _draw(seen, colours, (box - self.centre) @ t.T, turn @ t.T, half, box_colour, SAMPLES * self.scale, light, t @ [0.0, 1.0, 0.0], PAPER, image)
+        _draw(
+            seen,
+            colours,
+            (box - self.centre) @ t.T,
+            turn @ t.T,
+            half,
+            box_colour,
+            SAMPLES * self.scale,
+            light,
+            t @ [0.0, 1.0, 0.0],
+            PAPER,
+            image,
+        )
         return image
 
 
@@ -63,9 +90,14 @@ def _draw(volumes, colours, box, box_axes, half, box_colour, scale, light, verti
     # the box: slabs along its axes
     wide = abs(box_axes[0, 0]) * half[0] + abs(box_axes[1, 0]) * half[1] + abs(box_axes[2, 0]) * half[2]
     high = abs(box_axes[0, 1]) * half[0] + abs(box_axes[1, 1]) * half[1] + abs(box_axes[2, 1]) * half[2]
-    for i in range(max(0, int(0.5 * rows - (box[1] + high) * scale)), min(rows, int(0.5 * rows - (box[1] - high) * scale) + 2)):
+    for i in range(
+        max(0, int(0.5 * rows - (box[1] + high) * scale)), min(rows, int(0.5 * rows - (box[1] - high) * scale) + 2)
+    ):
         y = (0.5 * rows - i - 0.5) / scale - box[1]
-        for j in range(max(0, int(0.5 * columns + (box[0] - wide) * scale)), min(columns, int(0.5 * columns + (box[0] + wide) * scale) + 2)):
+        for j in range(
+            max(0, int(0.5 * columns + (box[0] - wide) * scale)),
+            min(columns, int(0.5 * columns + (box[0] + wide) * scale) + 2),
+        ):
             x = (j + 0.5 - 0.5 * columns) / scale - box[0]
             enter, leave, side, sign = -1e9, 1e9, -1, 1.0  # along -z
             for k in range(3):
@@ -149,7 +181,10 @@ def _draw(volumes, colours, box, box_axes, half, box_colour, scale, light, verti
             casters[count, 3 * e + 1] = v[0] * away[0] + v[1] * away[1] + v[2] * away[2]
             casters[count, 3 * e + 2] = v[0] * vertical[0] + v[1] * vertical[1] + v[2] * vertical[2]
         casters[count, 6] = 1.25 * max(volumes[n, 6], volumes[n, 7]) + 0.012
-        if min(casters[count, 2], casters[count, 5]) < box[0] * vertical[0] + box[1] * vertical[1] + box[2] * vertical[2] + SHADOWING:
+        if (
+            min(casters[count, 2], casters[count, 5])
+            < box[0] * vertical[0] + box[1] * vertical[1] + box[2] * vertical[2] + SHADOWING
+        ):
             count += 1
 
     # light, shadow on the box, outlines where the depth jumps
@@ -190,8 +225,18 @@ def _draw(volumes, colours, box, box_axes, half, box_colour, scale, light, verti
                     bright *= 1.0 - 0.42 * min(1.0, 1.6 * shade)
             edge = 0.0
             if 0 < i < rows - 1 and 0 < j < columns - 1:
-                jump = max(depth[i - 1, j] - depth[i, j], depth[i + 1, j] - depth[i, j], depth[i, j - 1] - depth[i, j], depth[i, j + 1] - depth[i, j])
-                fall = max(depth[i, j] - depth[i - 1, j], depth[i, j] - depth[i + 1, j], depth[i, j] - depth[i, j - 1], depth[i, j] - depth[i, j + 1])
+                jump = max(
+                    depth[i - 1, j] - depth[i, j],
+                    depth[i + 1, j] - depth[i, j],
+                    depth[i, j - 1] - depth[i, j],
+                    depth[i, j + 1] - depth[i, j],
+                )
+                fall = max(
+                    depth[i, j] - depth[i - 1, j],
+                    depth[i, j] - depth[i + 1, j],
+                    depth[i, j] - depth[i, j - 1],
+                    depth[i, j] - depth[i, j + 1],
+                )
                 if fall > 0.03 and jump < 0.03:
                     edge = 0.55
             for c in range(3):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -35,12 +36,14 @@ COLOURS = {
 PLATFORM, HALF = np.array([0.68, 0.735, 0.79]), np.array([0.24, 0.018, 0.24])  # colour, half extents [m]
 X, Y, Z = np.eye(3)
 EDGE, HEAD, GAP, CHART, FOOT = 14, 58, 12, 196, 28  # px
-IMPACT = 0.005  # s; the force arrow's scale leaves out the first contact, which may be five times larger in the published pose
+# s; the force arrow's scale leaves out the first contact, which may be five times larger in the published pose
+IMPACT = 0.005
 
 
 @dataclass(frozen=True)
 class View:
-    """`low` and `high` of the picture above the platform's pivot [m], its middle `at` [m] to the right of it; `torques`: shows the moments as arcs."""
+    """`low` and `high` of the picture above the platform's pivot [m], its middle `at` [m] to the right of it;
+    `torques`: shows the moments as arcs."""
 
     title: str
     right: np.ndarray
@@ -60,13 +63,17 @@ def _views(count: int) -> tuple[tuple[View, ...], int]:
     if count == 1:
         return (WHOLE, SIDE, CLOSE), 440
     if count == 2:
-        return (View(CLOSE.title, Z, -0.15, 0.47, -0.01, 360, False, True), View(SIDE.title, X, -0.19, 1.97, -0.03, 236)), 416
+        return (
+            View(CLOSE.title, Z, -0.15, 0.47, -0.01, 360, False, True),
+            View(SIDE.title, X, -0.19, 1.97, -0.03, 236),
+        ), 416
     width = 322 if count == 3 else 290
     return (View(CLOSE.title, Z, -0.15, 0.47, -0.01, width, False, True),), 380
 
 
 class Stage:
-    """`frames(times)` yields pictures (height, width, 3) uint8 of the landings side by side, all at the same time after contact [s]."""
+    """`frames(times)` yields pictures (height, width, 3) uint8 of the landings side by side, all at the same time after
+    contact [s]."""
 
     def __init__(self, runs: Sequence[Landing], slow: float) -> None:
         if not 1 <= len(runs) <= MOST:
@@ -82,19 +89,27 @@ class Stage:
         self.figure = Figure(figsize=(self.width / 100, self.height / 100), dpi=100, facecolor="white")
         self.canvas = FigureCanvasAgg(self.figure)
         self.page = self._page(self.figure)
-        self.labels = Figure(figsize=(self.width / 100, self.height / 100), dpi=100, facecolor="none")  # what stands still in front of the views
+        self.labels = Figure(
+            figsize=(self.width / 100, self.height / 100), dpi=100, facecolor="none"
+        )  # what stands still in front of the views
         FigureCanvasAgg(self.labels)
         self.front = self._page(self.labels)
         self.clock = self._text(self.width - EDGE, 20, "", 15, INK, ha="right", weight="bold", moving=True)
         self._text(self.width - EDGE, 41, f"slowed {slow:g} times", 9, MUTED, ha="right")
         self._head(block)
         top = max(float(a["plant.ground_force"][a.run.result.time > IMPACT].max(initial=1.0)) for a in self.actors)
-        moment = max(float(np.abs(a[f"plant.{who}_subtalar_moment"]).max(initial=1.0)) for a in self.actors for who in ("anatomy", "brace"))
+        moment = max(
+            float(np.abs(a[f"plant.{who}_subtalar_moment"]).max(initial=1.0))
+            for a in self.actors
+            for who in ("anatomy", "brace")
+        )
         self.panels = []
         for n, actor in enumerate(self.actors):
             left = EDGE + n * (block + 2 * GAP)
             for view in views:
-                self.panels.append(_Panel(self, actor, view, left, HEAD, tall, 0.40 * tall / top, 150.0 / max(moment, 20.0)))
+                self.panels.append(
+                    _Panel(self, actor, view, left, HEAD, tall, 0.40 * tall / top, 150.0 / max(moment, 20.0))
+                )
                 left += view.width + GAP
         self.charts = self._charts(HEAD + tall + GAP)
 
@@ -130,8 +145,10 @@ class Stage:
     def label(self, x: float, y: float, text: str, size: float, colour: str) -> None:
         self.front.text(x, y, text, fontsize=size * 0.72, color=colour, va="center", parse_math=False)
 
-    def _text(self, x: float, y: float, text: str, size: float, colour: str, moving: bool = False, **more: str) -> Text:
-        return self.page.text(x, y, text, fontsize=size * 0.72, color=colour, va="center", animated=moving, parse_math=False, **more)  # type: ignore[arg-type]
+    def _text(self, x: float, y: float, text: str, size: float, colour: str, moving: bool = False, **more: Any) -> Text:
+        return self.page.text(
+            x, y, text, fontsize=size * 0.72, color=colour, va="center", animated=moving, parse_math=False, **more
+        )
 
     def _head(self, block: int) -> None:
         for n, run in enumerate(self.runs):
@@ -142,11 +159,18 @@ class Stage:
                 self.page.plot([left, left + 22], [20, 20], color=SERIES[n], linewidth=3.5, solid_capstyle="round")
             said = f"initial pose {run.pose}" if run.pose else ""
             self._text(left + (30 if many else 0), 20, _short(run.title, room / 8.6), 14, INK, weight="bold")
-            self._text(left + (30 if many else 0), 41, _short(", ".join(p for p in (said, run.label) if p), room / 5.6), 9, MUTED)
+            self._text(
+                left + (30 if many else 0),
+                41,
+                _short(", ".join(p for p in (said, run.label) if p), room / 5.6),
+                9,
+                MUTED,
+            )
         self._text(
             EDGE,
             self.height - 13,
-            "force on the foot at the centre of pressure; moments about the subtalar axis, + resists supination; parallel projection",
+            "force on the foot at the centre of pressure; moments about the subtalar axis, + resists supination; "
+            "parallel projection",
             9,
             MUTED,
         )
@@ -154,11 +178,17 @@ class Stage:
     def _charts(self, top: int) -> list[_Chart]:
         many = len(self.runs) > 1
         charts = []
-        names = ["Subtalar angle [deg], + supination" if many else "Ankle angle [deg]", "Subtalar moment [N·m]", "Vertical ground force [kN]"]
+        names = [
+            "Subtalar angle [deg], + supination" if many else "Ankle angle [deg]",
+            "Subtalar moment [N·m]",
+            "Vertical ground force [kN]",
+        ]
         width = (self.width - 2 * EDGE) / 3
         for n, name in enumerate(names):
             box = (EDGE + n * width + 34, top + 26, width - 52, CHART - 26 - 36)
-            axes = self.figure.add_axes((box[0] / self.width, 1 - (box[1] + box[3]) / self.height, box[2] / self.width, box[3] / self.height))
+            axes = self.figure.add_axes(
+                (box[0] / self.width, 1 - (box[1] + box[3]) / self.height, box[2] / self.width, box[3] / self.height)
+            )
             axes.set_title(name, loc="left", fontsize=7.4, color=INK)
             axes.spines[["top", "right"]].set_visible(False)
             axes.spines[["left", "bottom"]].set_color(FAINT)
@@ -183,7 +213,13 @@ class Stage:
         for where, chart in enumerate(charts):
             chart.axes.set_xlim(0, ends)
             if where == 2:
-                high = max(float(a["plant.ground_force_y"][a.run.result.time > IMPACT].max(initial=1.0)) for a in self.actors) / 1e3
+                high = (
+                    max(
+                        float(a["plant.ground_force_y"][a.run.result.time > IMPACT].max(initial=1.0))
+                        for a in self.actors
+                    )
+                    / 1e3
+                )
                 chart.axes.set_ylim(-0.06 * high, 1.15 * high)
             chart.legend(many and where == 1)
         return charts
@@ -202,7 +238,13 @@ class _Actor:
         self.turn = np.array([[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]])
         self.colours = np.array([_colour(part) for part in self.skeleton.parts])
         worn = np.array([self.braced or part != "brace" for part in self.skeleton.parts])
-        self.whole, self.near = worn, worn & np.array([not part.startswith("left") and part not in ("shirt", "shorts") for part in self.skeleton.parts])
+        self.whole, self.near = (
+            worn,
+            worn
+            & np.array(
+                [not part.startswith("left") and part not in ("shirt", "shorts") for part in self.skeleton.parts]
+            ),
+        )
 
     def __getitem__(self, name: str) -> np.ndarray:
         """(n,) a signal of the record; zeros where the record has none."""
@@ -223,7 +265,9 @@ class _Actor:
 class _Panel:
     """One view of one landing: the picture, the force arrow, the arcs of the moments, figures in a corner."""
 
-    def __init__(self, stage: Stage, actor: _Actor, view: View, left: int, top: int, tall: int, reach: float, degrees: float) -> None:
+    def __init__(
+        self, stage: Stage, actor: _Actor, view: View, left: int, top: int, tall: int, reach: float, degrees: float
+    ) -> None:
         self.stage, self.actor, self.view, self.left, self.top, self.tall = stage, actor, view, left, top, tall
         self.reach, self.degrees = reach, degrees  # px/N and degrees of arc per N.m
         middle = actor.pivot + view.at * view.right
@@ -231,7 +275,17 @@ class _Panel:
         self.camera = Camera(view.right, Y, middle, tall / (view.high - view.low), view.width, tall)
         page = stage.page
         page.add_patch(
-            Polygon([(left - 1, top - 1), (left + view.width, top - 1), (left + view.width, top + tall), (left - 1, top + tall)], fc=PAPER, ec="#d5dbe1", lw=1)
+            Polygon(
+                [
+                    (left - 1, top - 1),
+                    (left + view.width, top - 1),
+                    (left + view.width, top + tall),
+                    (left - 1, top + tall),
+                ],
+                fc=PAPER,
+                ec="#d5dbe1",
+                lw=1,
+            )
         )
         metres = 0.2 if view.whole else 0.1
         bar, y = metres * self.camera.scale, top + (33 if view.whole else tall - 47)
@@ -250,9 +304,17 @@ class _Panel:
                 head = Polygon(np.zeros((3, 2)), closed=True, fc=colour, ec="none", animated=True)
                 page.add_patch(head)
                 self.arcs.append((radius, f"plant.{name}_subtalar_moment", line, head))
-            rows = [("subtalar", "plant.subtalar_angle", DEGREES, "°", SUBTALAR), ("brace", "plant.brace_subtalar_moment", 1.0, " N·m", "#b97714")]
-            rows += [("anatomy", "plant.anatomy_subtalar_moment", 1.0, " N·m", "#1f7f74"), ("ground", "plant.ground_force", 1e-3, " kN", "#3d4852")]
-            for n, (name, signal, factor, unit, colour) in enumerate(row for row in rows if row[0] != "brace" or actor.braced):
+            rows = [
+                ("subtalar", "plant.subtalar_angle", DEGREES, "°", SUBTALAR),
+                ("brace", "plant.brace_subtalar_moment", 1.0, " N·m", "#b97714"),
+            ]
+            rows += [
+                ("anatomy", "plant.anatomy_subtalar_moment", 1.0, " N·m", "#1f7f74"),
+                ("ground", "plant.ground_force", 1e-3, " kN", "#3d4852"),
+            ]
+            for n, (name, signal, factor, unit, colour) in enumerate(
+                row for row in rows if row[0] != "brace" or actor.braced
+            ):
                 y = top + 17 + 17 * n
                 stage.label(left + 9, y, name, 10.5, colour)
                 text = stage._text(left + 136, y, "", 11.5, colour, ha="right", weight="bold", moving=True)
@@ -263,7 +325,9 @@ class _Panel:
         actor = self.actor
         chosen = actor.whole if self.view.whole else actor.near
         volumes, colours = actor.volumes[k][chosen], actor.colours[chosen]
-        picture = self.camera.picture(volumes, colours, actor.pivot - HALF[1] * actor.turn[1], actor.turn, HALF, PLATFORM)
+        picture = self.camera.picture(
+            volumes, colours, actor.pivot - HALF[1] * actor.turn[1], actor.turn, HALF, PLATFORM
+        )
         picture[self.inked] = (1 - self.ink[:, 3:]) * picture[self.inked] + 255 * self.ink[:, 3:] * self.ink[:, :3]
         pixels[self.top : self.top + self.tall, self.left : self.left + self.view.width, :3] = picture
 
@@ -275,7 +339,11 @@ class _Panel:
     def move(self, k: int) -> list[Artist]:
         actor, shown = self.actor, list[Artist]()
         force = np.array([actor.at(f"plant.ground_force_{c}", k) for c in "xyz"])
-        if np.linalg.norm(force) * self.reach > 4 and actor.at("plant.in_contact", k) > 0.5 and "plant.ground_point_x" in actor.run.result.index:
+        if (
+            np.linalg.norm(force) * self.reach > 4
+            and actor.at("plant.in_contact", k) > 0.5
+            and "plant.ground_point_x" in actor.run.result.index
+        ):
             start = self._pixel(np.array([actor.at(f"plant.ground_point_{c}", k) for c in "xyz"]))
             way = self.reach * np.array([force @ self.view.right, -force[1]])
             longest = 0.72 * self.tall
@@ -315,7 +383,9 @@ class _Chart:
     def add(self, ms: np.ndarray, values: np.ndarray, colour: str, label: str, style: object) -> None:
         self.axes.plot(ms, values, color=colour, linewidth=1.0, alpha=0.28, linestyle=style)
         line = self.axes.plot([], [], color=colour, linewidth=1.7, animated=True, linestyle=style)[0]
-        dot = self.axes.plot([], [], "o", color=colour, markersize=4, markeredgecolor="white", markeredgewidth=0.6, animated=True)[0]
+        dot = self.axes.plot(
+            [], [], "o", color=colour, markersize=4, markeredgecolor="white", markeredgewidth=0.6, animated=True
+        )[0]
         self.curves.append((ms, values, line, dot))
         if label:
             self.labels.append((label, colour))
@@ -323,10 +393,26 @@ class _Chart:
     def legend(self, by_style: bool) -> None:
         if by_style:
             handles = [Line2D([], [], color=INK, linestyle=s, linewidth=1.4) for s in ("-", (0, (3, 1.5)))]
-            self.axes.legend(handles, ["brace", "anatomy"], frameon=False, fontsize=6.6, loc="upper right", labelcolor=INK, handlelength=2.0)
+            self.axes.legend(
+                handles,
+                ["brace", "anatomy"],
+                frameon=False,
+                fontsize=6.6,
+                loc="upper right",
+                labelcolor=INK,
+                handlelength=2.0,
+            )
         elif len(self.labels) > 1:
             handles = [Line2D([], [], color=c, linewidth=2) for _, c in self.labels]
-            self.axes.legend(handles, [name for name, _ in self.labels], frameon=False, fontsize=6.6, loc="best", labelcolor="linecolor", handlelength=1.1)
+            self.axes.legend(
+                handles,
+                [name for name, _ in self.labels],
+                frameon=False,
+                fontsize=6.6,
+                loc="best",
+                labelcolor="linecolor",
+                handlelength=1.1,
+            )
 
     def move(self, time: float) -> list[Artist]:
         now = 1e3 * time
@@ -353,7 +439,17 @@ def _arrow(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     along = (end - start) / max(length, 1e-9)
     side = np.array([-along[1], along[0]])
     neck = end - along * min(16.0, 0.6 * length)
-    return np.array([start + 2.6 * side, neck + 2.6 * side, neck + 8 * side, end, neck - 8 * side, neck - 2.6 * side, start - 2.6 * side])
+    return np.array(
+        [
+            start + 2.6 * side,
+            neck + 2.6 * side,
+            neck + 8 * side,
+            end,
+            neck - 8 * side,
+            neck - 2.6 * side,
+            start - 2.6 * side,
+        ]
+    )
 
 
 def _plain(value: float) -> str:

@@ -1,7 +1,8 @@
-"""One brace on one plant, in a child process: a landing that leaves its folder, and postures in which the brace is held.
+"""One brace on one plant, in a child process: a landing that leaves its folder, and postures in which the brace is
+held.
 
-The child opens the scenario it is sent and answers until the line closes, so that a device that crashes or hangs ends the child alone.
-"""
+The child opens the scenario it is sent and answers until the line closes, so that a device that crashes or hangs ends
+the child alone."""
 
 from __future__ import annotations
 
@@ -30,8 +31,8 @@ HOLD = 0.1  # s, after which a held posture counts as static
 
 
 class Bench:
-    """One child process with the scenario, started when first asked. Raises SimulationError when the child ends or reports an error, such as
-    the stability guard's refusal of this device."""
+    """One child process with the scenario, started when first asked. Raises SimulationError when the child ends or
+    reports an error, such as the stability guard's refusal of this device."""
 
     def __init__(self, scenario: Scenario, limits: Limits) -> None:
         self.scenario, self.limits = scenario, limits
@@ -47,7 +48,8 @@ class Bench:
         return pd.DataFrame([{"trial": 0, "status": reply["status"], "message": "", **reply["metrics"]}])
 
     def hold(self, values: Mapping[str, float] | None = None) -> dict[str, float] | None:
-        """{posture: N.m that resist it}, with parameter `values` on top of the scenario's; None where the plant cannot be put into postures."""
+        """{posture: N.m that resist it}, with parameter `values` on top of the scenario's; None where the plant cannot
+        be put into postures."""
         found = self._ask({"hold": POSTURES, "values": values or {}})["hold"]
         return found or None
 
@@ -61,7 +63,9 @@ class Bench:
             said = self._child.log().splitlines() if self._child else []
             raise SimulationError(f"the process {gone}{f'; it said: {said[-1].strip()}' if said else ''}") from None
         if "error" in reply:
-            raise (EnvironmentProblem if reply["code"] == EnvironmentProblem.exit_code else SimulationError)(reply["error"])
+            raise (EnvironmentProblem if reply["code"] == EnvironmentProblem.exit_code else SimulationError)(
+                reply["error"]
+            )
         return reply
 
     def close(self) -> None:
@@ -88,13 +92,19 @@ def land(scenario: Scenario, folder: Path) -> dict[str, Any]:
     return summary
 
 
-def hold(scenario: Scenario, postures: Mapping[str, tuple[str, float]], values: Mapping[str, float]) -> dict[str, float]:
-    """{posture: moment [N.m] of the brace about the posture's axis, positive when it resists}: foot and leg at rest in the posture, the device
-    alone stepped for HOLD. Empty where the plant has no such parameters or outputs."""
+def hold(
+    scenario: Scenario, postures: Mapping[str, tuple[str, float]], values: Mapping[str, float]
+) -> dict[str, float]:
+    """{posture: moment [N.m] of the brace about the posture's axis, positive when it resists}: foot and leg at rest in
+    the posture, the device alone stepped for HOLD. Empty where the plant has no such parameters or outputs."""
     system = scenario.system()
     plant = system.component("plant")
     wanted = [f"{axis}_{kind}_at_contact" for axis in ("talocrural", "subtalar") for kind in ("angle", "velocity")]
-    if plant is None or not all(n in plant.parameters for n in wanted) or not all(f"brace_{a}_moment" in plant.outputs for a in ("talocrural", "subtalar")):
+    if (
+        plant is None
+        or not all(n in plant.parameters for n in wanted)
+        or not all(f"brace_{a}_moment" in plant.outputs for a in ("talocrural", "subtalar"))
+    ):
         return {}
     out = {}
     assembly = system.open()
@@ -125,7 +135,11 @@ def serve(*arguments: int) -> None:
     answer({})
     for request in requests:
         try:
-            answer(land(scenario, Path(request["land"])) if "land" in request else {"hold": hold(scenario, request["hold"], request["values"])})
+            answer(
+                land(scenario, Path(request["land"]))
+                if "land" in request
+                else {"hold": hold(scenario, request["hold"], request["values"])}
+            )
         except SprainError as problem:
             answer({"error": str(problem), "code": problem.exit_code})
 

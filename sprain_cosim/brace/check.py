@@ -1,8 +1,7 @@
 """Does a device FMU fit the contract? Five stages in order, nothing native loaded before archive and description pass:
 
-1 archive, 2 description (both raise InputError: not a usable FMU) - 3 contract: names, causality, units - 4 dynamics and 5 physics, measured
-by probe.py in a child process under a time limit.
-"""
+1 archive, 2 description (both raise InputError: not a usable FMU) - 3 contract: names, causality, units - 4 dynamics
+and 5 physics, measured by probe.py in a child process under a time limit."""
 
 from __future__ import annotations
 
@@ -36,8 +35,8 @@ WORDS_JCS = {
 
 @dataclass
 class Report:
-    """`fits`; `problems` that keep it from fitting, `warnings`, `notes` in words; `facts` measured (SI); `proposal` a mapping file to start
-    from, where names do not match; `next_step` what to type."""
+    """`fits`; `problems` that keep it from fitting, `warnings`, `notes` in words; `facts` measured (SI); `proposal` a
+    mapping file to start from, where names do not match; `next_step` what to type."""
 
     fmu: str
     interface: str = ""
@@ -60,12 +59,27 @@ class Report:
         return "does not fit" if self.problems else "fits with warnings" if self.warnings else "fits"
 
     def as_dict(self) -> dict[str, Any]:
-        names = ("fmu", "interface", "tool", "profile", "mapping", "problems", "warnings", "notes", "facts", "proposal", "next_step")
+        names = (
+            "fmu",
+            "interface",
+            "tool",
+            "profile",
+            "mapping",
+            "problems",
+            "warnings",
+            "notes",
+            "facts",
+            "proposal",
+            "next_step",
+        )
         return {"verdict": self.verdict, "fits": self.fits, **{n: _finite(getattr(self, n)) for n in names}}
 
     def text(self) -> str:
         made = f", made by {self.tool}" if self.tool else ""
-        lines = [f"{self.fmu}: {self.verdict}", f"  {self.interface}{made}{f', profile {self.profile}' if self.profile else ''}"]
+        lines = [
+            f"{self.fmu}: {self.verdict}",
+            f"  {self.interface}{made}{f', profile {self.profile}' if self.profile else ''}",
+        ]
         for title, entries in (("problem", self.problems), ("warning", self.warnings), ("note", self.notes)):
             lines += [f"  {title + ':':9}{entry}" for entry in entries]
         if self.next_step:
@@ -83,7 +97,8 @@ def _finite(value: Any) -> Any:
 
 
 def check_brace(fmu: Path | str, mapping: Path | str | None = None) -> Report:
-    """Raises InputError when it is not a usable FMU: archive, description, library, or it cannot be instantiated even once."""
+    """Raises InputError when it is not a usable FMU: archive, description, library, or it cannot be instantiated even
+    once."""
     component = Component.read("brace", fmu)
     checked = archive.read(component.fmu)
     archive.verify(checked)
@@ -117,7 +132,9 @@ def check_brace(fmu: Path | str, mapping: Path | str | None = None) -> Report:
     elif report.fits:
         report.next_step = f"sprain-cosim run incline30 --fmu brace={fmu}{mapped}{step}"
     elif not report.next_step:
-        report.next_step = f"correct it, then sprain-cosim check {fmu}{f' --map {mapping}' if mapping is not None else ''}"
+        report.next_step = (
+            f"correct it, then sprain-cosim check {fmu}{f' --map {mapping}' if mapping is not None else ''}"
+        )
     return report
 
 
@@ -131,25 +148,36 @@ def _contract(component: Component, report: Report) -> tuple[str, ...]:
         for name in known:
             same = [n for n in component.select(causality) if plain(n) == plain(name)]
             if len(same) > 1:
-                report.problems.append(f"{' and '.join(same)} both read as {name}, since ., _ and letter case do not count; rename one")
+                report.problems.append(
+                    f"{' and '.join(same)} both read as {name}, since ., _ and letter case do not count; rename one"
+                )
     axes = tuple(a for a in AXES if plain(f"{a}_torque") in outputs)
     report.profile = profile(set(axes))
     if not axes:
         report.proposal = propose(component)
         candidates = [n for n, c in component.outputs.items() if _fits(c, "torque")]
         if not candidates:
-            report.problems.append("no output in N.m, declared or named as a torque: this is no brace in the sense of the contract")
+            report.problems.append(
+                "no output in N.m, declared or named as a torque: this is no brace in the sense of the contract"
+            )
             report.proposal = ""
-            report.next_step = "sprain-cosim brace new DIR for a brace to start from, or sprain-cosim brace from-csv TABLE.csv for one from a measured table"
+            report.next_step = (
+                "sprain-cosim brace new DIR for a brace to start from, or sprain-cosim brace from-csv "
+                "TABLE.csv for one from a measured table"
+            )
         else:
-            report.problems.append(f"no output is named A_torque for an axis A ({', '.join(AXES)}); candidates: {', '.join(candidates)}")
+            report.problems.append(
+                f"no output is named A_torque for an axis A ({', '.join(AXES)}); candidates: {', '.join(candidates)}"
+            )
         return axes
     if report.profile is None:
         report.problems.append(f"torques of several profiles ({', '.join(axes)}); map only those of one")
     for axis in axes:
         if plain(f"{axis}_angle") not in inputs:
             close = ", ".join(difflib.get_close_matches(f"{axis}_angle", component.inputs, 3, 0.4))
-            report.problems.append(f"no input {axis}_angle [rad], which {axis}_torque needs{f'; candidates: {close}' if close else ''}")
+            report.problems.append(
+                f"no input {axis}_angle [rad], which {axis}_torque needs{f'; candidates: {close}' if close else ''}"
+            )
             report.proposal = propose(component)
     if not any(plain(f"{a}_velocity") in inputs for a in axes):
         report.notes.append("no velocity inputs: the brace sees how fast the foot moves only by the angle's change")
@@ -164,12 +192,16 @@ def _contract(component: Component, report: Report) -> tuple[str, ...]:
                 report.warnings.append(f"{connector.name}: no unit declared; {wanted.name} is assumed")
             elif not connector.unit.same_dimension(wanted):
                 report.problems.append(
-                    f"{connector.name}: unit {connector.unit.name} has the dimension {connector.unit.dimension()}, expected {wanted.dimension()};"
+                    f"{connector.name}: unit {connector.unit.name} has the dimension {connector.unit.dimension()}, "
+                    f"expected {wanted.dimension()};"
                     f' declare it right, or write unit = "..." in a mapping file'
                 )
     extra = [n for n in component.inputs if plain(n) not in {plain(k) for k in INPUTS}]
     if extra:
-        report.notes.append(f"inputs outside the contract keep their start values: {', '.join(extra[:6])}{' ...' if len(extra) > 6 else ''}")
+        report.notes.append(
+            "inputs outside the contract keep their start values: "
+            f"{', '.join(extra[:6])}{' ...' if len(extra) > 6 else ''}"
+        )
     return axes
 
 
@@ -177,7 +209,11 @@ def _fits(connector: Connector, kind: str) -> bool:
     wanted = (OUTPUTS if kind == "torque" else INPUTS)[f"subtalar_{kind}"]
     if connector.unit is not None and not connector.unit.dimensionless:
         return connector.unit.same_dimension(wanted)
-    words = {"torque": ("torque", "moment", "tau", "m_"), "angle": ("angle", "ang", "phi", "theta", "rot"), "velocity": ("vel", "omega", "rate", "speed")}
+    words = {
+        "torque": ("torque", "moment", "tau", "m_"),
+        "angle": ("angle", "ang", "phi", "theta", "rot"),
+        "velocity": ("vel", "omega", "rate", "speed"),
+    }
     return any(w in connector.name.lower() for w in words[kind])
 
 
@@ -192,13 +228,28 @@ def propose(component: Component) -> str:
             for name, connector in component.select(section[:-1]).items():
                 if not connector.scalar_number or not _fits(connector, kind):
                     continue
-                axis = next((a for a, words in (WORDS_JCS if jcs else WORDS).items() if any(w in name.lower() for w in words)), None)
+                axis = next(
+                    (a for a, words in (WORDS_JCS if jcs else WORDS).items() if any(w in name.lower() for w in words)),
+                    None,
+                )
                 sure = axis is not None and connector.unit is not None
                 target = f"{axis or 'subtalar'}_{kind}"
-                unit = "" if connector.unit is not None and not connector.unit.dimensionless else ', unit = "N.m"' if kind == "torque" else ', unit = "rad"'
+                unit = (
+                    ""
+                    if connector.unit is not None and not connector.unit.dimensionless
+                    else ', unit = "N.m"'
+                    if kind == "torque"
+                    else ', unit = "rad"'
+                )
                 unit = unit.replace("rad", "rad/s") if kind == "velocity" else unit
                 line = f'{target} = {{ {link} = "{name}"{unit} }}'
-                lines.append(f"# {line}   # review: a second candidate" if target in taken else line if sure else f"{line}   # review")
+                lines.append(
+                    f"# {line}   # review: a second candidate"
+                    if target in taken
+                    else line
+                    if sure
+                    else f"{line}   # review"
+                )
                 taken.add(target)
         if not taken:
             lines.append("# no candidate found")
@@ -219,7 +270,18 @@ def _measure(component: Component, axes: tuple[str, ...], active: bool, report: 
             raise InputError(f"{component.fmu}: cannot be instantiated: {opened['error']}")
         measured: dict[str, dict[str, Any]] = {}
         step = own_step(component)
-        probes = ["steps", "start", "reset", "repeat", *(["state"] if component.capabilities.state else []), "finite", "recorded", "static", "moving", "cycle"]
+        probes = [
+            "steps",
+            "start",
+            "reset",
+            "repeat",
+            *(["state"] if component.capabilities.state else []),
+            "finite",
+            "recorded",
+            "static",
+            "moving",
+            "cycle",
+        ]
         for probe in probes:
             try:
                 measured[probe] = child.ask({"probe": probe, "step": step}, PROBE_LIMIT)
@@ -234,7 +296,10 @@ def _measure(component: Component, axes: tuple[str, ...], active: bool, report: 
                 report.problems.append(f"{DOING[probe]}: {measured[probe]['error'].removeprefix('brace: ')}")
                 return
             elif probe == "reset" and component.capabilities.reusable and not measured[probe]["equal"]:
-                report.problems.append("its reset does not give a fresh instance, though reset = true says so; take that line out of the mapping file")
+                report.problems.append(
+                    "its reset does not give a fresh instance, though reset = true says so; take that line out of the "
+                    "mapping file"
+                )
                 return
     finally:
         child.close()
@@ -243,7 +308,10 @@ def _measure(component: Component, axes: tuple[str, ...], active: bool, report: 
         _judge_physics(axis, k, measured, step, active, report)
     peak = max(measured["recorded"]["peak_torque"])
     if peak > LARGEST or 0 < peak < LEAST:
-        report.warnings.append(f"at most {peak:.3g} N.m in a landing, where braces give tens: are its units right, those of its angles too?")
+        report.warnings.append(
+            f"at most {peak:.3g} N.m in a landing, where braces give tens: are its units right, those of its angles "
+            "too?"
+        )
     report.facts["landing"] = {
         "peak_torque_Nm": dict(zip(axes, measured["recorded"]["peak_torque"], strict=True)),
         "work_taken_J": measured["recorded"]["work_taken"],
@@ -274,12 +342,16 @@ def _judge_steps(taken: dict[str, list[float] | str], step: float, declared: flo
     calls = {float(h): t for h, t in taken.items() if not isinstance(t, str)}
     report.facts["steps_taken_s"] = sorted(calls)
     if not calls:
-        report.problems.append(f"takes no communication step between 0.1 and 5 ms: {next(str(t) for t in taken.values())}")
+        report.problems.append(
+            f"takes no communication step between 0.1 and 5 ms: {next(str(t) for t in taken.values())}"
+        )
         return step
     refused = [float(h) for h, t in taken.items() if isinstance(t, str)]
     own = min(calls)
     if declared is not None:
-        report.notes.append(f"has a fixed step of its own: communication steps are whole multiples of {1e3 * declared:g} ms")
+        report.notes.append(
+            f"has a fixed step of its own: communication steps are whole multiples of {1e3 * declared:g} ms"
+        )
     if refused and not any(_multiple(h, own) for h in refused) and all(_multiple(h, own) for h in calls):
         report.facts["own_step_s"] = own
         report.warnings.append(
@@ -296,11 +368,16 @@ def _judge_steps(taken: dict[str, list[float] | str], step: float, declared: flo
     alike = [sorted(calls)[k : k + 2] for k in range(len(calls) - 1)]
     if any(len(set(calls[b])) >= 3 and calls[a][: len(calls[b])] == calls[b] for a, b in alike):
         report.problems.append(
-            f"advances by a step of its own whatever step it is asked for: call by call it gives the same torques at {_ms(calls)};"
-            ' declare it (canHandleVariableCommunicationStepSize="false", stepSize in DefaultExperiment), or write step = "..." in a mapping file'
+            "advances by a step of its own whatever step it is asked for: call by call it gives the same torques at "
+            f"{_ms(calls)};"
+            ' declare it (canHandleVariableCommunicationStepSize="false", stepSize in DefaultExperiment), or write '
+            'step = "..." in a mapping file'
         )
     elif spread > 1e-3:
-        report.warnings.append(f"its torque depends on the communication step: {100 * spread:.2g} % between {_ms(calls)} with the angle held at 10 deg")
+        report.warnings.append(
+            f"its torque depends on the communication step: {100 * spread:.2g} % between {_ms(calls)} with the angle "
+            "held at 10 deg"
+        )
     return step if any(abs(h - step) < 1e-9 for h in calls) else min(calls, key=lambda h: abs(h - step))
 
 
@@ -315,33 +392,47 @@ def _ms(steps: Any) -> str:
 def _judge_dynamics(measured: dict[str, dict[str, Any]], report: Report) -> None:
     if not measured["repeat"]["equal"]:
         report.problems.append(
-            f"a fresh instance gives other torques than the one before it (by up to {measured['repeat']['difference']:.3g} N.m): runs cannot be repeated"
+            "a fresh instance gives other torques than the one before it (by up to "
+            f"{measured['repeat']['difference']:.3g} N.m): runs cannot be repeated"
         )
     reset = measured["reset"]
     report.facts["reset_works"] = bool(reset["equal"])
     if not reset["equal"]:
-        report.warnings.append(f"its reset leaves something behind (up to {reset['difference']:.3g} N.m); every run takes a fresh instance")
+        report.warnings.append(
+            f"its reset leaves something behind (up to {reset['difference']:.3g} N.m); every run takes a fresh instance"
+        )
     state = measured.get("state")
     report.facts["state_works"] = bool(state and state["equal"])
     if state is not None and not state["equal"]:
-        report.problems.append(f"claims to restore its state, but then replays other torques (by up to {state['difference']:.3g} N.m); withdraw the claim")
+        report.problems.append(
+            f"claims to restore its state, but then replays other torques (by up to {state['difference']:.3g} N.m); "
+            "withdraw the claim"
+        )
 
 
 def _propose_sign(output: str, report: Report) -> None:
     if not report.mapping:
-        report.proposal += ("" if "[outputs]" in report.proposal else "[outputs]\n") + f'{output} = {{ from = "{output}", factor = -1 }}   # review\n'
+        report.proposal += (
+            "" if "[outputs]" in report.proposal else "[outputs]\n"
+        ) + f'{output} = {{ from = "{output}", factor = -1 }}   # review\n'
 
 
 def _degrees(angles: list[float]) -> str:
     return ", ".join(f"{d:+g}" for d in sorted(angles)) + " deg"
 
 
-def _judge_physics(axis: str, k: int, measured: dict[str, dict[str, Any]], step: float, active: bool, report: Report) -> None:
+def _judge_physics(
+    axis: str, k: int, measured: dict[str, dict[str, Any]], step: float, active: bool, report: Report
+) -> None:
     pairs = measured["static"]["torque"][axis]
     damping = measured["moving"]["damping"][axis]
     taken, stored = measured["cycle"]["cycle"][axis]
     rest = measured["static"]["rest"][k]
-    secants = {sign * d: -(torque - rest) / math.radians(sign * d) for d, *both in pairs for sign, torque in zip((1, -1), both, strict=True)}
+    secants = {
+        sign * d: -(torque - rest) / math.radians(sign * d)
+        for d, *both in pairs
+        for sign, torque in zip((1, -1), both, strict=True)
+    }
     largest = max(abs(s) for s in secants.values())
     report.facts[axis] = {
         "torque_at_rest_Nm": rest,
@@ -352,9 +443,14 @@ def _judge_physics(axis: str, k: int, measured: dict[str, dict[str, Any]], step:
     }
     against = f"{axis}_torque"
     if report.mapping:
-        advice = f"if the sign is meant the other way round, change that of factor in outputs.{against} of {report.mapping}"
+        advice = (
+            f"if the sign is meant the other way round, change that of factor in outputs.{against} of {report.mapping}"
+        )
     else:
-        advice = f'if the sign is meant the other way round, write {against} = {{ from = "{against}", factor = -1 }} under [outputs] of a mapping file'
+        advice = (
+            f'if the sign is meant the other way round, write {against} = {{ from = "{against}", factor = -1 }} '
+            "under [outputs] of a mapping file"
+        )
     sink = report.warnings if active else report.problems
     noise = max(SMALL, 1e-6 * largest)
     wrong = [d for d, s in secants.items() if s < -noise]
@@ -363,7 +459,11 @@ def _judge_physics(axis: str, k: int, measured: dict[str, dict[str, Any]], step:
     if wrong and not right:
         at = max(wrong)
         push = next(plus if at > 0 else minus for e, plus, minus in pairs if e == abs(at))
-        way = f"{POSITIVE[axis]} {at:g} deg ({axis} +)" if at > 0 else f"the other way than {POSITIVE[axis]}, {-at:g} deg ({axis} -)"
+        way = (
+            f"{POSITIVE[axis]} {at:g} deg ({axis} +)"
+            if at > 0
+            else f"the other way than {POSITIVE[axis]}, {-at:g} deg ({axis} -)"
+        )
         sink.append(
             f"sign: {way}: the brace pushes it further with {abs(push):.3g} N.m instead of resisting; {advice}"
             + ("" if active else ", or active = true if it is meant to")
@@ -372,16 +472,22 @@ def _judge_physics(axis: str, k: int, measured: dict[str, dict[str, Any]], step:
         return
     if wrong:
         sink.append(
-            f"{axis}: pushes the foot away from rest at {_degrees(wrong)}, and back at {_degrees(right)}: it resists in part of the range only"
+            f"{axis}: pushes the foot away from rest at {_degrees(wrong)}, and back at {_degrees(right)}: it resists "
+            "in part of the range only"
             + ("" if active else "; correct its law, or write active = true in a mapping file if it is meant to")
         )
     if not right and not wrong:
         if damping < -SMALL:
-            sink.append(f"sign: {axis} moving at 200 deg/s through zero is pushed faster (damping {damping:.3g} N.m.s/rad); {advice}")
+            sink.append(
+                f"sign: {axis} moving at 200 deg/s through zero is pushed faster (damping {damping:.3g} N.m.s/rad); "
+                f"{advice}"
+            )
             _propose_sign(against, report)
             return
         if damping <= SMALL:
-            others = [t for a, rows in measured["static"]["torque"].items() if a != axis for _, *both in rows for t in both]
+            others = [
+                t for a, rows in measured["static"]["torque"].items() if a != axis for _, *both in rows for t in both
+            ]
             if any(abs(t) > SMALL for t in others):
                 report.notes.append(f"{axis}: left free")
                 return
@@ -389,27 +495,54 @@ def _judge_physics(axis: str, k: int, measured: dict[str, dict[str, Any]], step:
             report.warnings.append(f"{axis}: no torque {where}: no probe can tell its sign; it is assumed right")
             return
         report.notes.append(
-            f"{axis}: no static stiffness, damping {damping:.3g} N.m.s/rad: it slows the foot; velocity and torque both of the other sign would look the same"
+            f"{axis}: no static stiffness, damping {damping:.3g} N.m.s/rad: it slows the foot; velocity and torque "
+            "both of the other sign would look the same"
         )
         return
     late = 0.7 < -damping / max(SMALL, secants[pairs[0][0]] * step) < 1.3
     if late:
-        report.notes.append(f"{axis}: answers one communication step late, which the coupling cannot make good: better send the torque at the end of the step")
+        report.notes.append(
+            f"{axis}: answers one communication step late, which the coupling cannot make good: better send the "
+            "torque at the end of the step"
+        )
     elif damping < -max(SMALL, 1e-5 * largest):
-        report.warnings.append(f"{axis}: pushes a passing foot faster (damping {damping:.3g} N.m.s/rad): is the sign of {axis}_velocity right?")
-    gives = taken < -max(1e-6, (1e-3 + late * 13 * CYCLE_SPEED * step) * stored)  # late by h, an elastic one gives 2 pi w h of what it stores
+        report.warnings.append(
+            f"{axis}: pushes a passing foot faster (damping {damping:.3g} N.m.s/rad): is the sign of {axis}_velocity "
+            "right?"
+        )
+    gives = taken < -max(
+        1e-6, (1e-3 + late * 13 * CYCLE_SPEED * step) * stored
+    )  # late by h, an elastic one gives 2 pi w h of what it stores
     if gives and not active:
-        report.warnings.append(f"{axis}: gives {-taken:.3g} J in a closed cycle: an active device; say so with active = true in a mapping file")
-    kind = f"gives {-taken:.3g} J in a cycle of +-15 deg" if gives else f"takes {taken:.3g} J in a cycle" if taken > 1e-3 * stored else "elastic"
-    report.notes.append(f"{axis}: stiffness up to {largest:.3g} N.m/rad (secant), damping {damping + 0.0:.3g} N.m.s/rad")
+        report.warnings.append(
+            f"{axis}: gives {-taken:.3g} J in a closed cycle: an active device; say so with active = true in a "
+            "mapping file"
+        )
+    kind = (
+        f"gives {-taken:.3g} J in a cycle of +-15 deg"
+        if gives
+        else f"takes {taken:.3g} J in a cycle"
+        if taken > 1e-3 * stored
+        else "elastic"
+    )
+    report.notes.append(
+        f"{axis}: stiffness up to {largest:.3g} N.m/rad (secant), damping {damping + 0.0:.3g} N.m.s/rad"
+    )
     does = "pushes it back with" if plus < 0 else "gives"
-    report.notes.append(f"{POSITIVE[axis]} {d:g} deg ({axis} +): the brace {does} {abs(plus):.3g} N.m; the other way {abs(minus):.3g} N.m; {kind}")
+    report.notes.append(
+        f"{POSITIVE[axis]} {d:g} deg ({axis} +): the brace {does} {abs(plus):.3g} N.m; the other way {abs(minus):.3g} "
+        f"N.m; {kind}"
+    )
     if abs(plus + minus) < 0.02 * abs(plus - minus):
-        report.notes.append(f"{axis}: symmetric, so angle and torque both of the other sign would look the same; + is taken to mean {POSITIVE[axis]}")
+        report.notes.append(
+            f"{axis}: symmetric, so angle and torque both of the other sign would look the same; + is taken to mean "
+            f"{POSITIVE[axis]}"
+        )
     said = measured["static"]["declared"].get(axis)
     if said is not None:
         declared, true = said
         if abs(declared - true) > max(1e-6, 0.05 * max(abs(true), largest)):
             report.warnings.append(
-                f"{axis}_stiffness says {declared:.4g} N.m/rad at 5 deg, its torque says {true:.4g}: it must be -d(torque)/d(angle); the coupling relies on it"
+                f"{axis}_stiffness says {declared:.4g} N.m/rad at 5 deg, its torque says {true:.4g}: it must be "
+                "-d(torque)/d(angle); the coupling relies on it"
             )

@@ -1,7 +1,8 @@
 """The same landings with each of several braces and with none.
 
-A scenario is one landing per brace; a study is its sample, drawn once and run with every brace, so that row i is the same landing for all
-and differences are paired. Everything native runs in child processes: a brace that crashes or hangs costs its own column, with the reason.
+A scenario is one landing per brace; a study is its sample, drawn once and run with every brace, so that row i is the
+same landing for all and differences are paired. Everything native runs in child processes: a brace that crashes or
+hangs costs its own column, with the reason.
 
 OUT/none, OUT/NAME     a run or a study each, as `run --out` and `study --out` leave them
 OUT/compare.json       the table as data
@@ -39,15 +40,23 @@ INVERSION = "peak_inversion_from_neutral_deg"
 PEAKS = ("peak_subtalar_angle_deg", INVERSION, "peak_jcs_inversion_deg")
 INJURY, SHARE = "probability_of_injury", "anatomy_share"
 MOMENTS = ("anatomy_subtalar_moment_Nm", "brace_subtalar_moment_Nm")  # at the peak
-KEYS = (*PEAKS, INJURY, "peak_brace_subtalar_moment_Nm", "brace_subtalar_work_to_peak_J", "brace_work_J", *MOMENTS, SHARE)
+KEYS = (
+    *PEAKS,
+    INJURY,
+    "peak_brace_subtalar_moment_Nm",
+    "brace_subtalar_work_to_peak_J",
+    "brace_work_J",
+    *MOMENTS,
+    SHARE,
+)
 
 Source = Scenario | Study
 
 
 @dataclass(frozen=True)
 class Entry:
-    """What one brace did: `status` completed or failed, `landings` one row a landing (trial, status, metrics and what is derived from them),
-    `resistance` {posture: N.m that resist it} or None."""
+    """What one brace did: `status` completed or failed, `landings` one row a landing (trial, status, metrics and what
+    is derived from them), `resistance` {posture: N.m that resist it} or None."""
 
     name: str
     fmu: str | None
@@ -106,8 +115,9 @@ def compare_braces(
     say: Callable[[str], None] = lambda text: None,
     command: str = "",
 ) -> Comparison:
-    """`braces` {name: FMU file or name of a shipped one}; `settings` {"plant.drop_height": for all, "NAME.parameter": of that brace}; `say`
-    hears one line as each brace begins; `command` what the manifests say was typed. Writes `out` and returns what it holds, also when braces failed.
+    """`braces` {name: FMU file or name of a shipped one}; `settings` {"plant.drop_height": for all, "NAME.parameter":
+    of that brace}; `say` hears one line as each brace begins; `command` what the manifests say was typed. Writes `out`
+    and returns what it holds, also when braces failed.
 
     Raises InputError before anything has run: names, files, mappings, parameters, a folder in use."""
     source = load(source) if isinstance(source, str) else source
@@ -117,7 +127,10 @@ def compare_braces(
         source = _sampled(replace(source, trials=trials) if trials is not None else source)
     elif trials is not None:
         raise InputError(f"--trials {trials}: {source.source} is one landing; name a study, such as study6")
-    variants: dict[str, Source] = {NONE: source.without("brace"), **{n: _variant(source, n, f, (maps or {}).get(n), own.get(n, {})) for n, f in braces.items()}}
+    variants: dict[str, Source] = {
+        NONE: source.without("brace"),
+        **{n: _variant(source, n, f, (maps or {}).get(n), own.get(n, {})) for n, f in braces.items()},
+    }
     if isinstance(source, Study):
         variants = _rows(variants, source)
     scenarios = {n: v.scenario if isinstance(v, Study) else v for n, v in variants.items()}
@@ -157,13 +170,18 @@ def compare_braces(
 # ---- what is compared
 
 
-def _settings(source: Source, braces: Mapping[str, Any], settings: Mapping[str, Value]) -> tuple[Source, dict[str, dict[str, Value]]]:
+def _settings(
+    source: Source, braces: Mapping[str, Any], settings: Mapping[str, Value]
+) -> tuple[Source, dict[str, dict[str, Value]]]:
     """The source with the values that hold for all, and {brace: {parameter: value}}."""
     if not braces:
         raise InputError("--brace NAME=FILE: name at least one brace to compare with none")
     for name in braces:
         if not NAME.fullmatch(name) or name in RESERVED:
-            raise InputError(f"--brace {name}=...: a name has letters, digits and _, begins with a letter, and is none of {', '.join(RESERVED)}")
+            raise InputError(
+                f"--brace {name}=...: a name has letters, digits and _, begins with a letter, and is none of "
+                f"{', '.join(RESERVED)}"
+            )
     own: dict[str, dict[str, Value]] = {}
     for full, value in settings.items():
         name, _, parameter = full.partition(".")
@@ -179,11 +197,16 @@ def _settings(source: Source, braces: Mapping[str, Any], settings: Mapping[str, 
 def _sampled(study: Study) -> Study:
     """The study, checked. Raises InputError for a search, which has no sample to share."""
     if study.method not in SAMPLED:
-        raise InputError(f"{study.source}: method {study.method} chooses its landings one after another; compare over a sampled study, such as study6")
+        raise InputError(
+            f"{study.source}: method {study.method} chooses its landings one after another; compare over a sampled "
+            "study, such as study6"
+        )
     return replace(study.checked(), published={})
 
 
-def _variant(source: Source, name: str, fmu: Path | str, mapping: Path | str | None, parameters: Mapping[str, Value]) -> Source:
+def _variant(
+    source: Source, name: str, fmu: Path | str, mapping: Path | str | None, parameters: Mapping[str, Value]
+) -> Source:
     try:
         variant = source.replace_fmu("brace", fmu, mapping)
     except InputError as problem:
@@ -201,20 +224,31 @@ def _rows(variants: Mapping[str, Source], base: Study) -> dict[str, Source]:
     rows = base.sample()
     numbers = base.numbers or range(len(rows))
     responses = tuple(r for r in base.responses if "brace" not in r) or PEAKS[:1]
-    return {n: replace(v.with_rows(base.names, rows, numbers), responses=responses) for n, v in variants.items() if isinstance(v, Study)}
+    return {
+        n: replace(v.with_rows(base.names, rows, numbers), responses=responses)
+        for n, v in variants.items()
+        if isinstance(v, Study)
+    }
 
 
 def _check(folder: Path, names: Sequence[str], study: bool, resume: bool) -> None:
-    """Raises InputError when the folder holds something else than an earlier comparison of these braces, or a study that is not resumed."""
+    """Raises InputError when the folder holds something else than an earlier comparison of these braces, or a study
+    that is not resumed."""
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file; name a folder with --out")
     if not folder.is_dir():
         return
-    strangers = sorted(p.name for p in folder.iterdir() if p.name not in (*names, "compare.json", "figures", "report.html", "animation.webp"))
+    strangers = sorted(
+        p.name
+        for p in folder.iterdir()
+        if p.name not in (*names, "compare.json", "figures", "report.html", "animation.webp")
+    )
     if strangers:
         raise InputError(f"{folder}: holds other files ({', '.join(strangers[:3])}); name a new folder with --out")
     if study and not resume and any((folder / n).exists() for n in names):
-        raise InputError(f"{folder}: holds a comparison already; continue it with --resume, or name a new folder with --out")
+        raise InputError(
+            f"{folder}: holds a comparison already; continue it with --resume, or name a new folder with --out"
+        )
     for name in () if study else names:
         runfolder.check(folder / name)
 
@@ -223,8 +257,8 @@ def _check(folder: Path, names: Sequence[str], study: bool, resume: bool) -> Non
 
 
 def _derived(landings: pd.DataFrame) -> pd.DataFrame:
-    """The landings with the share of the subtalar moment that the anatomy bears at the peak, and the probability that the inversion exceeds the
-    injury threshold, itself uncertain, in that landing."""
+    """The landings with the share of the subtalar moment that the anatomy bears at the peak, and the probability that
+    the inversion exceeds the injury threshold, itself uncertain, in that landing."""
     more = {}
     if INVERSION in landings:
         more[INJURY] = ndtr(QUESTIONS[INVERSION][1].to_standard(landings[INVERSION].to_numpy(float)))
@@ -235,8 +269,8 @@ def _derived(landings: pd.DataFrame) -> pd.DataFrame:
 
 
 def _data(source: Source, entries: Sequence[Entry]) -> dict[str, Any]:
-    """Content of compare.json. Every estimate is {value, ci_low, ci_high, n}: the landing's value, or the mean over the n landings that completed,
-    with Student's 95 % interval where they are a random sample."""
+    """Content of compare.json. Every estimate is {value, ci_low, ci_high, n}: the landing's value, or the mean over the
+    n landings that completed, with Student's 95 % interval where they are a random sample."""
     random = isinstance(source, Study) and source.method in ("monte-carlo", "table")
     scenario = source.scenario if isinstance(source, Study) else source
     completed = {e.name: e.completed.set_index("trial") for e in entries if e.landings is not None}
@@ -244,7 +278,9 @@ def _data(source: Source, entries: Sequence[Entry]) -> dict[str, Any]:
     def difference(a: str, b: str) -> dict[str, Any]:
         both = completed[a].index.intersection(completed[b].index)
         keys = [k for k in KEYS if k in completed[a] and k in completed[b]]
-        return {k: _estimate((completed[a].loc[both, k] - completed[b].loc[both, k]).to_numpy(float), random) for k in keys}
+        return {
+            k: _estimate((completed[a].loc[both, k] - completed[b].loc[both, k]).to_numpy(float), random) for k in keys
+        }
 
     braces = {}
     for e in entries:
@@ -257,8 +293,12 @@ def _data(source: Source, entries: Sequence[Entry]) -> dict[str, Any]:
             "folder": e.name,
             "n_completed": 0 if rows is None else len(rows),
             "n_failed": None if e.landings is None else len(e.landings) - len(e.completed),
-            "metrics": {} if rows is None else {k: _estimate(rows[k].to_numpy(float), random) for k in KEYS if k in rows},
-            "difference_to_none": difference(e.name, NONE) if e.name != NONE and e.name in completed and NONE in completed else {},
+            "metrics": {}
+            if rows is None
+            else {k: _estimate(rows[k].to_numpy(float), random) for k in KEYS if k in rows},
+            "difference_to_none": difference(e.name, NONE)
+            if e.name != NONE and e.name in completed and NONE in completed
+            else {},
             "resistance_Nm": None if e.resistance is None else dict(e.resistance),
         }
     names = [n for n in completed if n != NONE]
@@ -310,7 +350,11 @@ def text(data: Mapping[str, Any]) -> str:
     count = f"{data['landings']} landings" if study else "one landing"
     lines = [f"{data['source']}  ·  {pose}{count}, the same for every brace"]
     if study:
-        lines.append("mean ± half of its 95 % interval; changes are paired" if data["method"] in ("monte-carlo", "table") else "means; changes are paired")
+        lines.append(
+            "mean ± half of its 95 % interval; changes are paired"
+            if data["method"] in ("monte-carlo", "table")
+            else "means; changes are paired"
+        )
     width = max(16, *(len(n) + 2 for n in braces))
     lines += ["", f"{'':44}" + "".join(f"{n:>{width}}" for n in braces)]
 
@@ -321,16 +365,25 @@ def text(data: Mapping[str, Any]) -> str:
     for label, key, factor in LINES:
         row(label, [_cell(b["metrics"].get(key), factor) for b in braces.values()])
         if key in CHANGED:
-            row("    change against none", [_cell(b["difference_to_none"].get(key), factor, sign=True) for b in braces.values()])
+            row(
+                "    change against none",
+                [_cell(b["difference_to_none"].get(key), factor, sign=True) for b in braces.values()],
+            )
     for kind in dict.fromkeys(p.rpartition("_")[0] for p in POSTURES):
         held = [b["resistance_Nm"] for b in braces.values()]
-        row(f"resists {kind} of 5 / 10 deg [N·m]", [f"{_small(h[f'{kind}_5deg'])} / {_small(h[f'{kind}_10deg'])}" if h else "" for h in held])
-    counts = [f"{b['n_completed']} of {data['landings']}" if b["status"] == "completed" else "failed" for b in braces.values()]
+        row(
+            f"resists {kind} of 5 / 10 deg [N·m]",
+            [f"{_small(h[f'{kind}_5deg'])} / {_small(h[f'{kind}_10deg'])}" if h else "" for h in held],
+        )
+    counts = [
+        f"{b['n_completed']} of {data['landings']}" if b["status"] == "completed" else "failed" for b in braces.values()
+    ]
     row("landings completed", counts)
     if 0 < len(data["pairs"]) <= PAIRED:
         lines += ["", f"{'':44}{'peak supination [deg]':>{width + 8}}{'inversion [deg]':>{width}}"]
         for pair, d in data["pairs"].items():
-            lines.append(f"{pair:44}{_cell(d.get(PEAKS[0]), 1.0, sign=True):>{width + 8}}{_cell(d.get(PEAKS[1]), 1.0, sign=True):>{width}}")
+            supination, inversion = (_cell(d.get(peak), 1.0, sign=True) for peak in PEAKS[:2])
+            lines.append(f"{pair:44}{supination:>{width + 8}}{inversion:>{width}}")
     lines += [f"\n{n}: failed: {b['message']}" for n, b in braces.items() if b["status"] != "completed"]
     return "\n".join(lines)
 
@@ -351,7 +404,12 @@ def _write(comparison: Comparison, study: bool) -> None:
     from ..figures.comparison import figure
 
     folder = comparison.out
-    drawn = figure(comparison, {} if study else {e.name: runfolder.read(folder / e.name)[1] for e in comparison.entries if e.landings is not None})
+    drawn = figure(
+        comparison,
+        {}
+        if study
+        else {e.name: runfolder.read(folder / e.name)[1] for e in comparison.entries if e.landings is not None},
+    )
     try:
         (folder / "figures").mkdir(parents=True, exist_ok=True)
         partial = folder / ".compare.json"

@@ -1,11 +1,12 @@
-"""A brace from a measured table: a copy of the shipped brace_table FMU with another table in it. Only a zip is written, nothing compiled.
+"""A brace from a measured table: a copy of the shipped brace_table FMU with another table in it. Only a zip is written,
+nothing compiled.
 
 angle [deg], subtalar_resistance [N.m]                                 one curve: torque against the motion is positive
 angle [deg], subtalar_torque_loading [N.m], subtalar_torque_unloading [N.m]     two branches, in the contract's sign
 
-`resistance` is minus `torque`. Rows by rising angle; a cell may be left empty where an axis was not measured. Any unit of the right dimension.
-Between the rows the FMU takes the shape-preserving cubic, outside the table it goes straight on with the end slope (fmus/brace_table/README.md).
-"""
+`resistance` is minus `torque`. Rows by rising angle; a cell may be left empty where an axis was not measured. Any unit
+of the right dimension. Between the rows the FMU takes the shape-preserving cubic, outside the table it goes straight on
+with the end slope (fmus/brace_table/README.md)."""
 
 from __future__ import annotations
 
@@ -29,13 +30,17 @@ from ..units import Unit, unit
 AXES = ("talocrural", "subtalar")
 HEADER = re.compile(r"\s*([A-Za-z_]+)\s*\[\s*([^\]]+?)\s*\]\s*")
 NAMES = {
-    f"{a}_{kind}{branch}": (a, kind, branch.removeprefix("_")) for a in AXES for kind in ("torque", "resistance") for branch in ("", "_loading", "_unloading")
+    f"{a}_{kind}{branch}": (a, kind, branch.removeprefix("_"))
+    for a in AXES
+    for kind in ("torque", "resistance")
+    for branch in ("", "_loading", "_unloading")
 }
 TABLE = "resources/table.json"
 
 
 def from_csv(table: Path, target: Path, template: Path) -> dict[str, tuple[float, float]]:
-    """Writes `target`; returns the range of angles [rad] of each axis. Raises InputError naming row and column, EnvironmentProblem."""
+    """Writes `target`; returns the range of angles [rad] of each axis. Raises InputError naming row and column,
+    EnvironmentProblem."""
     curves = read_table(table)
     files = {}
     with zipfile.ZipFile(read(template).path) as content:
@@ -61,7 +66,8 @@ def from_csv(table: Path, target: Path, template: Path) -> dict[str, tuple[float
 
 
 def read_table(path: Path) -> dict[str, dict[str, list[list[float]]]]:
-    """{axis: {loading, unloading: rows of angle [rad], torque [N.m] in the contract's sign, slope [N.m/rad]}}. Raises InputError."""
+    """{axis: {loading, unloading: rows of angle [rad], torque [N.m] in the contract's sign, slope [N.m/rad]}}. Raises
+    InputError."""
     try:
         reader = csv.reader(io.StringIO(path.read_text("utf-8-sig")))
         lines = [(reader.line_num, cells) for cells in reader if any(c.strip() for c in cells)]
@@ -73,12 +79,16 @@ def read_table(path: Path) -> dict[str, dict[str, list[list[float]]]]:
         raise InputError(f"{path}: needs a header and at least three rows")
     header, numbered = lines[0][1], [number for number, _ in lines[1:]]
     if len(header) == 1 and (";" in header[0] or "\t" in header[0]):
-        raise InputError(f"{path}: cells are separated by {'semicolons' if ';' in header[0] else 'tabs'}; save it with commas, and points in the numbers")
+        raise InputError(
+            f"{path}: cells are separated by {'semicolons' if ';' in header[0] else 'tabs'}; save it with commas, and "
+            "points in the numbers"
+        )
     columns, angle = _header(path, header)
     numbers = _numbers(path, header, lines[1:])
     x = angle.factor * numbers[:, 0]
     problems = [
-        f"row {numbered[k]}, column 1 (angle): {numbers[k, 0]:g} does not rise (row {numbered[k - 1]} has {numbers[k - 1, 0]:g})"
+        f"row {numbered[k]}, column 1 (angle): {numbers[k, 0]:g} does not rise (row {numbered[k - 1]} has "
+        f"{numbers[k - 1, 0]:g})"
         for k in range(1, len(x))
         if not x[k] > x[k - 1]
     ]
@@ -105,7 +115,9 @@ def read_table(path: Path) -> dict[str, dict[str, list[list[float]]]]:
                     f"name it {name.replace('torque', 'resistance')} if it is positive against the motion"
                 )
         if len(branches) == 2 and not problems:
-            between = np.linspace(max(b[0][0] for b in branches.values()), min(b[0][-1] for b in branches.values()), 200)
+            between = np.linspace(
+                max(b[0][0] for b in branches.values()), min(b[0][-1] for b in branches.values()), 200
+            )
             loading, unloading = (np.abs(PchipInterpolator(*branches[b])(between)) for b in ("loading", "unloading"))
             worst = int(np.argmax(unloading - loading))
             if unloading[worst] > loading[worst] + 0.02 * max(loading.max(), 1e-9):
@@ -133,7 +145,9 @@ def _header(path: Path, cells: list[str]) -> tuple[dict[int, tuple[str, Unit]], 
     for k, cell in enumerate(cells):
         match = HEADER.fullmatch(cell)
         if not match:
-            problems.append(f"column {k + 1} {cell.strip()!r}: must read name [unit], such as angle [deg] or subtalar_torque [N.m]")
+            problems.append(
+                f"column {k + 1} {cell.strip()!r}: must read name [unit], such as angle [deg] or subtalar_torque [N.m]"
+            )
             continue
         name, text = match[1].lower(), match[2]
         wanted = unit("rad") if k == 0 else unit("N.m")

@@ -1,4 +1,5 @@
-"""A brace project from a template, and its FMU: Python through the exporter, C with the platform's compiler or CMake."""
+"""A brace project from a template, and its FMU: Python through the exporter, C with the platform's compiler or
+CMake."""
 
 from __future__ import annotations
 
@@ -23,10 +24,13 @@ COMPILERS = ("cc", "gcc", "clang")
 
 
 def new(folder: Path, language: str) -> list[Path]:
-    """Writes the project; its model is named after the folder. Raises InputError, also for a folder that holds anything."""
+    """Writes the project; its model is named after the folder. Raises InputError, also for a folder that holds
+    anything."""
     name = folder.resolve().name
     if not IDENTIFIER.fullmatch(name):
-        raise InputError(f"{folder}: the model takes the folder's name; use letters, digits and _, beginning with a letter")
+        raise InputError(
+            f"{folder}: the model takes the folder's name; use letters, digits and _, beginning with a letter"
+        )
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: {'is not empty' if folder.is_dir() else 'is a file'}; name a new folder")
     source = template(language, f"brace_template_{language}")
@@ -47,8 +51,8 @@ def new(folder: Path, language: str) -> list[Path]:
 
 
 def build(folder: Path, target: Path | None = None) -> Path:
-    """The project's FMU, `target` or NAME.fmu in the present folder. Raises InputError where the project is at fault, EnvironmentProblem where
-    there is no compiler."""
+    """The project's FMU, `target` or NAME.fmu in the present folder. Raises InputError where the project is at fault,
+    EnvironmentProblem where there is no compiler."""
     language = next((k for k, files in LANGUAGES.items() if (folder / files[0]).is_file()), None)
     if language is None:
         raise InputError(f"{folder}: no interface.py and no brace.c, so no project of `sprain-cosim brace new`")
@@ -76,13 +80,19 @@ def _build_python(folder: Path, target: Path) -> None:
         try:
             compile(path.read_text("utf-8"), str(path), "exec")
         except (SyntaxError, ValueError) as problem:
-            raise InputError(f"{path}: {problem.msg} in line {problem.lineno}" if isinstance(problem, SyntaxError) else f"{path}: {problem}") from None
+            raise InputError(
+                f"{path}: {problem.msg} in line {problem.lineno}"
+                if isinstance(problem, SyntaxError)
+                else f"{path}: {problem}"
+            ) from None
     try:
         build_fmu(folder, target, template("_fmi.py", "_fmi.py"))
     except InputError:
         raise
     except KeyError as problem:
-        raise InputError(f"{folder / 'interface.py'}: a variable has no {problem}, or that is a unit the exporter does not know") from None
+        raise InputError(
+            f"{folder / 'interface.py'}: a variable has no {problem}, or that is a unit the exporter does not know"
+        ) from None
     except Exception as problem:  # interface.py is run
         raise InputError(f"{folder / 'interface.py'}: {type(problem).__name__}: {problem}") from None
 
@@ -100,13 +110,21 @@ def _build_c(folder: Path, target: Path) -> None:
         if compiler is not None and place is not None:
             library = Path(work) / f"{found[1]}{place[1]}"
             _call([compiler, "-shared", "-fPIC", "-O2", "-Ifmi", "-o", str(library), "brace.c", "-lm"], folder)
-            files = {"modelDescription.xml": (folder / "modelDescription.xml").read_bytes(), f"binaries/{place[0]}/{library.name}": library.read_bytes()}
+            files = {
+                "modelDescription.xml": (folder / "modelDescription.xml").read_bytes(),
+                f"binaries/{place[0]}/{library.name}": library.read_bytes(),
+            }
             files |= {f"documentation/{p.name}": p.read_bytes() for p in sorted(folder.glob("*.md"))}
             content = pack(files)
         else:
-            cmake = shutil.which("cmake", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', os.defpath)}")
+            cmake = shutil.which(
+                "cmake", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', os.defpath)}"
+            )
             if cmake is None:
-                raise EnvironmentProblem(f"no C compiler: none of {', '.join(COMPILERS)} nor cmake on the PATH; install one, or name it in CC")
+                raise EnvironmentProblem(
+                    f"no C compiler: none of {', '.join(COMPILERS)} nor cmake on the PATH; install one, or name it in "
+                    "CC"
+                )
             _call([cmake, "-S", ".", "-B", work], folder)
             _call([cmake, "--build", work, "--config", "Release"], folder)
             content = (Path(work) / f"{found[1]}.fmu").read_bytes()
@@ -121,6 +139,10 @@ def _call(command: list[str], folder: Path) -> None:
         return
     said = [line.strip() for line in (ended.stderr + ended.stdout).splitlines() if line.strip()]
     if any("CMAKE_C_COMPILER" in line or "CMAKE_MAKE_PROGRAM" in line for line in said):
-        raise EnvironmentProblem(f"CMake finds no C compiler or build tool; install one of {', '.join(COMPILERS)} and make or ninja")
-    worst = next((line for line in said if "error" in line.lower()), said[-1] if said else f"exit code {ended.returncode}")
+        raise EnvironmentProblem(
+            f"CMake finds no C compiler or build tool; install one of {', '.join(COMPILERS)} and make or ninja"
+        )
+    worst = next(
+        (line for line in said if "error" in line.lower()), said[-1] if said else f"exit code {ended.returncode}"
+    )
     raise InputError(f"{folder}: does not compile: {worst}")

@@ -1,7 +1,8 @@
-"""The experiments of `check`, run in a child process: they drive the device and report numbers; what they mean is decided in check.py.
+"""The experiments of `check`, run in a child process: they drive the device and report numbers; what they mean is
+decided in check.py.
 
-Angles [rad], velocities [rad/s], torques [N.m] (n axes each) in the contract's names and signs, whatever the device's own units.
-"""
+Angles [rad], velocities [rad/s], torques [N.m] (n axes each) in the contract's names and signs, whatever the device's
+own units."""
 
 from __future__ import annotations
 
@@ -39,7 +40,12 @@ class Bench:
         self.component, self.axes = component, axes
         inputs = {plain(n): n for n in component.inputs}
         outputs = {plain(n): n for n in component.outputs}
-        self.given = [(kind, k, inputs[plain(f"{a}_{kind}")]) for kind in ("angle", "velocity") for k, a in enumerate(axes) if plain(f"{a}_{kind}") in inputs]
+        self.given = [
+            (kind, k, inputs[plain(f"{a}_{kind}")])
+            for kind in ("angle", "velocity")
+            for k, a in enumerate(axes)
+            if plain(f"{a}_{kind}") in inputs
+        ]
         wanted = [f"{a}_{kind}" for kind in ("torque", "stiffness", "damping") for a in axes]
         self.found = {name: outputs[plain(name)] for name in wanted if plain(name) in outputs}
         self.read = [n for n, c in component.outputs.items() if c.scalar_number]
@@ -83,7 +89,9 @@ class Bench:
     def torques(self) -> np.ndarray:
         """Raises SimulationError when an output, of the contract or not, is not finite."""
         if not np.isfinite(self.bus[len(self.given) :]).all():
-            name, value = next((n, v) for n, v in zip(self.read, self.bus[len(self.given) :], strict=True) if not math.isfinite(v))
+            name, value = next(
+                (n, v) for n, v in zip(self.read, self.bus[len(self.given) :], strict=True) if not math.isfinite(v)
+            )
             place = ", ".join(
                 f"{own} = {self._unit(own).to_base(v):.4g} {'rad' if kind == 'angle' else 'rad/s'}"
                 for (kind, _, own), v in zip(self.given, self.bus, strict=False)
@@ -117,7 +125,8 @@ def own_step(component: Component) -> float:
 
 
 def landing(axes: tuple[str, ...], h: float) -> tuple[np.ndarray, np.ndarray]:
-    """Angles and velocities (n, axes) every h over 150 ms: the landing on the 30 degree slope of this project's plant, without a brace."""
+    """Angles and velocities (n, axes) every h over 150 ms: the landing on the 30 degree slope of this project's plant,
+    without a brace."""
     from scipy.interpolate import PchipInterpolator  # costs every child 0.9 s
 
     with (Path(__file__).parent / "landing.csv").open() as file:
@@ -147,7 +156,9 @@ def reset(bench: Bench, h: float) -> dict[str, Any]:
     angles, velocities = landing(bench.axes, h)
     runs = []
     bench.close()
-    other = Bench(replace(bench.component, capabilities=replace(bench.component.capabilities, reusable=True)), bench.axes)
+    other = Bench(
+        replace(bench.component, capabilities=replace(bench.component.capabilities, reusable=True)), bench.axes
+    )
     for _ in range(2):
         other.begin()
         runs.append(np.array([other.step(a, v, h) for a, v in zip(angles, velocities, strict=True)]))
@@ -202,7 +213,8 @@ def state(bench: Bench, h: float) -> dict[str, Any]:
 
 
 def finite(bench: Bench, h: float) -> dict[str, Any]:
-    """Outputs over the physiological range of every axis, at every velocity up to the fastest; the largest torque met."""
+    """Outputs over the physiological range of every axis, at every velocity up to the fastest; the largest torque
+    met."""
     most = 0.0
     for k, axis in enumerate(bench.axes):
         low, high = RANGE_DEG[axis]
@@ -223,14 +235,21 @@ def recorded(bench: Bench, h: float) -> dict[str, Any]:
 
 
 def static(bench: Bench, h: float) -> dict[str, Any]:
-    """Torque of each axis at held angles, the others at zero; declared stiffness at zero beside the difference quotient."""
+    """Torque of each axis at held angles, the others at zero; declared stiffness at zero beside the difference
+    quotient."""
     bench.begin()
     out: dict[str, Any] = {"rest": bench.torques().tolist(), "torque": {}, "declared": {}}
     for k, axis in enumerate(bench.axes):
         low, high = RANGE_DEG[axis]
         pairs = []
         for d in (d for d in STATIC_DEG if low <= -d and d <= high):
-            pairs.append([d, float(bench.hold(bench.along(k, math.radians(d)), h)[k]), float(bench.hold(bench.along(k, -math.radians(d)), h)[k])])
+            pairs.append(
+                [
+                    d,
+                    float(bench.hold(bench.along(k, math.radians(d)), h)[k]),
+                    float(bench.hold(bench.along(k, -math.radians(d)), h)[k]),
+                ]
+            )
         out["torque"][axis] = pairs
         if f"{axis}_stiffness" in bench.found:
             middle = math.radians(5.0)
@@ -258,7 +277,8 @@ def moving(bench: Bench, h: float) -> dict[str, Any]:
 
 
 def cycle(bench: Bench, h: float) -> dict[str, Any]:
-    """Energy taken from the foot in one closed cycle of +-15 degrees in 200 ms [J], after one to settle; and the most that is stored meanwhile."""
+    """Energy taken from the foot in one closed cycle of +-15 degrees in 200 ms [J], after one to settle; and the most
+    that is stored meanwhile."""
     amplitude = math.radians(15.0)
     n = max(8, round(CYCLE / h))
     out = {}
@@ -269,7 +289,9 @@ def cycle(bench: Bench, h: float) -> dict[str, Any]:
         for i in range(1, 2 * n + 1):
             phase = 2 * math.pi * i / n
             angle = amplitude * math.sin(phase)
-            torque = float(bench.step(bench.along(k, angle), bench.along(k, amplitude * CYCLE_SPEED * math.cos(phase)), h)[k])
+            torque = float(
+                bench.step(bench.along(k, angle), bench.along(k, amplitude * CYCLE_SPEED * math.cos(phase)), h)[k]
+            )
             if i > n:
                 work = -0.5 * (torque + torque_before) * (angle - before)
                 taken += work

@@ -43,21 +43,34 @@ class Coupling:
 
     def error(self, assembly: Assembly, record: NDArray[np.float64]) -> float | None:
         """The coupling error of the run recorded (n, slots)."""
-        return self.scheme.error if isinstance(self.scheme, Adaptive) else residual(self.scheme, exchange(assembly, record))
+        return (
+            self.scheme.error
+            if isinstance(self.scheme, Adaptive)
+            else residual(self.scheme, exchange(assembly, record))
+        )
 
     def effort(self, steps: int, step: float) -> tuple[int, float]:
         """Communication steps taken and the smallest of them [s], for `steps` recorded steps of `step` [s]."""
-        return (self.scheme.exchanges, step / max(1, self.scheme.most)) if isinstance(self.scheme, Adaptive) else (steps, step)
+        return (
+            (self.scheme.exchanges, step / max(1, self.scheme.most))
+            if isinstance(self.scheme, Adaptive)
+            else (steps, step)
+        )
 
 
-def begin(name: str, assembly: Assembly, step: float, steps: int, identify: int = 1, guard: bool = True, adaptive: float = 0.0) -> Coupling:
-    """Chooses and starts the scheme of an assembly that has started, for `steps` steps of `step` [s]; `identify`: after how many steps
-    stiffness and damping are found anew; `adaptive` > 0: the tolerance of steps divided as the residual energy asks. Raises InputError for
-    a scheme that the system cannot run or, with `guard`, that would be unstable."""
+def begin(
+    name: str, assembly: Assembly, step: float, steps: int, identify: int = 1, guard: bool = True, adaptive: float = 0.0
+) -> Coupling:
+    """Chooses and starts the scheme of an assembly that has started, for `steps` steps of `step` [s]; `identify`: after
+    how many steps stiffness and damping are found anew; `adaptive` > 0: the tolerance of steps divided as the residual
+    energy asks. Raises InputError for a scheme that the system cannot run or, with `guard`, that would be unstable."""
     check_scheme(name)
     unable = [m.name for m in assembly.members if not m.component.capabilities.state]
     if name == Iterative.name and unable:
-        raise InputError(f"scheme iterative: {', '.join(unable)} cannot save and restore its state; use auto, impedance or gauss-seidel")
+        raise InputError(
+            f"scheme iterative: {', '.join(unable)} cannot save and restore its state; use auto, impedance or "
+            "gauss-seidel"
+        )
     probing = guard or name in ("auto", Impedance.name)
     identification = Identification(assembly, step) if probing else None
     found = identification.found if identification else None
@@ -68,7 +81,9 @@ def begin(name: str, assembly: Assembly, step: float, steps: int, identify: int 
         reason = f"asked for; {_handed_over(found)}"
     warnings = []
     plain: dict[str, type[Scheme]] = {s.name: s for s in (Jacobi, GaussSeidel, Extrapolated, Iterative)}
-    scheme: Scheme = plain[name]() if name in plain else Impedance(identification or Identification(assembly, step), identify)
+    scheme: Scheme = (
+        plain[name]() if name in plain else Impedance(identification or Identification(assembly, step), identify)
+    )
     if adaptive:
         scheme = Adaptive(scheme, assembly, step, adaptive)
     if guard:
@@ -83,7 +98,8 @@ def begin(name: str, assembly: Assembly, step: float, steps: int, identify: int 
 
 
 def _choose(found: Found | None, states: bool, step: float, steps: int) -> tuple[str, str]:
-    """Impedance hand-over wherever something can be handed over; else Gauss-Seidel, if it is stable; else iteration, if all can repeat a step."""
+    """Impedance hand-over wherever something can be handed over; else Gauss-Seidel, if it is stable; else iteration, if
+    all can repeat a step."""
     if found is None:
         return GaussSeidel.name, "no device gives the plant a torque"
     if found.declared or found.identified:

@@ -1,10 +1,10 @@
 """How large the coupling error of a run is: the residual of the energy that a device and the plant exchange.
 
-Over a communication step the plant moves by d(angle) under the torque that the scheme applied, while the device, at the ends of the step, gave other
-torques. The residual is (mean torque applied - mean torque of the device) d(angle); its sum of magnitudes over the run, as a share of the sum of the
-magnitudes exchanged, is the run's coupling error: 0 where the applied torque was the device's all along. After the residual energy of
-S. Sadjina, L. T. Kyllingstad, S. Skjong, E. Pedersen, Energy conservation and power bonds in co-simulations, Eng. Comput. 33 (2017) 607-620.
-"""
+Over a communication step the plant moves by d(angle) under the torque that the scheme applied, while the device, at the
+ends of the step, gave other torques. The residual is (mean torque applied - mean torque of the device) d(angle); its
+sum of magnitudes over the run, as a share of the sum of the magnitudes exchanged, is the run's coupling error: 0 where
+the applied torque was the device's all along. After the residual energy of S. Sadjina, L. T. Kyllingstad, S. Skjong, E.
+Pedersen, Energy conservation and power bonds in co-simulations, Eng. Comput. 33 (2017) 607-620."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ TORQUE = "_torque"
 
 @dataclass(frozen=True)
 class Exchange:
-    """What passed between devices and plant at the n communication points: `torque`, `angle`, `velocity` (n, axes) in SI, `stiffness` and
-    `damping` (n, axes, axes) as handed over (zeros otherwise); `steps` (n - 1,) their distances, in any unit."""
+    """What passed between devices and plant at the n communication points: `torque`, `angle`, `velocity` (n, axes) in
+    SI, `stiffness` and `damping` (n, axes, axes) as handed over (zeros otherwise); `steps` (n - 1,) their distances, in
+    any unit."""
 
     Torques = NDArray[np.float64]
 
@@ -44,9 +45,11 @@ class Applies(Protocol):
         ...
 
 
-def exchange(assembly: Assembly, values: NDArray[np.float64], steps: NDArray[np.float64] | None = None) -> Exchange | None:
-    """From a record (n, slots) of the assembly's bus at points `steps` (n - 1,) apart (equal ones if left out); None without a device that gives a
-    torque about an axis of the plant."""
+def exchange(
+    assembly: Assembly, values: NDArray[np.float64], steps: NDArray[np.float64] | None = None
+) -> Exchange | None:
+    """From a record (n, slots) of the assembly's bus at points `steps` (n - 1,) apart (equal ones if left out); None
+    without a device that gives a torque about an axis of the plant."""
     system = assembly.system
 
     def column(name: str) -> NDArray[np.float64]:
@@ -66,9 +69,12 @@ def exchange(assembly: Assembly, values: NDArray[np.float64], steps: NDArray[np.
                 if name in assembly.index:
                     matrix[:, i, j] = column(name)
     torque, angle, velocity = (
-        np.stack([column(name.format(a)) for a in axes], axis=1) for name in ("plant.brace_{}_torque", "plant.{}_angle", "plant.{}_velocity")
+        np.stack([column(name.format(a)) for a in axes], axis=1)
+        for name in ("plant.brace_{}_torque", "plant.{}_angle", "plant.{}_velocity")
     )
-    return Exchange(torque, angle, velocity, matrices["stiffness"], matrices["damping"], np.ones(n - 1) if steps is None else steps)
+    return Exchange(
+        torque, angle, velocity, matrices["stiffness"], matrices["damping"], np.ones(n - 1) if steps is None else steps
+    )
 
 
 def shares(scheme: Applies, passed: Exchange | None) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
@@ -79,7 +85,9 @@ def shares(scheme: Applies, passed: Exchange | None) -> tuple[NDArray[np.float64
     device = passed.torque
     if scheme.lag:  # the last ones are not known yet: straight on
         slope = passed.torque[-1] - passed.torque[-2]
-        device = np.vstack([passed.torque[scheme.lag :], [passed.torque[-1] + (k + 1) * slope for k in range(scheme.lag)]])
+        device = np.vstack(
+            [passed.torque[scheme.lag :], [passed.torque[-1] + (k + 1) * slope for k in range(scheme.lag)]]
+        )
     given = 0.5 * (device[1:] + device[:-1])
     return np.abs(((scheme.applied(passed) - given) * moved).sum(axis=1)), np.abs(given * moved).sum(axis=1)
 

@@ -1,4 +1,5 @@
-"""Stiffness and damping of the devices by finite differences: what a device does not declare, and whether what it declares is true.
+"""Stiffness and damping of the devices by finite differences: what a device does not declare, and whether what it
+declares is true.
 
 One input of a device is moved at a time, and the slope of its torques is read off, in one of three ways:
     direct    outputs follow inputs at once: no step is taken
@@ -33,9 +34,10 @@ Recent = tuple[list[list[float]], list[float]]
 
 @dataclass(frozen=True)
 class Found:
-    """About `axes` at the start, SI: `stiffness` and `damping` (d, d) of the devices, `given_stiffness` and `given_damping` (d, d) that a scheme can
-    hand over (declared or identified), the plant's `inertia` (d,) or None where it does not tell. `declared` and `identified` name the
-    outputs and how; `doubt` is a sentence about what is declared but not true, or cannot be found."""
+    """About `axes` at the start, SI: `stiffness` and `damping` (d, d) of the devices, `given_stiffness` and
+    `given_damping` (d, d) that a scheme can hand over (declared or identified), the plant's `inertia` (d,) or None
+    where it does not tell. `declared` and `identified` name the outputs and how; `doubt` is a sentence about what is
+    declared but not true, or cannot be found."""
 
     axes: tuple[str, ...]
     stiffness: Matrix
@@ -78,8 +80,9 @@ class Identification:
         self._open = [device for device in self._devices if device.targets and device.held is None]
 
     def update(self, time: float, step: float) -> bool:
-        """Finds what is not declared anew, at the present values of the bus and over a step of that size, for devices whose torques have changed
-        otherwise than the last numbers say. The plant's inputs are left to be transferred; False where nothing was found."""
+        """Finds what is not declared anew, at the present values of the bus and over a step of that size, for devices
+        whose torques have changed otherwise than the last numbers say. The plant's inputs are left to be transferred;
+        False where nothing was found."""
         found = False
         for device in self._open:
             if device.due():
@@ -123,20 +126,37 @@ class Identification:
                     if any(c.axis == row and c.kind == kind for c in device.columns) and abs(says - does) > max(
                         0.5 * abs(does), 0.02 * np.abs(probed[kind]).max(), 1e-3
                     ):
-                        doubts.append(f"{connections[own]} says {says:.4g} where the torque answers with {does:.4g} (SI)")
+                        doubts.append(
+                            f"{connections[own]} says {says:.4g} where the torque answers with {does:.4g} (SI)"
+                        )
             for t in device.targets:
                 given[t.kind, t.row, t.column] = slopes[t.kind, t.row, t.column]
             if device.targets:
-                missing = " and ".join(name for kind, (name, _) in enumerate(KINDS) if any(t.kind == kind for t in device.targets))
+                missing = " and ".join(
+                    name for kind, (name, _) in enumerate(KINDS) if any(t.kind == kind for t in device.targets)
+                )
                 about = ", ".join(axes[row] for row in device.rows if any(t.row == row for t in device.targets))
                 if not device.hidden:
                     identified.append(f"{missing} of {device.member.name} about {about} {device.how}")
                 if device.held is not None:
-                    what = "and allows one instance only: they stay unknown" if device.hidden else "so they are held as found at the start"
-                    doubts.append(f"{device.member.name} declares no {missing}, answers only in a step, cannot save its state {what}")
+                    what = (
+                        "and allows one instance only: they stay unknown"
+                        if device.hidden
+                        else "so they are held as found at the start"
+                    )
+                    doubts.append(
+                        f"{device.member.name} declares no {missing}, answers only in a step, cannot save its state "
+                        f"{what}"
+                    )
         inertia = [f"plant.{axis}_effective_inertia" for axis in axes]
-        told = np.array([assembly.si(name) for name in inertia]) if all(name in assembly.index for name in inertia) else None
-        return Found(axes, probed[0], probed[1], given[0], given[1], told, tuple(declared), tuple(identified), "; ".join(doubts))
+        told = (
+            np.array([assembly.si(name) for name in inertia])
+            if all(name in assembly.index for name in inertia)
+            else None
+        )
+        return Found(
+            axes, probed[0], probed[1], given[0], given[1], told, tuple(declared), tuple(identified), "; ".join(doubts)
+        )
 
 
 @dataclass(frozen=True)
@@ -151,7 +171,8 @@ class _Target:
 
 @dataclass(frozen=True)
 class _Column:
-    """One output of the plant that the device reads: its slot, the slot of its rate (angles only) and its unit's factor."""
+    """One output of the plant that the device reads: its slot, the slot of its rate (angles only) and its unit's
+    factor."""
 
     slot: int
     rate: int
@@ -161,7 +182,8 @@ class _Column:
 
 
 class _Device:
-    """The probes of one device. `ways` by column; `held` what was found once and for all, None where it is found again along the run."""
+    """The probes of one device. `ways` by column; `held` what was found once and for all, None where it is found again
+    along the run."""
 
     def __init__(self, assembly: Assembly, member: Member, axes: tuple[str, ...], rows: list[int]) -> None:
         self.assembly, self.member, self.axes, self.rows = assembly, member, axes, rows
@@ -195,7 +217,8 @@ class _Device:
         return "from its direct answer" if STEP not in self.ways else "over a repeated step"
 
     def choose(self, time: float, span: float) -> Slopes:
-        """Direct where the device answers at once; for inputs it does not answer to, over a step where that shows more. Returns what was found."""
+        """Direct where the device answers at once; for inputs it does not answer to, over a step where that shows more.
+        Returns what was found."""
         found = self._probe(DIRECT, self.columns, time, span)
         moves = [bool(found[c.kind][self.rows, c.axis].any()) for c in self.columns]
         self.answers = any(moves)
@@ -218,11 +241,14 @@ class _Device:
     def again(self, time: float, span: float) -> Slopes:
         found = np.zeros((2, len(self.axes), len(self.axes)))
         for way in dict.fromkeys(self.ways):
-            found += self._probe(way, [c for c, own in zip(self.columns, self.ways, strict=True) if own == way], time, span)
+            found += self._probe(
+                way, [c for c, own in zip(self.columns, self.ways, strict=True) if own == way], time, span
+            )
         return found
 
     def due(self) -> bool:
-        """Whether the torques have changed since the last call otherwise than by the slopes at hand. Plain lists: it runs at every step."""
+        """Whether the torques have changed since the last call otherwise than by the slopes at hand. Plain lists: it
+        runs at every step."""
         law, before = self.recent
         now = self.assembly.bus.take(self._looked_at).tolist()
         self.recent = law, now
@@ -233,7 +259,10 @@ class _Device:
         return not missed <= DRIFT * max(map(abs, told)) + ROUNDING * max(map(abs, now[n:]))
 
     def write(self, slopes: Slopes) -> None:
-        law = [[-float(slopes[c.kind, row, c.axis]) * c.factor / f for c in self.columns] for row, f in zip(self.rows, self._factors, strict=True)]
+        law = [
+            [-float(slopes[c.kind, row, c.axis]) * c.factor / f for c in self.columns]
+            for row, f in zip(self.rows, self._factors, strict=True)
+        ]
         self.recent = law, self.assembly.bus.take(self._looked_at).tolist()
         for t in self.targets:
             self.assembly.bus[t.slot] = slopes[t.kind, t.row, t.column]
@@ -246,7 +275,9 @@ class _Device:
             return out
         kept = bus.copy()
         able = member.component.capabilities
-        saved = way == STEP or (way == DIRECT and able.model_exchange and able.state)  # an input that moves is an event of a model exchange FMU
+        saved = way == STEP or (
+            way == DIRECT and able.model_exchange and able.state
+        )  # an input that moves is an event of a model exchange FMU
         state = member.instance.save() if saved else None
         try:
             base = self._present() if way == DIRECT else self._answer(way, time, span, state)
@@ -291,7 +322,9 @@ class _Device:
         if member.spare is None:
             member.spare = member.component.open()
             member.spare_bus = np.zeros(n + len(member.gives))
-            names = [name.partition(".")[2] for name in (*assembly.names[member.inputs], *assembly.names[member.outputs])]
+            names = [
+                name.partition(".")[2] for name in (*assembly.names[member.inputs], *assembly.names[member.outputs])
+            ]
             member.spare.bind(member.spare_bus, names[:n], 0, names[n:], n, 0)
         else:
             member.spare.reset()

@@ -5,11 +5,11 @@
         the scheme takes every component from t to t + communication_step
         record k + 1
 
-Failure policy: a scheme that would be unstable with this device is refused before the first step (InputError). An FMI error or a value that
-is not finite ends the run with status `failed` and a message that names component, call or variable, and time; an FMU that asks to end the run ends
-it with status `stopped`. What was recorded until then stays in the result; a short record is never `completed`. When an FMU refuses a step and can
-save its state, the run begins again with a state saved before each step, and refused steps are taken in parts.
-"""
+Failure policy: a scheme that would be unstable with this device is refused before the first step (InputError). An FMI
+error or a value that is not finite ends the run with status `failed` and a message that names component, call or
+variable, and time; an FMU that asks to end the run ends it with status `stopped`. What was recorded until then stays in
+the result; a short record is never `completed`. When an FMU refuses a step and can save its state, the run begins again
+with a state saved before each step, and refused steps are taken in parts."""
 
 from __future__ import annotations
 
@@ -28,10 +28,11 @@ from .system import Assembly
 
 @dataclass(frozen=True)
 class Master:
-    """Times in s. `guard`: refuse a run whose coupling would be unstable, before it starts. `record`: patterns of local variables to record
-    besides the connectors, such as "plant.*"; they cost nothing when left out. `identify`: number of steps after which stiffness and damping that a
-    device does not declare are found anew; 0: at the start only. `adaptive`: the communication steps are divided where the residual energy exceeds this
-    share of the energy exchanged; 0: never. The record stays on the regular grid."""
+    """Times in s. `guard`: refuse a run whose coupling would be unstable, before it starts. `record`: patterns of local
+    variables to record besides the connectors, such as "plant.*"; they cost nothing when left out. `identify`: number
+    of steps after which stiffness and damping that a device does not declare are found anew; 0: at the start only.
+    `adaptive`: the communication steps are divided where the residual energy exceeds this share of the energy
+    exchanged; 0: never. The record stays on the regular grid."""
 
     communication_step: float = 5e-4
     stop: float = 0.150
@@ -52,17 +53,22 @@ class Master:
         span = self.stop - self.start
         n = max(1, round(span / self.communication_step))
         if n > 10_000_000:
-            raise InputError(f"communication step {1e3 * self.communication_step:g} ms: {n} steps until the stop at {1e3 * self.stop:g} ms; at most 10 000 000")
+            raise InputError(
+                f"communication step {1e3 * self.communication_step:g} ms: {n} steps until the stop at "
+                f"{1e3 * self.stop:g} ms; at most 10 000 000"
+            )
         if abs(n * self.communication_step - span) > 1e-9 * span:
             fewer = max(1, math.floor(span / self.communication_step))
             raise InputError(
-                f"communication step {1e3 * self.communication_step:g} ms: the stop at {1e3 * self.stop:g} ms is not a whole number of steps; "
+                f"communication step {1e3 * self.communication_step:g} ms: the stop at {1e3 * self.stop:g} ms is not "
+                "a whole number of steps; "
                 f"the nearest that are: {1e3 * span / fewer:.6g} ms and {1e3 * span / (fewer + 1):.6g} ms"
             )
         return n
 
     def run(self, assembly: Assembly, parameters: Mapping[str, float]) -> Result:
-        """One run of an open system from its initial state; `parameters` {"component.parameter": value in its own unit}."""
+        """One run of an open system from its initial state; `parameters` {"component.parameter": value in its own
+        unit}."""
         try:
             return self._run(assembly, parameters)
         except StepDiscarded:

@@ -1,9 +1,9 @@
 """Stability before the run: does a scheme, at its step, let an oscillation of the device on the foot grow?
 
-The device is taken as linear, torque = -K angle - C velocity, as it is at the start (identify.py), on the plant's effective inertia I about the device's
-axes and without any damping of the plant's own. One communication step is then a matrix, written down for each scheme; its
-spectral radius to the power of the number of steps is the growth over the run. The foot's own damping makes the truth better, not worse.
-"""
+The device is taken as linear, torque = -K angle - C velocity, as it is at the start (identify.py), on the plant's
+effective inertia I about the device's axes and without any damping of the plant's own. One communication step is then a
+matrix, written down for each scheme; its spectral radius to the power of the number of steps is the growth over the
+run. The foot's own damping makes the truth better, not worse."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ Matrix = NDArray[np.floating]
 
 
 def growth(scheme: str, device: Found, step: float, steps: int) -> float:
-    """Factor by which the fastest growing oscillation grows in `steps` steps of `step` [s]; at most 1 where none grows."""
+    """Factor by which the fastest growing oscillation grows in `steps` steps of `step` [s]; at most 1 where none
+    grows."""
     d = len(device.axes)
     unit, zero = np.eye(d), np.zeros((d, d))
     free: Matrix = np.block([[unit, step * unit], [zero, unit]])
@@ -48,7 +49,8 @@ def growth(scheme: str, device: Found, step: float, steps: int) -> float:
 
 
 def _exponential(matrix: Matrix) -> Matrix:
-    """Scaling and squaring of the Taylor series. scipy's wakes the threads of its BLAS, which then spin for longer than a landing takes."""
+    """Scaling and squaring of the Taylor series. scipy's wakes the threads of its BLAS, which then spin for longer than
+    a landing takes."""
     halvings = max(0, int(np.ceil(np.log2(max(np.abs(matrix).sum(axis=1).max(), 1e-300)))) + 1)
     scaled = matrix / 2.0**halvings
     out = term = np.eye(len(matrix))
@@ -80,4 +82,6 @@ def verdict(scheme: str, device: Found | None, step: float, steps: int, others: 
     cures.append(f"--step '{1e3 * largest_step(scheme, device, step, step * steps):g} ms'")
     grows = f"{factor:.0f}-fold" if factor < 1e6 else "without bound"
     text = f"an oscillation about {device.axes[k]} may grow {grows} over the run under {scheme} at {1e3 * step:g} ms"
-    return ("refusal" if factor > REFUSAL else "warning"), f"{text} ({device.size()}, inertia {device.inertia[k]:.3g} kg.m2); use {' or '.join(cures)}"
+    return (
+        "refusal" if factor > REFUSAL else "warning"
+    ), f"{text} ({device.size()}, inertia {device.inertia[k]:.3g} kg.m2); use {' or '.join(cures)}"

@@ -1,9 +1,9 @@
 """Components and the connections between them: checked as a description, opened onto one bus of values.
 
-Connections are keyed by their target, so an input cannot be fed twice. Devices connect themselves to the plant by name: an input takes the
-plant's output of the same name, an output feeds the plant's input of the same name or of its name behind `brace_`; `.`, `_` and letter case do
-not count. Stiffness and damping connections are made as well, but carry values only under a scheme that hands them over.
-"""
+Connections are keyed by their target, so an input cannot be fed twice. Devices connect themselves to the plant by name:
+an input takes the plant's output of the same name, an output feeds the plant's input of the same name or of its name
+behind `brace_`; `.`, `_` and letter case do not count. Stiffness and damping connections are made as well, but carry
+values only under a scheme that hands them over."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ FAR = 1e9
 
 @dataclass(frozen=True)
 class System:
-    """`components` in the order in which they take their steps, `connections` {target: source} of "component.connector" names, `parameters`
-    {"component.parameter": value in the parameter's own unit}."""
+    """`components` in the order in which they take their steps, `connections` {target: source} of "component.connector"
+    names, `parameters` {"component.parameter": value in the parameter's own unit}."""
 
     components: tuple[Component, ...]
     connections: Mapping[str, str]
@@ -67,7 +67,11 @@ class System:
                 if not end.scalar_number:
                     problems.append(f"{place}: {end.name} is of type {end.kind}; only scalar numbers can be connected")
             if into.unit and out_of.unit and not into.unit.same_dimension(out_of.unit):
-                ends = [f"{end} in {c.unit.name} ({c.unit.dimension()})" for end, c in ((target, into), (source, out_of)) if c.unit]
+                ends = [
+                    f"{end} in {c.unit.name} ({c.unit.dimension()})"
+                    for end, c in ((target, into), (source, out_of))
+                    if c.unit
+                ]
                 problems.append(f"{place}: the units do not match: {', '.join(ends)}")
         for full in self.parameters:
             try:
@@ -80,11 +84,18 @@ class System:
         for component in self.components:
             touched = any(end.split(".")[0] == component.name for pair in self.connections.items() for end in pair)
             if not touched and len(self.components) > 1 and component.name != "plant":
-                problems.append(f"{component.name}: connects to nothing; its variables match none of the plant's, so name the connections in [connections]")
-            elif component.name == "brace" and not any(source.startswith("brace.") for source in self.connections.values()):
                 problems.append(
-                    f"brace: is moved by the plant but gives nothing back: none of its outputs ({', '.join(component.outputs) or 'it has none'}) is named"
-                    " A_torque for an axis A; give a mapping file (`sprain-cosim check` proposes one) or name it in [connections]"
+                    f"{component.name}: connects to nothing; its variables match none of the plant's, so name the "
+                    "connections in [connections]"
+                )
+            elif component.name == "brace" and not any(
+                source.startswith("brace.") for source in self.connections.values()
+            ):
+                problems.append(
+                    "brace: is moved by the plant but gives nothing back: none of its outputs "
+                    f"({', '.join(component.outputs) or 'it has none'}) is named"
+                    " A_torque for an axis A; give a mapping file (`sprain-cosim check` proposes one) or name it in "
+                    "[connections]"
                 )
         if communication_step is not None:
             problems += self.check_step(communication_step)
@@ -101,7 +112,10 @@ class System:
             if ratio < 0.999 or abs(ratio - round(ratio)) > 1e-6 * ratio:
                 low = max(1, int(ratio))
                 multiples = f"use {1e3 * low * own:g} ms or {1e3 * (low + 1) * own:g} ms"
-                problems.append(f"communication step {1e3 * h:g} ms: {component.name} takes only whole multiples of its own {1e3 * own:g} ms; {multiples}")
+                problems.append(
+                    f"communication step {1e3 * h:g} ms: {component.name} takes only whole multiples of its own "
+                    f"{1e3 * own:g} ms; {multiples}"
+                )
         return problems
 
     @cached_property
@@ -109,22 +123,38 @@ class System:
         """{axis: the output that gives the torque about it} for all torques of devices on the plant."""
         plant = self.component("plant")
         outputs = plant.outputs if plant else {}
-        axes = {target.removeprefix("plant.brace_").removesuffix("_torque"): source for target, source in self.connections.items()}
-        return {a: s for a, s in axes.items() if f"plant.brace_{a}_torque" in self.connections and {f"{a}_angle", f"{a}_velocity"} <= set(outputs)}
+        axes = {
+            target.removeprefix("plant.brace_").removesuffix("_torque"): source
+            for target, source in self.connections.items()
+        }
+        return {
+            a: s
+            for a, s in axes.items()
+            if f"plant.brace_{a}_torque" in self.connections and {f"{a}_angle", f"{a}_velocity"} <= set(outputs)
+        }
 
     @cached_property
     def undeclared(self) -> dict[str, tuple[str, str]]:
-        """{input of the plant: (torque, the plant's output it may depend on)} for stiffness and damping that the plant could use and the device
-        does not declare. Declared about an axis without cross terms means that there are none."""
+        """{input of the plant: (torque, the plant's output it may depend on)} for stiffness and damping that the plant
+        could use and the device does not declare. Declared about an axis without cross terms means that there are
+        none."""
         plant = self.component("plant")
         found: dict[str, tuple[str, str]] = {}
         for kind, moved in (("stiffness", "angle"), ("damping", "velocity")):
             for axis, torque in self.torques.items():
                 device = torque.partition(".")[0]
                 for other in self.torques:
-                    reads = any(s == f"plant.{other}_{moved}" and t.startswith(f"{device}.") for t, s in self.connections.items())
+                    reads = any(
+                        s == f"plant.{other}_{moved}" and t.startswith(f"{device}.")
+                        for t, s in self.connections.items()
+                    )
                     name = impedance_input(axis, other, kind)
-                    if impedance_input(axis, axis, kind) not in self.connections and reads and plant and name.partition(".")[2] in plant.inputs:
+                    if (
+                        impedance_input(axis, axis, kind) not in self.connections
+                        and reads
+                        and plant
+                        and name.partition(".")[2] in plant.inputs
+                    ):
                         found[name] = torque, f"plant.{other}_{moved}"
         return found
 
@@ -154,10 +184,17 @@ def connect(components: Sequence[Component], explicit: Mapping[str, str]) -> tup
             if target:
                 feeds[name] = target
         own = {source for source in explicit.values() if source.startswith(f"{device.name}.")}
-        torques = {plain(n).removesuffix("torque") for n in feeds if f"{device.name}.{n}" not in own and plain(n).endswith("torque")}
+        torques = {
+            plain(n).removesuffix("torque")
+            for n in feeds
+            if f"{device.name}.{n}" not in own and plain(n).endswith("torque")
+        }
         spanned = [p for p, axes in PROFILES.items() if p != "subtalar" and torques & {plain(a) for a in axes}]
         if len(spanned) > 1:
-            problems.append(f"{device.name}: gives torques of several profiles ({', '.join(spanned)}); name the ones to use in [connections]")
+            problems.append(
+                f"{device.name}: gives torques of several profiles ({', '.join(spanned)}); name the ones to use in "
+                "[connections]"
+            )
             continue
         for name in device.inputs:
             source = outputs.get(plain(name))
@@ -181,10 +218,12 @@ def _a(word: str) -> str:
 class Member:
     """One instance and its place on the bus: inputs at `inputs`, outputs at `outputs`.
 
-    `late`: fed by a member that steps after it, so its inputs change once more when all have stepped. `echoes`: some outputs follow the inputs
-    at once. `sent`: it has the inputs that stand on the bus."""
+    `late`: fed by a member that steps after it, so its inputs change once more when all have stepped. `echoes`: some
+    outputs follow the inputs at once. `sent`: it has the inputs that stand on the bus."""
 
-    def __init__(self, component: Component, instance: Instance, bus: np.ndarray, inputs: slice, outputs: slice) -> None:
+    def __init__(
+        self, component: Component, instance: Instance, bus: np.ndarray, inputs: slice, outputs: slice
+    ) -> None:
         self.name, self.component, self.instance = component.name, component, instance
         self.inputs, self.outputs = inputs, outputs
         self.given, self.gives = bus[inputs], bus[outputs]
@@ -207,15 +246,22 @@ class Assembly:
         self.units: list[Unit | None] = []
         lists = []
         for c in system.components:
-            inputs = [n for n in c.inputs if f"{c.name}.{n}" in system.connections or f"{c.name}.{n}" in system.undeclared]
-            echo = {n: o.depends_on is None or not set(inputs).isdisjoint(o.depends_on) for n, o in c.outputs.items() if o.scalar_number}
+            inputs = [
+                n for n in c.inputs if f"{c.name}.{n}" in system.connections or f"{c.name}.{n}" in system.undeclared
+            ]
+            echo = {
+                n: o.depends_on is None or not set(inputs).isdisjoint(o.depends_on)
+                for n, o in c.outputs.items()
+                if o.scalar_number
+            }
             outputs = sorted(echo, key=echo.__getitem__)
             lists.append((c, inputs, outputs, sum(echo.values()) if inputs else 0))
         for component, inputs, outputs, _ in lists:
             for n in [*inputs, *outputs]:
                 self.names.append(f"{component.name}.{n}")
                 self.units.append(component.connectors[n].unit)
-        zero = len(self.names)  # this slot stays 0: the source of what is not handed over; after it stand the values found by identification [SI]
+        # this slot stays 0, the source of what is not handed over; after it stand the values found by identification
+        zero = len(self.names)
         self.bus = np.zeros(zero + 1 + len(system.undeclared))
         self.record = self.bus[:zero]
         self.index = {name: k for k, name in enumerate(self.names)}
@@ -228,7 +274,13 @@ class Assembly:
             at = 0
             for component, inputs, outputs, echoing in lists:
                 first_output = at + len(inputs)
-                member = Member(component, component.open(), self.bus, slice(at, first_output), slice(first_output, first_output + len(outputs)))
+                member = Member(
+                    component,
+                    component.open(),
+                    self.bus,
+                    slice(at, first_output),
+                    slice(first_output, first_output + len(outputs)),
+                )
                 self.members.append(member)
                 member.instance.bind(self.bus, inputs, at, outputs, first_output, echoing)
                 member.echoes = echoing > 0
@@ -239,9 +291,16 @@ class Assembly:
         for member in self.members:
             names = self.names[member.inputs]
             sources = [system.connections.get(name) for name in names]
-            member.connected = np.array([self.index[s] if s else self.identified[n] for n, s in zip(names, sources, strict=True)], dtype=np.intp)
-            member.unconnected = np.where([n.endswith(HANDED_OVER) for n in names], zero, member.connected).astype(np.intp)
-            links = [_link(system.find(s).unit if s else None, system.find(n).unit) for n, s in zip(names, sources, strict=True)]
+            member.connected = np.array(
+                [self.index[s] if s else self.identified[n] for n, s in zip(names, sources, strict=True)], dtype=np.intp
+            )
+            member.unconnected = np.where([n.endswith(HANDED_OVER) for n in names], zero, member.connected).astype(
+                np.intp
+            )
+            links = [
+                _link(system.find(s).unit if s else None, system.find(n).unit)
+                for n, s in zip(names, sources, strict=True)
+            ]
             member.factor, member.offset = np.array([f for f, _ in links]), np.array([b for _, b in links])
             member.scaled = any(link != (1.0, 0.0) for link in links)
         self.hand_over(False)
@@ -277,7 +336,10 @@ class Assembly:
 
     def slots(self, chosen: Callable[[str], bool]) -> np.ndarray:
         """Places on the bus of the inputs of late members that `chosen` accepts by name."""
-        return np.array([k for m in self.members if m.late for k in range(m.inputs.start, m.inputs.stop) if chosen(self.names[k])], dtype=np.intp)
+        return np.array(
+            [k for m in self.members if m.late for k in range(m.inputs.start, m.inputs.stop) if chosen(self.names[k])],
+            dtype=np.intp,
+        )
 
     def si(self, name: str) -> float:
         """The present value of a slot in SI."""
@@ -318,8 +380,9 @@ class Assembly:
         return {n.removeprefix(prefix): v for n, v in self.parameters.items() if n.startswith(prefix)}
 
     def agree(self) -> None:
-        """Exchanges until nothing changes: direct feed-through between components is solved by substitution and, where it runs in a loop that this
-        does not settle, by Newton's method. Raises SimulationError, naming the connections of the loop."""
+        """Exchanges until nothing changes: direct feed-through between components is solved by substitution and, where
+        it runs in a loop that this does not settle, by Newton's method. Raises SimulationError, naming the connections
+        of the loop."""
         start, before = self.bus.copy(), self.bus.copy()
         ever = np.zeros(len(self.bus), dtype=bool)
         largest, growing = math.inf, 0
@@ -342,7 +405,10 @@ class Assembly:
                 break
             largest = change.max()
             before[:] = self.bus
-        self._solve(start, np.array([k for m in self.members for k in range(m.inputs.start, m.inputs.stop) if ever[k]], dtype=np.intp))
+        self._solve(
+            start,
+            np.array([k for m in self.members for k in range(m.inputs.start, m.inputs.stop) if ever[k]], dtype=np.intp),
+        )
 
     def _solve(self, start: np.ndarray, loop: np.ndarray) -> None:
         """Newton's method with damped steps for the inputs at `loop` that equal the outputs which follow from them."""
@@ -374,12 +440,17 @@ class Assembly:
                     return
                 break
             z, gap = z - share * step, tried
-        names = [self.names[k] for k, open_ in zip(loop, np.abs(gap) > SETTLED * np.maximum(1.0, np.abs(z)), strict=True) if open_]
+        names = [
+            self.names[k]
+            for k, open_ in zip(loop, np.abs(gap) > SETTLED * np.maximum(1.0, np.abs(z)), strict=True)
+            if open_
+        ]
         ends = ", ".join(f"{name} = {self.system.connections.get(name, 'what was identified')}" for name in names)
         raise SimulationError(f"the values at the start do not settle; no solution found for the loop through {ends}")
 
     def _gap(self, inputs: np.ndarray, loop: np.ndarray, changed: Iterable[Member]) -> np.ndarray:
-        """`inputs` minus what the outputs that follow from them give; only `changed` members are asked again. The inputs stay on the bus."""
+        """`inputs` minus what the outputs that follow from them give; only `changed` members are asked again. The
+        inputs stay on the bus."""
         self.bus[loop] = inputs
         for member in changed:
             member.instance.push()
@@ -397,7 +468,8 @@ class Assembly:
             raise SimulationError(f"{first} is not finite at the start")
 
     def advance(self, member: Member, time: float, step: float, whole: bool = False) -> None:
-        """One member takes its step with the inputs that stand on the bus. Outputs that settle() fetches again are left out unless `whole`.
+        """One member takes its step with the inputs that stand on the bus. Outputs that settle() fetches again are left
+        out unless `whole`.
 
         Raises SimulationError, also when an output is not finite."""
         instance = member.instance
@@ -409,13 +481,16 @@ class Assembly:
         else:
             instance.pull()
         member.sent = False
-        if not math.isfinite(member.gives @ member.gives):  # the square of a large finite number may overflow: look closer
+        if not math.isfinite(
+            member.gives @ member.gives
+        ):  # the square of a large finite number may overflow: look closer
             for name, value in zip(self.names[member.outputs], member.gives.tolist(), strict=True):
                 if not math.isfinite(value):
                     raise SimulationError(f"{member.name}: {name.partition('.')[2]} = {value:g} at {time + step:.6g} s")
 
     def settle(self) -> None:
-        """After all have stepped: inputs that are fed by later members take the new outputs, and outputs that follow them are read again."""
+        """After all have stepped: inputs that are fed by later members take the new outputs, and outputs that follow
+        them are read again."""
         for member in self.members:
             if member.late:
                 self.transfer(member)
@@ -439,7 +514,9 @@ class Assembly:
 
 def _link(source: Unit | None, target: Unit | None) -> tuple[float, float]:
     """Factor and offset from the source's unit to the target's; an undeclared unit is SI."""
-    if source == target or (source is not None and target is not None and (source.factor, source.offset) == (target.factor, target.offset)):
+    if source == target or (
+        source is not None and target is not None and (source.factor, source.offset) == (target.factor, target.offset)
+    ):
         return 1.0, 0.0
     source, target = source or Unit("1"), target or Unit("1")
     return source.factor / target.factor, (source.offset - target.offset) / target.factor

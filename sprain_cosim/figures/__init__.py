@@ -1,4 +1,5 @@
-"""Figures: each function takes plain data and returns a matplotlib Figure, one journal column (8.5 cm) wide. Nothing here reads a file or runs an FMU."""
+"""Figures: each function takes plain data and returns a matplotlib Figure, one journal column (8.5 cm) wide. Nothing
+here reads a file or runs an FMU."""
 
 from .landings import DEGREES, PANELS, fan, landing, moment_angle, phase, sharing
 from .law import torque_angle

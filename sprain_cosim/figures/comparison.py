@@ -1,4 +1,5 @@
-"""The figure of a comparison: how far the foot rolled, what each brace changed, who bore the moment, what ordinary motion costs."""
+"""The figure of a comparison: how far the foot rolled, what each brace changed, who bore the moment, what ordinary
+motion costs."""
 
 from __future__ import annotations
 
@@ -17,22 +18,33 @@ from .style import ANATOMY, BLACK, BLUE, BRACE, FAINT, INK, PURPLE, SKY, SMALL, 
 if TYPE_CHECKING:
     from ..brace.compare import Comparison
 
-PEAKS = (("peak_subtalar_angle_deg", "supination", BLUE, "o", -0.14), ("peak_inversion_from_neutral_deg", "inversion", VERMILION, "s", 0.14))
+PEAKS = (
+    ("peak_subtalar_angle_deg", "supination", BLUE, "o", -0.14),
+    ("peak_inversion_from_neutral_deg", "inversion", VERMILION, "s", 0.14),
+)
 PAD = 8.0  # points between a panel and its title
 MOTIONS = {"plantarflexion": SKY, "dorsiflexion": BLUE, "supination": PURPLE}
 
 
 @styled
 def figure(comparison: Comparison, runs: Mapping[str, Signals]) -> Figure:
-    """`runs` {brace: signals of its landing} of a scenario; empty for a study, whose landings are drawn as a distribution."""
+    """`runs` {brace: signals of its landing} of a scenario; empty for a study, whose landings are drawn as a
+    distribution."""
     data = comparison.data
     shown = [n for n, b in data["braces"].items() if b["status"] == "completed"]
     braces = [n for n in shown if n != "none"]
     gone = [n for n in data["braces"] if n not in shown]
     count = f"{data['landings']} landings" if data["kind"] == "study" else "one landing"
-    note = f"{data['source']}: {count}, the same for every brace. " + (f"Initial pose: {data['initial_pose']}. " if data["initial_pose"] else "")
+    note = f"{data['source']}: {count}, the same for every brace. " + (
+        f"Initial pose: {data['initial_pose']}. " if data["initial_pose"] else ""
+    )
     note += f"Failed: {', '.join(gone)}." if gone else ""
-    heights = [4.4 if runs else 1.3 + 0.72 * len(shown), 1.7 + 0.55 * len(braces), 1.7 + 0.5 * len(shown), 1.7 + 0.75 * len(braces)]
+    heights = [
+        4.4 if runs else 1.3 + 0.72 * len(shown),
+        1.7 + 0.55 * len(braces),
+        1.7 + 0.5 * len(shown),
+        1.7 + 0.75 * len(braces),
+    ]
     drawn, (first, changes, moments, motion) = sheet(heights, note.strip())
     look = dict(zip(data["braces"], [(BLACK, "-"), *looks(len(data["braces"]) - 1)], strict=True))
     if runs:
@@ -51,14 +63,25 @@ def _curves(axis: Axes, runs: Mapping[str, Signals], look: Mapping[str, tuple[st
         colour, style = look[name]
         axis.plot(1e3 * run.time, angle, color=colour, linestyle=style, label=name)
         top = int(np.argmax(angle))
-        axis.plot(1e3 * run.time[top], angle[top], "o", color=colour, markersize=3.5, markeredgecolor="white", markeredgewidth=0.5, zorder=4)
+        axis.plot(
+            1e3 * run.time[top],
+            angle[top],
+            "o",
+            color=colour,
+            markersize=3.5,
+            markeredgecolor="white",
+            markeredgewidth=0.5,
+            zorder=4,
+        )
     axis.set_title("Subtalar angle [deg], + supination")
     axis.set_xlabel("time after contact [ms]")
     axis.legend(loc="upper left", handlelength=2.6)
     axis.grid(axis="y")
 
 
-def _distribution(axis: Axes, comparison: Comparison, names: Sequence[str], look: Mapping[str, tuple[str, Any]]) -> None:
+def _distribution(
+    axis: Axes, comparison: Comparison, names: Sequence[str], look: Mapping[str, tuple[str, Any]]
+) -> None:
     """5 to 95 % as a line, the middle half as a bar, the median as a gap in it, the landings as ticks below."""
     entries = {e.name: e for e in comparison.entries}
     for place, name in enumerate(names):
@@ -69,7 +92,9 @@ def _distribution(axis: Axes, comparison: Comparison, names: Sequence[str], look
         axis.plot([p25, p75], [place, place], color=colour, linewidth=6, solid_capstyle="butt")
         axis.plot([p50], [place], "|", color="white", markersize=6, markeredgewidth=1.4, zorder=4)
         kept = y[:: max(1, len(y) // 400)]
-        axis.plot(kept, np.full(len(kept), place + 0.32), "|", color=colour, markersize=3, markeredgewidth=0.35, alpha=0.6)
+        axis.plot(
+            kept, np.full(len(kept), place + 0.32), "|", color=colour, markersize=3, markeredgewidth=0.35, alpha=0.6
+        )
     _named(axis, names, 0.1)
     axis.set_title("Peak subtalar angle: 5, 25, 50, 75, 95 % of landings")
     axis.set_xlabel("[deg], + supination")
@@ -101,7 +126,14 @@ def _moments(axis: Axes, data: Mapping[str, Any], names: Sequence[str]) -> None:
             left += value or 0.0
         share = 1.0 if brace is None else (values.get("anatomy_share") or {}).get("value")
         if share is not None:
-            axis.annotate(f"anatomy {100 * share:.0f} %", (max(left, 0.0), place), (3, 0), textcoords="offset points", va="center", fontsize=SMALL)
+            axis.annotate(
+                f"anatomy {100 * share:.0f} %",
+                (max(left, 0.0), place),
+                (3, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=SMALL,
+            )
     axis.margins(x=0.34)
     if axis.dataLim.x0 >= 0:
         axis.set_xlim(left=0)

@@ -38,7 +38,8 @@ class Drawn:
 
 
 def flat(folders: Sequence[Folder]) -> list[tuple[str, Run | StudyFolder]]:
-    """(name, run or study) of all, comparisons opened. The name is the title, with the initial pose where poses differ and the folder where titles do not."""
+    """(name, run or study) of all, comparisons opened. The name is the title, with the initial pose where poses differ
+    and the folder where titles do not."""
     items: list[tuple[str, Run | StudyFolder]] = []
     for folder in folders:
         if isinstance(folder, Comparison):
@@ -76,10 +77,14 @@ def draw(folders: Sequence[Folder]) -> Iterator[Drawn]:
         if anatomy is not None and brace is not None
     ]
     if rows:
-        caption = "Resisting moment about the subtalar axis at the time of its peak angle: what the passive tissue bears, and what the brace takes."
+        caption = (
+            "Resisting moment about the subtalar axis at the time of its peak angle: what the passive tissue "
+            "bears, and what the brace takes."
+        )
         yield Drawn("sharing", "Who bears the load", caption, plots.sharing(rows, _note(items)))
     caption = (
-        "Torque-angle laws of the paper's passive ankle and of its braces (the same law with the angle scaled), about the three body-fixed axes. "
+        "Torque-angle laws of the paper's passive ankle and of its braces (the same law with the angle scaled), about "
+        "the three body-fixed axes. "
         "For comparison with Figures 1C and 2 of Yoder et al. 2021."
     )
     yield Drawn("torque_angle", "Torque-angle laws of ankle and brace", caption, plots.torque_angle())
@@ -112,7 +117,10 @@ def sample(name: str, study: StudyFolder, response: str | None = None) -> Sample
         index = np.searchsorted(bounds.value, np.sort(values))
         low, high = bounds.low[index], bounds.high[index]
     given = study.head.get("responses", {}).get(response, {}).get("percentiles", {})
-    percentiles = {float(k): (float(v["value"]), _or(v.get("ci_low"), v["value"]), _or(v.get("ci_high"), v["value"])) for k, v in given.items()}
+    percentiles = {
+        float(k): (float(v["value"]), _or(v.get("ci_low"), v["value"]), _or(v.get("ci_high"), v["value"]))
+        for k, v in given.items()
+    }
     return Sample(name, values, low, high, percentiles, published, pearson(study, response))
 
 
@@ -120,7 +128,11 @@ def pearson(study: StudyFolder, response: str) -> dict[str, tuple[float, float, 
     """{parameter: (r, low, high)}."""
     table = study.head.get("sensitivity", {}).get(response, {})
     found = {name: row.get("pearson", {}) for name, row in table.items() if not name.startswith("_")}
-    return {n: (float(r["value"]), _or(r.get("low"), r["value"]), _or(r.get("high"), r["value"])) for n, r in found.items() if r.get("value") is not None}
+    return {
+        n: (float(r["value"]), _or(r.get("low"), r["value"]), _or(r.get("high"), r["value"]))
+        for n, r in found.items()
+        if r.get("value") is not None
+    }
 
 
 def spread(study: StudyFolder, response: str) -> dict[str, tuple[float, float, float]]:
@@ -163,24 +175,37 @@ def _of_runs(runs: Sequence[tuple[str, Run]]) -> Iterator[Drawn]:
     note = runfolder.note([dict(run.head) for _, run in runs])
     caption = "Each landing from contact on; the dot marks the peak of supination."
     yield Drawn("landing", "The landing over time", caption, plots.landing(overlaid, note))
-    caption = "The path each landing took: a loop means that the moment depends on more than this angle (speed, the other axes, coupling)."
+    caption = (
+        "The path each landing took: a loop means that the moment depends on more than this angle (speed, the "
+        "other axes, coupling)."
+    )
     yield Drawn("moment_angle", "Moment over angle", caption, plots.moment_angle(overlaid, note))
 
 
 def _of_studies(studies: Sequence[tuple[str, StudyFolder]]) -> Iterator[Drawn]:
     samples = {name: sample(name, study) for name, study in studies}
-    distributions = [(name, study) for name, study in studies if study.is_sample and len(samples[name].values) >= FEWEST]
+    distributions = [
+        (name, study) for name, study in studies if study.is_sample and len(samples[name].values) >= FEWEST
+    ]
     for response in dict.fromkeys(study.response for _, study in distributions):
         chosen = [(name, study) for name, study in distributions if study.response == response]
         suffix = "" if response == distributions[0][1].response else f"_{response}"
         text = quantity(response)
-        caption = "Share of landings whose peak stays below the value. Circles: the published levels, where the study is one of the paper's in its pose."
-        yield Drawn(f"cdf{suffix}", "Distribution", caption, plots.cdf([samples[n] for n, _ in chosen], text, _note(chosen)))
+        caption = (
+            "Share of landings whose peak stays below the value. Circles: the published levels, where the study "
+            "is one of the paper's in its pose."
+        )
+        yield Drawn(
+            f"cdf{suffix}", "Distribution", caption, plots.cdf([samples[n] for n, _ in chosen], text, _note(chosen))
+        )
         with_levels = [(n, s) for n, s in chosen if samples[n].percentiles]
         if len(with_levels) > 1:
             caption = "The 5, 50 and 95 % levels with their 95 % intervals."
             yield Drawn(
-                f"percentiles{suffix}", "Levels side by side", caption, plots.percentiles([samples[n] for n, _ in with_levels], text, _note(with_levels))
+                f"percentiles{suffix}",
+                "Levels side by side",
+                caption,
+                plots.percentiles([samples[n] for n, _ in with_levels], text, _note(with_levels)),
             )
         yield from _poses(chosen, samples, text, suffix)
     yield from _searches(studies, distributions, samples)
@@ -189,28 +214,42 @@ def _of_studies(studies: Sequence[tuple[str, StudyFolder]]) -> Iterator[Drawn]:
         if sensitivity:
             end = _end(study, len(distributions))
             r = study.published.get("pearson", {}) if study.response == "peak_subtalar_angle_deg" else {}
-            caption = "What moves the response (Pearson's r) and what widens it (normalised sensitivity of its standard deviation), with 95 % intervals."
-            drawn = plots.tornado(sensitivity, spread(study, study.response), name, quantity(study.response), r, _note([(name, study)]))
+            caption = (
+                "What moves the response (Pearson's r) and what widens it (normalised sensitivity of its "
+                "standard deviation), with 95 % intervals."
+            )
+            drawn = plots.tornado(
+                sensitivity, spread(study, study.response), name, quantity(study.response), r, _note([(name, study)])
+            )
             yield Drawn(f"tornado{end}", f"Sensitivities: {name}", caption, drawn)
     yield from _grids(studies)
     yield from _fans([(name, study) for name, study in studies if study.is_sample])
     yield from _published(distributions)
 
 
-def _poses(chosen: Sequence[tuple[str, StudyFolder]], samples: Mapping[str, Sample], text: str, suffix: str) -> Iterator[Drawn]:
+def _poses(
+    chosen: Sequence[tuple[str, StudyFolder]], samples: Mapping[str, Sample], text: str, suffix: str
+) -> Iterator[Drawn]:
     """Studies with the same marginals that start in different poses."""
-    for k, group in enumerate(_groups(chosen, lambda s: (s.file.get("scenario"), s.file.get("marginals"), _devices(s)))):
+    for k, group in enumerate(
+        _groups(chosen, lambda s: (s.file.get("scenario"), s.file.get("marginals"), _devices(s)))
+    ):
         pairs = {study.pose: samples[name] for name, study in group if study.pose}
         if len(pairs) > 1:
             caption = (
-                "The published pose starts with the foot inside the floor, as the paper's records do; the touching pose starts with the foot just touching. "
+                "The published pose starts with the foot inside the floor, as the paper's records do; the touching "
+                "pose starts with the foot just touching. "
                 "The pose moves the level of the response and can turn the sign of a sensitivity."
             )
             title = "Initial poses side by side"
             yield Drawn(f"poses{suffix}{k or ''}", title, caption, plots.poses(list(pairs.items()), text, _note(group)))
 
 
-def _searches(studies: Sequence[tuple[str, StudyFolder]], distributions: Sequence[tuple[str, StudyFolder]], samples: Mapping[str, Sample]) -> Iterator[Drawn]:
+def _searches(
+    studies: Sequence[tuple[str, StudyFolder]],
+    distributions: Sequence[tuple[str, StudyFolder]],
+    samples: Mapping[str, Sample],
+) -> Iterator[Drawn]:
     found = [(name, study) for name, study in studies if study.search and study.search.get("levels")]
     for name, study in found:
         beside = next((samples[n] for n, s in distributions if _same_question(s, study)), None)
@@ -218,8 +257,16 @@ def _searches(studies: Sequence[tuple[str, StudyFolder]], distributions: Sequenc
         importance = {level: {k: float(v) for k, v in row["importance"].items()} for level, row in levels.items()}
         end = _end(study, len(found))
         note = f"{_note([(name, study)])} Gate of the method: {study.search['status'] if study.search else ''}."
-        caption = "Levels of the response found with few landings, on the distribution of the Monte Carlo study if there is one; which input leads to each."
-        yield Drawn(f"amv{end}", f"{name}", caption, plots.amv(samples[name], importance, quantity(study.response), beside, note))
+        caption = (
+            "Levels of the response found with few landings, on the distribution of the Monte Carlo study if "
+            "there is one; which input leads to each."
+        )
+        yield Drawn(
+            f"amv{end}",
+            f"{name}",
+            caption,
+            plots.amv(samples[name], importance, quantity(study.response), beside, note),
+        )
 
 
 def _same_question(one: StudyFolder, other: StudyFolder) -> bool:
@@ -260,7 +307,12 @@ def _grids(studies: Sequence[tuple[str, StudyFolder]]) -> Iterator[Drawn]:
         if rows:
             end = _end(study, sum(s.head["method"] == "grid" for _, s in studies))
             drawn = plots.grid(levels, rows, _with_unit(axes[0]), quantity(study.response), _note([(name, study)]))
-            yield Drawn(f"grid{end}", name, "The response at the points of the grid. A grid is no sample: no probability is in it.", drawn)
+            yield Drawn(
+                f"grid{end}",
+                name,
+                "The response at the points of the grid. A grid is no sample: no probability is in it.",
+                drawn,
+            )
 
 
 def _with_unit(column: str) -> str:
@@ -280,13 +332,17 @@ def _fans(studies: Sequence[tuple[str, StudyFolder]]) -> Iterator[Drawn]:
             records = [study.trajectory(trial) for trial in chosen]
             time = records[0].time
             records = [r for r in records if len(r.time) == len(time)]
-            signals = {s: np.array([r[s] for r in records]) for _, s, _ in plots.PANELS if all(s in r.index for r in records)}
+            signals = {
+                s: np.array([r[s] for r in records]) for _, s, _ in plots.PANELS if all(s in r.index for r in records)
+            }
             if not brace_torques(records[0]):
                 signals.pop("plant.brace_subtalar_moment", None)
             groups.append((f"{name}, {len(records)} landings", time, signals))
     for k in range(0, len(groups), 3):
         caption = "Percentiles at each moment over the trials whose signals were kept: a band is no landing of its own."
-        yield Drawn(f"fan{k // 3 or ''}", "Many landings over time", caption, plots.fan(groups[k : k + 3], _note(studies)))
+        yield Drawn(
+            f"fan{k // 3 or ''}", "Many landings over time", caption, plots.fan(groups[k : k + 3], _note(studies))
+        )
 
 
 def _phase(runs: Sequence[tuple[str, Run]], studies: Sequence[tuple[str, StudyFolder]]) -> Iterator[Drawn]:
@@ -306,14 +362,24 @@ def _phase(runs: Sequence[tuple[str, Run]], studies: Sequence[tuple[str, StudyFo
         if study.is_sample and median is not None and median in study.trajectories and len(studies) <= 2:
             record = study.trajectory(median)
             if "plant.inversion_angle" in record.index:
-                tracks.append((name, degrees * record["plant.inversion_angle"], degrees * record["plant.inversion_velocity"]))
+                tracks.append(
+                    (name, degrees * record["plant.inversion_angle"], degrees * record["plant.inversion_velocity"])
+                )
     if tracks or points:
         caption = (
-            "Inversion of the joint coordinate system, zero at the model's neutral pose (the paper's Table 3 is 10° lower: raw angles). Ankles of cadavers "
-            "failed in the grey range. Li et al. measured two people on a 25° slope, with their laboratory's zero, which may differ by some degrees; the model "
-            "lands on the slope of its scenario. A study's line is its median trial. The threshold of a living ankle is not known."
+            "Inversion of the joint coordinate system, zero at the model's neutral pose (the paper's Table 3 is 10° "
+            "lower: raw angles). Ankles of cadavers "
+            "failed in the grey range. Li et al. measured two people on a 25° slope, with their laboratory's zero, "
+            "which may differ by some degrees; the model "
+            "lands on the slope of its scenario. A study's line is its median trial. The threshold of a living ankle "
+            "is not known."
         )
-        yield Drawn("phase", "Inversion against measured sprains", caption, plots.phase(tracks, points, _note([*runs, *studies])))
+        yield Drawn(
+            "phase",
+            "Inversion against measured sprains",
+            caption,
+            plots.phase(tracks, points, _note([*runs, *studies])),
+        )
 
 
 def _moments(item: Run | StudyFolder) -> tuple[Any, Any]:
@@ -328,7 +394,8 @@ def _moments(item: Run | StudyFolder) -> tuple[Any, Any]:
 
 
 def _published(studies: Sequence[tuple[str, StudyFolder]]) -> Iterator[Drawn]:
-    """Trials that repeat published ones (`study --inputs`), where the records are at hand in the folder SPRAIN_REFERENCE."""
+    """Trials that repeat published ones (`study --inputs`), where the records are at hand in the folder
+    SPRAIN_REFERENCE."""
     folder = os.environ.get(REFERENCE)
     matched = []
     for name, study in studies if folder else ():
@@ -344,21 +411,30 @@ def _records(study: StudyFolder, folder: Path) -> tuple[np.ndarray, np.ndarray] 
     import pandas as pd
 
     columns = {"drop_height_m": "plant.drop_height [m]", "contact_dissipation_s_m": "plant.contact_dissipation [s/m]"}
-    if study.head["method"] != "table" or not all(c in study.done for c in (*columns.values(), "peak_subtalar_angle_deg")):
+    if study.head["method"] != "table" or not all(
+        c in study.done for c in (*columns.values(), "peak_subtalar_angle_deg")
+    ):
         return None
     done = study.done.set_index("trial")
     for path in sorted(folder.glob("study*_trials.csv")):
         records = pd.read_csv(path).set_index("trial")
         both = done.index.intersection(records.index)
         if len(both) >= FEWEST and len(both) == len(done) and _like(done, records, both, columns, study):
-            return records.loc[both, "peak_subtalar_deg"].to_numpy(float), done.loc[both, "peak_subtalar_angle_deg"].to_numpy(float)
+            return records.loc[both, "peak_subtalar_deg"].to_numpy(float), done.loc[
+                both, "peak_subtalar_angle_deg"
+            ].to_numpy(float)
     return None
 
 
 def _like(done: Any, records: Any, both: Any, columns: Mapping[str, str], study: StudyFolder) -> bool:
-    """The same inputs, and a device, co-activation and reflex where the records have them: studies 3 and 4 share their other inputs."""
-    same = all(np.allclose(done.loc[both, ours], records.loc[both, theirs], rtol=1e-4) for theirs, ours in columns.items())
+    """The same inputs, and a device, co-activation and reflex where the records have them: studies 3 and 4 share their
+    other inputs."""
+    same = all(
+        np.allclose(done.loc[both, ours], records.loc[both, theirs], rtol=1e-4) for theirs, ours in columns.items()
+    )
     for theirs, ours in (("coactivation", "controller.coactivation"), ("reflex_gain", "controller.reflex_gain")):
         values = done.loc[both, ours] if ours in done else 0.0 * records.loc[both, theirs]
         same = same and bool(np.allclose(values, records.loc[both, theirs], rtol=1e-4))
-    return same and bool(records.loc[both, "brace_scale_bi"].notna().all()) == ("brace" in study.manifest.get("fmus", {}))
+    return same and bool(records.loc[both, "brace_scale_bi"].notna().all()) == (
+        "brace" in study.manifest.get("fmus", {})
+    )

@@ -1,4 +1,5 @@
-"""Figures of landings: signals over time, moments over angle, the phase plane, who bears the moment, fans of many landings."""
+"""Figures of landings: signals over time, moments over angle, the phase plane, who bears the moment, fans of many
+landings."""
 
 from __future__ import annotations
 
@@ -14,7 +15,23 @@ from numpy.typing import NDArray
 
 from ..literature import INJURY_INVERSION, LI_SAFE, LI_SOURCE, LI_SPRAIN, LI_VELOCITY
 from ..metrics import IMPACT, Signals, brace_torques
-from .style import ANATOMY, BRACE, FAINT, GROUND, INK, LINES, MUTED, SMALL, band_above, legend_above, line, looks, sheet, shorten, styled
+from .style import (
+    ANATOMY,
+    BRACE,
+    FAINT,
+    GROUND,
+    INK,
+    LINES,
+    MUTED,
+    SMALL,
+    band_above,
+    legend_above,
+    line,
+    looks,
+    sheet,
+    shorten,
+    styled,
+)
 
 Array = NDArray[np.float64]
 DEGREES = math.degrees(1.0)
@@ -33,7 +50,8 @@ PANELS = (
 
 @styled
 def landing(runs: Sequence[tuple[str, Signals]], note: str = "") -> Figure:
-    """Ankle angles, velocity, subtalar moments and ground reaction over time; `runs` are (title, signals), laid over each other, the subtalar peaks marked."""
+    """Ankle angles, velocity, subtalar moments and ground reaction over time; `runs` are (title, signals), laid over
+    each other, the subtalar peaks marked."""
     drawn = [p for p in PANELS if any(_has(run, p[1]) for _, run in runs)]
     figure, axes = sheet([2.9] + [2.3] * (len(drawn) - 1), note, sharex=True)
     for axis, (title, signal, factor) in zip(axes, drawn, strict=True):
@@ -43,26 +61,41 @@ def landing(runs: Sequence[tuple[str, Signals]], note: str = "") -> Figure:
         _panel(axis, title)
         if signal == "plant.ground_force_y":
             _cut_impact(axis, [(run.time, factor * run[signal]) for _, run in runs if _has(run, signal)])
-    peaks = [(int(np.argmax(run["plant.subtalar_angle"])), DEGREES * float(run["plant.subtalar_angle"].max())) for _, run in runs]
+    peaks = [
+        (int(np.argmax(run["plant.subtalar_angle"])), DEGREES * float(run["plant.subtalar_angle"].max()))
+        for _, run in runs
+    ]
     for (color, _), (_, run), (k, peak) in zip(looks(len(runs)), runs, peaks, strict=True):
         at = 1e3 * run.time[k]
         axes[0].plot(at, peak, "o", color=color, markeredgecolor="white", markeredgewidth=0.6, zorder=4)
         if len(runs) <= 2:
             above = peak == max(p for _, p in peaks)
-            style_of_text: Any = dict(textcoords="offset points", ha="center", va="bottom" if above else "top", color=color, fontsize=SMALL, bbox=PATCH)
+            style_of_text: Any = dict(
+                textcoords="offset points",
+                ha="center",
+                va="bottom" if above else "top",
+                color=color,
+                fontsize=SMALL,
+                bbox=PATCH,
+            )
             axes[0].annotate(f"{peak:.1f}° at {at:.1f} ms", (at, peak), (0, 5 if above else -5), **style_of_text)
     band_above(axes[0], 0.18)
     axes[-1].set_xlabel(TIME)
     axes[-1].set_xlim(0, max(1e3 * run.time[-1] for _, run in runs))
-    names = [title if len(runs) <= 2 else f"{title} (peak {peak:.1f}°)" for (title, _), (_, peak) in zip(runs, peaks, strict=True)]
-    legend_above(figure, [(line(color, style), name) for (color, style), name in zip(looks(len(runs)), names, strict=True)])
+    names = [
+        title if len(runs) <= 2 else f"{title} (peak {peak:.1f}°)"
+        for (title, _), (_, peak) in zip(runs, peaks, strict=True)
+    ]
+    legend_above(
+        figure, [(line(color, style), name) for (color, style), name in zip(looks(len(runs)), names, strict=True)]
+    )
     return figure
 
 
 @styled
 def moment_angle(runs: Sequence[tuple[str, Signals]], note: str = "") -> Figure:
-    """Resisting subtalar moment of anatomy and brace over the subtalar angle, as the landings went through them: a loop shows rate dependence or coupling
-    with the other axes."""
+    """Resisting subtalar moment of anatomy and brace over the subtalar angle, as the landings went through them: a loop
+    shows rate dependence or coupling with the other axes."""
     braced = any(_has(run, "plant.brace_subtalar_moment") for _, run in runs)
     figure, axes = sheet([3.6] * (1 + braced), note, sharex=True)
     for axis, who in zip(axes, ("anatomy", "brace"), strict=False):
@@ -75,14 +108,19 @@ def moment_angle(runs: Sequence[tuple[str, Signals]], note: str = "") -> Figure:
                 axis.plot(angle[k], moment[k], "o", color=color, markeredgecolor="white", markeredgewidth=0.6, zorder=4)
         _panel(axis, f"moment of the {who} [N·m], + resists supination")
     axes[-1].set_xlabel("subtalar angle [deg], + supination; ● at its peak")
-    legend_above(figure, [(line(color, style), title) for (color, style), (title, _) in zip(looks(len(runs)), runs, strict=True)])
+    legend_above(
+        figure, [(line(color, style), title) for (color, style), (title, _) in zip(looks(len(runs)), runs, strict=True)]
+    )
     return figure
 
 
 @styled
-def phase(tracks: Sequence[tuple[str, Array, Array]], points: Sequence[tuple[str, Array, Array]], note: str = "") -> Figure:
-    """Inversion velocity over inversion angle. `tracks` (title, angle (n,) [deg], velocity (n,) [deg/s]) of single landings, `points` (title, peak angles (m,),
-    peak velocities (m,)) of studies, whose two peaks do not come at the same time; beside them the injury range and the measured sprain.
+def phase(
+    tracks: Sequence[tuple[str, Array, Array]], points: Sequence[tuple[str, Array, Array]], note: str = ""
+) -> Figure:
+    """Inversion velocity over inversion angle. `tracks` (title, angle (n,) [deg], velocity (n,) [deg/s]) of single
+    landings, `points` (title, peak angles (m,), peak velocities (m,)) of studies, whose two peaks do not come at the
+    same time; beside them the injury range and the measured sprain.
 
     Angles are inversion from the neutral pose; the literature's zeros are its own."""
     figure, (axis,) = sheet([7.0], note)
@@ -95,18 +133,47 @@ def phase(tracks: Sequence[tuple[str, Array, Array]], points: Sequence[tuple[str
         axis.plot(angle, velocity, ".", color=look[title][0], markersize=2.2, alpha=0.5, markeredgewidth=0)
     for title, angle, velocity in tracks:
         axis.plot(angle, velocity, color=look[title][0], linestyle=look[title][1])
-        axis.plot(angle.max(), velocity.max(), "D", color=look[title][0], markersize=3.5, markeredgecolor="white", markeredgewidth=0.5, zorder=4)
+        axis.plot(
+            angle.max(),
+            velocity.max(),
+            "D",
+            color=look[title][0],
+            markersize=3.5,
+            markeredgecolor="white",
+            markeredgewidth=0.5,
+            zorder=4,
+        )
     lines, dots = {title for title, _, _ in tracks}, {title for title, _, _ in points}
     entries: list[tuple[Any, str]] = []
     for title in titles:
         color, style = look[title]
-        entries.append((line(color, style if title in lines else "none", marker="." if title in dots else None, markersize=5), title))
+        entries.append(
+            (
+                line(color, style if title in lines else "none", marker="." if title in dots else None, markersize=5),
+                title,
+            )
+        )
     if points:
         entries.append((line(INK, "none", marker=".", markersize=5), "peak angle and peak velocity of each trial"))
     if tracks:
-        entries.append((line(INK, "none", marker="D", markersize=3.5), "peak angle and peak velocity of the landing drawn as a line"))
+        entries.append(
+            (
+                line(INK, "none", marker="D", markersize=3.5),
+                "peak angle and peak velocity of the landing drawn as a line",
+            )
+        )
     low, high = LI_VELOCITY
-    axis.add_patch(Rectangle((LI_SAFE[0], low), LI_SAFE[1] - LI_SAFE[0], high - low, fill=False, edgecolor=INK, linewidth=0.9, linestyle=LINES[1]))
+    axis.add_patch(
+        Rectangle(
+            (LI_SAFE[0], low),
+            LI_SAFE[1] - LI_SAFE[0],
+            high - low,
+            fill=False,
+            edgecolor=INK,
+            linewidth=0.9,
+            linestyle=LINES[1],
+        )
+    )
     axis.plot([LI_SPRAIN, LI_SPRAIN], [low, high], color=INK, linewidth=1.8, solid_capstyle="butt")
     axis.axhline(0, color=FAINT, linewidth=0.6)
     axis.grid(axis="y")
@@ -114,14 +181,33 @@ def phase(tracks: Sequence[tuple[str, Array, Array]], points: Sequence[tuple[str
     axis.set_ylabel("inversion velocity [deg/s], + inversion")
     axis.set_xlim(axis.get_xlim()[0], max(62.0, axis.get_xlim()[1]))
     velocities = np.concatenate([v for _, _, v in (*points, *tracks)])
-    top = max(1.1 * LI_VELOCITY[1], *(1.3 * float(np.percentile(v, 95)) for _, _, v in points), *(1.1 * float(v.max()) for _, _, v in tracks), 0.0)
+    top = max(
+        1.1 * LI_VELOCITY[1],
+        *(1.3 * float(np.percentile(v, 95)) for _, _, v in points),
+        *(1.1 * float(v.max()) for _, _, v in tracks),
+        0.0,
+    )
     axis.set_ylim(min(-50.0, 1.1 * float(velocities.min())), top)
     beyond = int(np.sum(velocities > top))
     if beyond:
-        axis.text(0.01, 0.99, f"↑ {beyond} trials above, up to {velocities.max():.0f} deg/s", fontsize=SMALL, color=MUTED, transform=axis.transAxes, va="top")
+        axis.text(
+            0.01,
+            0.99,
+            f"↑ {beyond} trials above, up to {velocities.max():.0f} deg/s",
+            fontsize=SMALL,
+            color=MUTED,
+            transform=axis.transAxes,
+            va="top",
+        )
     entries += [
-        (Rectangle((0, 0), 1, 1, color=FAINT, alpha=0.28, linewidth=0), f"{mean:g} ± {sd:g}°: inversion at injury of cadaver ankles"),
-        (Rectangle((0, 0), 1, 1, fill=False, edgecolor=INK, linestyle=LINES[1]), f"measured, not injured ({LI_SOURCE})"),
+        (
+            Rectangle((0, 0), 1, 1, color=FAINT, alpha=0.28, linewidth=0),
+            f"{mean:g} ± {sd:g}°: inversion at injury of cadaver ankles",
+        ),
+        (
+            Rectangle((0, 0), 1, 1, fill=False, edgecolor=INK, linestyle=LINES[1]),
+            f"measured, not injured ({LI_SOURCE})",
+        ),
         (line(INK, linewidth=1.8), f"measured sprain ({LI_SOURCE})"),
     ]
     legend_above(figure, entries)
@@ -130,8 +216,9 @@ def phase(tracks: Sequence[tuple[str, Array, Array]], points: Sequence[tuple[str
 
 @styled
 def sharing(rows: Sequence[tuple[str, Array, Array]], note: str = "") -> Figure:
-    """Who bears the subtalar moment at the peak of supination: `rows` (title, moments of the anatomy (n,) [N·m], of the brace (n,)), one value for a landing,
-    one for each trial of a study, whose means are drawn with lines from the 5 % to the 95 % level."""
+    """Who bears the subtalar moment at the peak of supination: `rows` (title, moments of the anatomy (n,) [N·m], of the
+    brace (n,)), one value for a landing, one for each trial of a study, whose means are drawn with lines from the 5 %
+    to the 95 % level."""
     figure, (axis,) = sheet([1.0 + 1.25 * len(rows)], note)
     for k, (title, anatomy, brace) in enumerate(rows):
         a, b = float(np.mean(anatomy)), float(np.mean(brace))
@@ -140,24 +227,36 @@ def sharing(rows: Sequence[tuple[str, Array, Array]], note: str = "") -> Figure:
         if len(anatomy) > 1:
             for values, start, offset in ((anatomy, 0.0, 0.24), (brace, a, 0.24)):
                 low, high = np.percentile(values, [5, 95])
-                axis.plot([start + low, start + high], [k + offset] * 2, color=INK, linewidth=0.8, marker="|", markersize=3)
+                axis.plot(
+                    [start + low, start + high], [k + offset] * 2, color=INK, linewidth=0.8, marker="|", markersize=3
+                )
         share = 100 * b / (a + b) if a + b else 0.0
         axis.text(0, k - 0.26, shorten(title, 58), fontsize=SMALL, va="bottom")
-        axis.text(a + b, k, f"  {a:.1f} + {b:.1f} N·m: {share:.0f} % brace" if len(brace) and b else f"  {a:.1f} N·m: no brace", fontsize=SMALL, va="center")
+        axis.text(
+            a + b,
+            k,
+            f"  {a:.1f} + {b:.1f} N·m: {share:.0f} % brace" if len(brace) and b else f"  {a:.1f} N·m: no brace",
+            fontsize=SMALL,
+            va="center",
+        )
     axis.set_ylim(len(rows) - 0.4, -0.75)
     axis.set_yticks([])
     axis.spines["left"].set_visible(False)
     axis.axvline(0, color=FAINT, linewidth=0.6)
     axis.set_xlim(min(0, axis.get_xlim()[0]), 1.7 * max(float(np.mean(a) + np.mean(b)) for _, a, b in rows))
     axis.set_xlabel("subtalar moment at peak supination [N·m], + resists")
-    entries = [(Rectangle((0, 0), 1, 1, color=ANATOMY), "anatomy"), (Rectangle((0, 0), 1, 1, facecolor=BRACE, hatch="////", edgecolor="white"), "brace")]
+    entries = [
+        (Rectangle((0, 0), 1, 1, color=ANATOMY), "anatomy"),
+        (Rectangle((0, 0), 1, 1, facecolor=BRACE, hatch="////", edgecolor="white"), "brace"),
+    ]
     legend_above(figure, entries, 2)
     return figure
 
 
 @styled
 def fan(groups: Sequence[tuple[str, Array, Mapping[str, Array]]], note: str = "") -> Figure:
-    """Many landings over time: median, 25 ... 75 % and 5 ... 95 % at each moment. `groups` are (title, time (t,) [s], {signal: (n, t)}), up to three."""
+    """Many landings over time: median, 25 ... 75 % and 5 ... 95 % at each moment. `groups` are (title, time (t,) [s],
+    {signal: (n, t)}), up to three."""
     drawn = [p for p in PANELS if any(p[1] in signals for _, _, signals in groups)]
     figure, axes = sheet([2.9] + [2.3] * (len(drawn) - 1), note, sharex=True)
     chosen = looks(len(groups))
@@ -171,10 +270,19 @@ def fan(groups: Sequence[tuple[str, Array, Mapping[str, Array]]], note: str = ""
                 axis.plot(ms, p50, color=color, linestyle=style)
         _panel(axis, title)
         if signal == "plant.ground_force_y":
-            _cut_impact(axis, [(time, np.percentile(factor * signals[signal], 95, axis=0)) for _, time, signals in groups if signal in signals])
+            _cut_impact(
+                axis,
+                [
+                    (time, np.percentile(factor * signals[signal], 95, axis=0))
+                    for _, time, signals in groups
+                    if signal in signals
+                ],
+            )
     axes[-1].set_xlabel(TIME)
     axes[-1].set_xlim(0, max(1e3 * time[-1] for _, time, _ in groups))
-    entries: list[tuple[Any, str]] = [(line(color, style), f"{title}: median") for (color, style), (title, _, _) in zip(chosen, groups, strict=True)]
+    entries: list[tuple[Any, str]] = [
+        (line(color, style), f"{title}: median") for (color, style), (title, _, _) in zip(chosen, groups, strict=True)
+    ]
     entries += [
         (Rectangle((0, 0), 1, 1, color=GROUND, alpha=0.46, linewidth=0), "25 … 75 % of the landings at each moment"),
         (Rectangle((0, 0), 1, 1, color=GROUND, alpha=0.16, linewidth=0), "5 … 95 %"),
@@ -195,7 +303,16 @@ def _cut_impact(axis: Axes, series: Sequence[tuple[Array, Array]]) -> None:
     if axis.get_ylim()[1] > 1.5 * top > 0:
         axis.set_ylim(-0.04 * top, top)
         highest = max(float(values.max()) for _, values in series)
-        axis.text(0.99, 0.97, f"cut off: {highest:.0f} kN in the first 5 ms", fontsize=SMALL, color=MUTED, transform=axis.transAxes, va="top", ha="right")
+        axis.text(
+            0.99,
+            0.97,
+            f"cut off: {highest:.0f} kN in the first 5 ms",
+            fontsize=SMALL,
+            color=MUTED,
+            transform=axis.transAxes,
+            va="top",
+            ha="right",
+        )
 
 
 def _panel(axis: Axes, title: str) -> None:

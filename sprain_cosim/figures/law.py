@@ -20,7 +20,8 @@ AXES = {
 
 
 def resisting(axis: str, angle: NDArray[np.float64], angle_scale: float = 1.0) -> NDArray[np.float64]:
-    """(n,) resisting torque P(f t) [N·m] about a body-fixed Euler axis at the `angle` (n,) [rad]; f = 1 is the ankle itself, f > 1 a brace."""
+    """(n,) resisting torque P(f t) [N·m] about a body-fixed Euler axis at the `angle` (n,) [rad]; f = 1 is the ankle
+    itself, f > 1 a brace."""
     a, b, c = PASSIVE[axis]
     t = angle_scale * angle
     return t * (a + t * (b + t * c))
@@ -28,12 +29,18 @@ def resisting(axis: str, angle: NDArray[np.float64], angle_scale: float = 1.0) -
 
 @styled
 def torque_angle(braces: Mapping[str, float] = BRACES, span: float = 35.0) -> Figure:
-    """Resisting torque of the ankle and of `braces` {name: angle scale f} over -span ... span [deg], a panel for each Euler axis."""
-    note = f"P(f t) of the body-fixed X-Y-Z angles of the calcaneus in the tibia, zero at neutral ({PASSIVE_SOURCE}). Laws: no landing, no initial pose."
+    """Resisting torque of the ankle and of `braces` {name: angle scale f} over -span ... span [deg], a panel for each
+    Euler axis."""
+    note = (
+        f"P(f t) of the body-fixed X-Y-Z angles of the calcaneus in the tibia, zero at neutral ({PASSIVE_SOURCE}). "
+        "Laws: no landing, no initial pose."
+    )
     figure, axes = sheet([3.1] * 3, note, sharex=True)
     degrees = np.linspace(-span, span, 281)
     for axis, (name, title) in zip(axes, AXES.items(), strict=True):
-        for (_, scale), color, style in zip({"": 1.0, **braces}.items(), (GREEN, *SERIES), LINES * len(braces), strict=False):
+        for (_, scale), color, style in zip(
+            {"": 1.0, **braces}.items(), (GREEN, *SERIES), LINES * len(braces), strict=False
+        ):
             axis.plot(degrees, resisting(name, np.radians(degrees), scale), color=color, linestyle=style)
         axis.set_title(f"torque about {title}")
         axis.set_ylim(-60, 60)
@@ -44,5 +51,7 @@ def torque_angle(braces: Mapping[str, float] = BRACES, span: float = 35.0) -> Fi
     axes[0].text(-span, 56, "clipped at ± 60 N·m", fontsize=SMALL, va="top")
     at30 = {n: resisting("rotation_x", np.array([math.radians(30)]), f)[0] for n, f in braces.items()}
     names = ["passive ankle (f = 1)", *(f"{n} (f = {f:g}, {at30[n]:.0f} N·m at X = 30°)" for n, f in braces.items())]
-    legend_above(figure, [(line(c, s), n) for n, c, s in zip(names, (GREEN, *SERIES), LINES * len(names), strict=False)])
+    legend_above(
+        figure, [(line(c, s), n) for n, c, s in zip(names, (GREEN, *SERIES), LINES * len(names), strict=False)]
+    )
     return figure

@@ -1,4 +1,5 @@
-"""Figures of studies: distributions, the advanced mean value method over Monte Carlo, sensitivities, poses side by side, published against simulated."""
+"""Figures of studies: distributions, the advanced mean value method over Monte Carlo, sensitivities, poses side by
+side, published against simulated."""
 
 from __future__ import annotations
 
@@ -12,7 +13,24 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from .style import BLUE, FAINT, INK, LINES, PURPLE, SERIES, SKY, SMALL, VERMILION, label, legend_above, line, looks, sheet, shorten, styled
+from .style import (
+    BLUE,
+    FAINT,
+    INK,
+    LINES,
+    PURPLE,
+    SERIES,
+    SKY,
+    SMALL,
+    VERMILION,
+    label,
+    legend_above,
+    line,
+    looks,
+    sheet,
+    shorten,
+    styled,
+)
 
 Array = NDArray[np.float64]
 Interval = tuple[float, float, float]  # value, low and high end
@@ -20,8 +38,9 @@ Interval = tuple[float, float, float]  # value, low and high end
 
 @dataclass(frozen=True)
 class Sample:
-    """A response of a study: `values` (n,) in the response's unit, or none for a search; `low` and `high` (n,) bounds of the distribution function at the
-    sorted values; `percentiles` {level in %: (value, low, high)}; `published` {level in %: value}; `sensitivity` {parameter: (r, low, high)}."""
+    """A response of a study: `values` (n,) in the response's unit, or none for a search; `low` and `high` (n,) bounds
+    of the distribution function at the sorted values; `percentiles` {level in %: (value, low, high)}; `published`
+    {level in %: value}; `sensitivity` {parameter: (r, low, high)}."""
 
     title: str
     values: Array = field(default_factory=lambda: np.empty(0))
@@ -34,8 +53,8 @@ class Sample:
 
 @styled
 def cdf(samples: Sequence[Sample], quantity: str, note: str = "") -> Figure:
-    """Distribution functions of `quantity` ("peak subtalar angle [deg], + supination") laid over each other, as Figure 4 of Yoder et al. 2021; circles are
-    published percentiles. One or two samples carry their 95 % bounds."""
+    """Distribution functions of `quantity` ("peak subtalar angle [deg], + supination") laid over each other, as Figure
+    4 of Yoder et al. 2021; circles are published percentiles. One or two samples carry their 95 % bounds."""
     figure, (axis,) = sheet([6.0], note)
     entries: list[tuple[Any, str]] = []
     marked = False
@@ -44,10 +63,24 @@ def cdf(samples: Sequence[Sample], quantity: str, note: str = "") -> Figure:
         entries.append((line(color, style), sample.title))
         for level, value in sample.published.items():
             marked = True
-            axis.plot(value, level / 100, "o", markersize=5, markerfacecolor="none", markeredgecolor=INK, markeredgewidth=0.9, zorder=5)
+            axis.plot(
+                value,
+                level / 100,
+                "o",
+                markersize=5,
+                markerfacecolor="none",
+                markeredgecolor=INK,
+                markeredgewidth=0.9,
+                zorder=5,
+            )
     _probability_axis(axis, quantity)
     if marked:
-        entries.append((line(INK, "none", marker="o", markersize=5, markerfacecolor="none"), "published 5, 50, 95 % (Yoder et al. 2021)"))
+        entries.append(
+            (
+                line(INK, "none", marker="o", markersize=5, markerfacecolor="none"),
+                "published 5, 50, 95 % (Yoder et al. 2021)",
+            )
+        )
     if len(samples) <= 2 and any(s.low is not None for s in samples):
         entries.append((line(FAINT, linewidth=5, alpha=0.5), "95 % bounds (Clopper-Pearson)"))
     legend_above(figure, entries)
@@ -55,10 +88,20 @@ def cdf(samples: Sequence[Sample], quantity: str, note: str = "") -> Figure:
 
 
 @styled
-def amv(search: Sample, importance: Mapping[str, Mapping[str, float]], quantity: str, sample: Sample | None = None, note: str = "") -> Figure:
-    """The advanced mean value method over Monte Carlo, as Figure 5 of Yoder et al. 2021: levels of `search` (its `percentiles`) on the distribution of
-    `sample`, and `importance` {level: {parameter: component of the unit vector}} below, + where more of the parameter gives more of the response."""
-    names = sorted({n for row in importance.values() for n in row}, key=lambda n: max(abs(row.get(n, 0.0)) for row in importance.values()))
+def amv(
+    search: Sample,
+    importance: Mapping[str, Mapping[str, float]],
+    quantity: str,
+    sample: Sample | None = None,
+    note: str = "",
+) -> Figure:
+    """The advanced mean value method over Monte Carlo, as Figure 5 of Yoder et al. 2021: levels of `search` (its
+    `percentiles`) on the distribution of `sample`, and `importance` {level: {parameter: component of the unit vector}}
+    below, + where more of the parameter gives more of the response."""
+    names = sorted(
+        {n for row in importance.values() for n in row},
+        key=lambda n: max(abs(row.get(n, 0.0)) for row in importance.values()),
+    )
     figure, (top, below) = sheet([4.6, 1.2 + 0.58 * len(names)], note)
     entries: list[tuple[Any, str]] = []
     if sample is not None and len(sample.values):
@@ -66,12 +109,32 @@ def amv(search: Sample, importance: Mapping[str, Mapping[str, float]], quantity:
         entries.append((line(FAINT, linewidth=2), f"Monte Carlo, {len(sample.values)} landings, 95 % bounds"))
     for level, (value, _, _) in search.percentiles.items():
         top.plot(value, level / 100, "D", color=VERMILION, markersize=5, zorder=5)
-        top.annotate(f"{value:.1f}", (value, level / 100), (-7, 0), textcoords="offset points", fontsize=SMALL, color=VERMILION, va="center", ha="right")
+        top.annotate(
+            f"{value:.1f}",
+            (value, level / 100),
+            (-7, 0),
+            textcoords="offset points",
+            fontsize=SMALL,
+            color=VERMILION,
+            va="center",
+            ha="right",
+        )
     for level, value in search.published.items():
-        top.plot(value, level / 100, "o", markersize=6.5, markerfacecolor="none", markeredgecolor=INK, markeredgewidth=0.9, zorder=6)
+        top.plot(
+            value,
+            level / 100,
+            "o",
+            markersize=6.5,
+            markerfacecolor="none",
+            markeredgecolor=INK,
+            markeredgewidth=0.9,
+            zorder=6,
+        )
     entries.append((line(VERMILION, "none", marker="D"), search.title))
     if search.published:
-        entries.append((line(INK, "none", marker="o", markersize=6, markerfacecolor="none"), "published (Yoder et al. 2021)"))
+        entries.append(
+            (line(INK, "none", marker="o", markersize=6, markerfacecolor="none"), "published (Yoder et al. 2021)")
+        )
     _probability_axis(top, quantity, True)
     if sample is None:
         values = [v for v, _, _ in search.percentiles.values()] + list(search.published.values())
@@ -91,12 +154,20 @@ def amv(search: Sample, importance: Mapping[str, Mapping[str, float]], quantity:
 
 @styled
 def tornado(
-    sensitivity: Mapping[str, Interval], spread: Mapping[str, Interval], title: str, quantity: str, published: Mapping[str, float] | None = None, note: str = ""
+    sensitivity: Mapping[str, Interval],
+    spread: Mapping[str, Interval],
+    title: str,
+    quantity: str,
+    published: Mapping[str, float] | None = None,
+    note: str = "",
 ) -> Figure:
-    """Sensitivities of the `quantity` of the study `title`, the largest on top: Pearson's r {parameter: (value, low, high)} with 95 % intervals, circles
-    for `published` ones, and how the response's SD follows the parameter's SD, `spread` (dσ/dσ normalised, likewise)."""
+    """Sensitivities of the `quantity` of the study `title`, the largest on top: Pearson's r {parameter: (value, low,
+    high)} with 95 % intervals, circles for `published` ones, and how the response's SD follows the parameter's SD,
+    `spread` (dσ/dσ normalised, likewise)."""
     names = sorted(sensitivity, key=lambda n: abs(sensitivity[n][0]))
-    panels = [(sensitivity, "Pearson's r, 95 %,\n+ raises it")] + ([(spread, "dSD/dSD, 95 %,\n+ widens it")] if spread else [])
+    panels = [(sensitivity, "Pearson's r, 95 %,\n+ raises it")] + (
+        [(spread, "dSD/dSD, 95 %,\n+ widens it")] if spread else []
+    )
     figure, axes = sheet([1.2 + 0.6 * len(names)], note, len(panels), sharey=True)
     for axis, (values, meaning) in zip(axes, panels, strict=True):
         for k, name in enumerate(names):
@@ -113,15 +184,30 @@ def tornado(
     entries: list[tuple[Any, str]] = []
     for name, r in (published or {}).items():
         if name in names:
-            axes[0].plot(r, names.index(name), "o", markersize=4.5, markerfacecolor="white", markeredgecolor=INK, markeredgewidth=0.9, zorder=5)
-            entries = [(line(INK, "none", marker="o", markersize=4.5, markerfacecolor="white"), "published r (Yoder et al. 2021, Table 2)")]
+            axes[0].plot(
+                r,
+                names.index(name),
+                "o",
+                markersize=4.5,
+                markerfacecolor="white",
+                markeredgecolor=INK,
+                markeredgewidth=0.9,
+                zorder=5,
+            )
+            entries = [
+                (
+                    line(INK, "none", marker="o", markersize=4.5, markerfacecolor="white"),
+                    "published r (Yoder et al. 2021, Table 2)",
+                )
+            ]
     legend_above(figure, [(line(INK, "none"), text) for text in (title, quantity)] + entries)
     return figure
 
 
 @styled
 def percentiles(samples: Sequence[Sample], quantity: str, note: str = "") -> Figure:
-    """5, 50 and 95 % levels of each sample with their 95 % intervals (thick), the span between them (thin), and published levels as circles."""
+    """5, 50 and 95 % levels of each sample with their 95 % intervals (thick), the span between them (thin), and
+    published levels as circles."""
     figure, (axis,) = sheet([1.0 + 1.05 * len(samples)], note)
     for k, sample in enumerate(samples):
         color = SERIES[k % len(SERIES)]
@@ -131,8 +217,19 @@ def percentiles(samples: Sequence[Sample], quantity: str, note: str = "") -> Fig
             axis.plot([low, high], [k, k], color=color, linewidth=4.5, alpha=0.4, solid_capstyle="butt")
             axis.plot(value, k, "|", color=color, markersize=8, markeredgewidth=1.4)
         for value in sample.published.values():
-            axis.plot(value, k, "o", markersize=4.5, markerfacecolor="none", markeredgecolor=INK, markeredgewidth=0.9, zorder=5)
-        axis.text(0, k - 0.24, shorten(sample.title, 44), fontsize=SMALL, transform=axis.get_yaxis_transform(), va="bottom")
+            axis.plot(
+                value,
+                k,
+                "o",
+                markersize=4.5,
+                markerfacecolor="none",
+                markeredgecolor=INK,
+                markeredgewidth=0.9,
+                zorder=5,
+            )
+        axis.text(
+            0, k - 0.24, shorten(sample.title, 44), fontsize=SMALL, transform=axis.get_yaxis_transform(), va="bottom"
+        )
         numbers = " / ".join(f"{v:.1f}" for v in values).replace("-", "−")
         axis.text(1, k - 0.24, numbers, fontsize=SMALL, transform=axis.get_yaxis_transform(), va="bottom", ha="right")
     axis.set_ylim(len(samples) - 0.5, -0.7)
@@ -149,16 +246,31 @@ def percentiles(samples: Sequence[Sample], quantity: str, note: str = "") -> Fig
 
 @styled
 def poses(pairs: Sequence[tuple[str, Sample]], quantity: str, note: str = "") -> Figure:
-    """The same study from different initial poses, `pairs` of (pose, sample), side by side: distributions above, Pearson's r with its intervals below."""
+    """The same study from different initial poses, `pairs` of (pose, sample), side by side: distributions above,
+    Pearson's r with its intervals below."""
     names = [n for n in pairs[0][1].sensitivity if all(n in s.sensitivity for _, s in pairs)]
     names.sort(key=lambda n: max(abs(s.sensitivity[n][0]) for _, s in pairs))
     figure, axes = sheet([4.6, 1.2 + 0.58 * len(names)] if names else [5.2], note)
     entries: list[tuple[Any, str]] = []
     for j, ((pose, sample), color, style, marker) in enumerate(zip(pairs, SERIES, LINES, "oDs^", strict=False)):
         steps(axes[0], sample, color, style, True)
-        entries.append((line(color, style, marker=marker, markersize=4), sample.title if pose in sample.title else f"{pose} pose · {sample.title}"))
+        entries.append(
+            (
+                line(color, style, marker=marker, markersize=4),
+                sample.title if pose in sample.title else f"{pose} pose · {sample.title}",
+            )
+        )
         for level, value in sample.published.items():
-            axes[0].plot(value, level / 100, "o", markersize=5, markerfacecolor="none", markeredgecolor=INK, markeredgewidth=0.9, zorder=5)
+            axes[0].plot(
+                value,
+                level / 100,
+                "o",
+                markersize=5,
+                markerfacecolor="none",
+                markeredgecolor=INK,
+                markeredgewidth=0.9,
+                zorder=5,
+            )
         for k, name in enumerate(names):
             value, low, high = sample.sensitivity[name]
             place = k + 0.18 * (len(pairs) - 1) - 0.36 * j
@@ -166,7 +278,12 @@ def poses(pairs: Sequence[tuple[str, Sample]], quantity: str, note: str = "") ->
             axes[1].plot(value, place, marker, color=color, markersize=4)
     _probability_axis(axes[0], quantity, bool(names))
     if any(s.published for _, s in pairs):
-        entries.append((line(INK, "none", marker="o", markersize=5, markerfacecolor="none"), "published 5, 50, 95 % (Yoder et al. 2021)"))
+        entries.append(
+            (
+                line(INK, "none", marker="o", markersize=5, markerfacecolor="none"),
+                "published 5, 50, 95 % (Yoder et al. 2021)",
+            )
+        )
     if names:
         _names(axes[1], names)
         axes[1].set_xlabel("Pearson's r, 95 % interval,\n+ raises the response")
@@ -176,7 +293,8 @@ def poses(pairs: Sequence[tuple[str, Sample]], quantity: str, note: str = "") ->
 
 @styled
 def published(studies: Sequence[tuple[str, Array, Array]], note: str = "") -> Figure:
-    """Simulated over published peak subtalar angle, trial by trial: `studies` are (title, published (n,) [deg], simulated (n,) [deg])."""
+    """Simulated over published peak subtalar angle, trial by trial: `studies` are (title, published (n,) [deg],
+    simulated (n,) [deg])."""
     figure, (axis, error) = sheet([5.6, 3.0], note, sharex=True)
     every = np.concatenate([np.concatenate([p, s]) for _, p, s in studies])
     ends = [float(every.min()) - 1, float(every.max()) + 1]
@@ -187,7 +305,12 @@ def published(studies: Sequence[tuple[str, Array, Array]], note: str = "") -> Fi
         axis.plot(theirs, ours, ".", color=color, markersize=2.5, alpha=0.6, markeredgewidth=0)
         error.plot(theirs, ours - theirs, ".", color=color, markersize=2.5, alpha=0.6, markeredgewidth=0)
         rms, bias = float(np.sqrt(np.mean((ours - theirs) ** 2))), float(np.mean(ours - theirs))
-        entries.append((line(color, "none", marker=".", markersize=6), f"{title}: {len(ours)} trials, RMS {rms:.3f}°, bias {bias:+.3f}°".replace("-", "−")))
+        entries.append(
+            (
+                line(color, "none", marker=".", markersize=6),
+                f"{title}: {len(ours)} trials, RMS {rms:.3f}°, bias {bias:+.3f}°".replace("-", "−"),
+            )
+        )
     axis.set_ylabel("simulated [deg]")
     axis.set_title("peak subtalar angle, + supination")
     error.axhline(0, color=FAINT, linewidth=0.7)
@@ -199,12 +322,17 @@ def published(studies: Sequence[tuple[str, Array, Array]], note: str = "") -> Fi
 
 @styled
 def grid(levels: Array, rows: Sequence[tuple[str, Array]], parameter: str, quantity: str, note: str = "") -> Figure:
-    """A response over the `levels` (n,) of a `parameter`, one line for each of the `rows` (title, values (n,)): a grid is no sample."""
+    """A response over the `levels` (n,) of a `parameter`, one line for each of the `rows` (title, values (n,)): a grid
+    is no sample."""
     figure, (axis,) = sheet([6.0], note)
     entries = []
     for k, (title, values) in enumerate(rows):
         shade = k / max(len(rows) - 1, 1)
-        color: Any = tuple(np.array([0.90, 0.62, 0.0]) * (1 - shade) + np.array([0.0, 0.27, 0.50]) * shade) if len(rows) > len(LINES) else SERIES[k]
+        color: Any = (
+            tuple(np.array([0.90, 0.62, 0.0]) * (1 - shade) + np.array([0.0, 0.27, 0.50]) * shade)
+            if len(rows) > len(LINES)
+            else SERIES[k]
+        )
         axis.plot(levels, values, color=color, linestyle=LINES[k % len(LINES)], marker="o", markersize=2.5)
         entries.append((line(color, LINES[k % len(LINES)], marker="o", markersize=2.5), title))
     axis.set_xlabel(parameter)

@@ -1,5 +1,5 @@
-"""How every figure looks: one journal column wide, letters of 7 points or more at that width, colours of Okabe & Ito (2008) that colour-blind readers
-tell apart, and a line style besides wherever a colour carries meaning."""
+"""How every figure looks: one journal column wide, letters of 7 points or more at that width, colours of Okabe & Ito
+(2008) that colour-blind readers tell apart, and a line style besides wherever a colour carries meaning."""
 
 from __future__ import annotations
 
@@ -22,7 +22,15 @@ COLUMN = 8.5 / 2.54  # inches
 SMALL, NORMAL = 7.0, 7.5  # points
 INK, FAINT = "#1f2933", "#9aa5b1"
 MUTED = "#52606d"  # for notes: 6 to 1 against white
-BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, BLACK = "#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#56B4E9", "#000000"
+BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, BLACK = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#E69F00",
+    "#CC79A7",
+    "#56B4E9",
+    "#000000",
+)
 SERIES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
 SUBTALAR, TALOCRURAL, ANATOMY, BRACE, GROUND = VERMILION, BLUE, GREEN, ORANGE, "#5c677d"
 LINES: tuple[Any, ...] = ("-", (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
@@ -103,7 +111,9 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
         with rc_context(STYLE):
             figure = draw(*args, **kwargs)
             figure.draw_without_rendering()
-        figure.set_layout_engine("none")  # laid out once, and rounded, so that every file of the figure is the same to the byte
+        figure.set_layout_engine(
+            "none"
+        )  # laid out once, and rounded, so that every file of the figure is the same to the byte
         for axis in figure.axes:
             left, bottom, width, height = (round(float(edge), 5) for edge in axis.get_position().bounds)
             axis.set_position((left, bottom, width, height))
@@ -132,14 +142,18 @@ def grow(figure: Figure, centimetres: float) -> None:
 
 def legend_above(figure: Figure, entries: Sequence[tuple[Any, str]], columns: int = 1) -> None:
     """A legend over all panels; long names are broken."""
-    names = [textwrap.fill(shorten(name, 110).replace(" %", "\u00a0%"), 52 if columns == 1 else 24, break_on_hyphens=False) for _, name in entries]
+    names = [
+        textwrap.fill(shorten(name, 110).replace(" %", "\u00a0%"), 52 if columns == 1 else 24, break_on_hyphens=False)
+        for _, name in entries
+    ]
     figure.legend([handle for handle, _ in entries], names, loc="outside upper left", ncols=columns)
     rows = [sum(n.count("\n") + 1 for n in names[k::columns]) for k in range(columns)]
     grow(figure, 0.33 * max(rows, default=0) + 0.1)
 
 
 def looks(count: int) -> list[tuple[str, Any]]:
-    """Colour and line style of each series: first all colours, then all again in the next line style; two series differ in both."""
+    """Colour and line style of each series: first all colours, then all again in the next line style; two series differ
+    in both."""
     if count <= len(LINES):
         return [(SERIES[k], LINES[k]) for k in range(count)]
     return [(SERIES[k % len(SERIES)], LINES[k // len(SERIES) % len(LINES)]) for k in range(count)]
@@ -165,7 +179,12 @@ def label(name: str) -> str:
         return RESPONSES[name]
     if name in PARAMETERS:
         return PARAMETERS[name][0]
-    return re.sub(r"_(deg_s|deg|Nm|N|J|s)$", "", name).replace("jcs", "JCS").replace("grf", "ground reaction").replace("_", " ")
+    return (
+        re.sub(r"_(deg_s|deg|Nm|N|J|s)$", "", name)
+        .replace("jcs", "JCS")
+        .replace("grf", "ground reaction")
+        .replace("_", " ")
+    )
 
 
 def save(figure: Figure, target: Path) -> list[Path]:
@@ -181,5 +200,10 @@ def picture(figure: Figure, kind: str = "svg") -> bytes:
     """The figure as a `kind` of file, png or svg."""
     buffer = io.BytesIO()
     with rc_context(STYLE):  # ticks are made while drawing
-        figure.savefig(buffer, format=kind, dpi=300, metadata={"Date": None, "Creator": None} if kind == "svg" else {"Software": None})
+        figure.savefig(
+            buffer,
+            format=kind,
+            dpi=300,
+            metadata={"Date": None, "Creator": None} if kind == "svg" else {"Software": None},
+        )
     return buffer.getvalue()

@@ -21,7 +21,14 @@ MAX_SIZE = 512 * 2**20
 MAX_RATIO = 200
 MAX_NAME = 255  # B of UTF-8, one part of a path
 MAX_PATH = 1000
-ENCODINGS = ("utf-8", "utf8", "us-ascii", "ascii", "iso-8859-1", "windows-1252")  # what holds a DOCTYPE in no other bytes than UTF-8
+ENCODINGS = (
+    "utf-8",
+    "utf8",
+    "us-ascii",
+    "ascii",
+    "iso-8859-1",
+    "windows-1252",
+)  # what holds a DOCTYPE in no other bytes than UTF-8
 DEVICES = {"con", "prn", "aux", "nul", *(f"{d}{k}" for d in ("com", "lpt") for k in range(1, 10))}
 
 
@@ -106,7 +113,9 @@ def _check(path: Path, entries: list[zipfile.ZipInfo]) -> None:
         for k in range(1, len(parts) + entry.is_dir()):
             folder = "/".join(parts[:k])
             if folders.setdefault(_key(folder), folder) != folder:
-                raise InputError(f"{path}: folders {folders[_key(folder)]!r} and {folder!r} differ in letter case only; refused")
+                raise InputError(
+                    f"{path}: folders {folders[_key(folder)]!r} and {folder!r} differ in letter case only; refused"
+                )
     for entry in entries:
         if not entry.is_dir() and _key(entry.filename) in folders:
             raise InputError(f"{path}: {entry.filename!r} is both a file and a folder; refused")
@@ -153,7 +162,8 @@ def forget(archive: Archive) -> None:
 
 
 def unpack(archive: Archive) -> Path:
-    """The folder with the archive's content: made once per content, safe against processes that do the same at the same time.
+    """The folder with the archive's content: made once per content, safe against processes that do the same at the same
+    time.
 
     Raises InputError for damaged entries, EnvironmentProblem when the cache cannot be written."""
     root = cache_folder() / "fmus"
@@ -164,7 +174,9 @@ def unpack(archive: Archive) -> Path:
         root.mkdir(parents=True, exist_ok=True)
         fresh = Path(tempfile.mkdtemp(dir=root, prefix=".new-"))
     except OSError as problem:
-        raise EnvironmentProblem(f"{root}: cannot be written ({problem.strerror}); set SPRAIN_COSIM_CACHE to a folder that can") from None
+        raise EnvironmentProblem(
+            f"{root}: cannot be written ({problem.strerror}); set SPRAIN_COSIM_CACHE to a folder that can"
+        ) from None
     try:
         with zipfile.ZipFile(archive.path) as content:
             for entry in content.infolist():
@@ -181,7 +193,9 @@ def unpack(archive: Archive) -> Path:
             if not target.is_dir():
                 raise
     except OSError as problem:
-        raise EnvironmentProblem(f"{root}: cannot be written ({problem.strerror}); free some space or set SPRAIN_COSIM_CACHE") from None
+        raise EnvironmentProblem(
+            f"{root}: cannot be written ({problem.strerror}); free some space or set SPRAIN_COSIM_CACHE"
+        ) from None
     except InputError:
         raise
     except Exception as problem:

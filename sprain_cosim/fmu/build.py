@@ -1,13 +1,12 @@
 """Turns a folder with a Python slave into an FMI 2.0 co-simulation FMU.
 
-The folder holds `interface.py` (MODEL, DESCRIPTION, `variables()`, optionally COMPILED and FIXED_STEP [s]; plain data, it is run here) and
-`slave.py` (class Slave; it is not run here). The binary is compiled from `_fmi.c` where a C compiler is found; for other platforms those of
-PythonFMU are packed. Model description and archive are our own, so that units, start values and unknowns are declared and the same sources give the
-same bytes. The sources travel inside a package whose name
-ends in the hash of its content, so that no two FMUs in one process can mistake each other's modules. The sources of a COMPILED model are
-imported from a per-user cache instead of the extraction folder: numba keeps its machine code beside the source, and random extraction
-folders would lose it.
-"""
+The folder holds `interface.py` (MODEL, DESCRIPTION, `variables()`, optionally COMPILED and FIXED_STEP [s]; plain data,
+it is run here) and `slave.py` (class Slave; it is not run here). The binary is compiled from `_fmi.c` where a C
+compiler is found; for other platforms those of PythonFMU are packed. Model description and archive are our own, so that
+units, start values and unknowns are declared and the same sources give the same bytes. The sources travel inside a
+package whose name ends in the hash of its content, so that no two FMUs in one process can mistake each other's modules.
+The sources of a COMPILED model are imported from a per-user cache instead of the extraction folder: numba keeps its
+machine code beside the source, and random extraction folders would lose it."""
 
 from __future__ import annotations
 
@@ -108,10 +107,15 @@ if _folder not in sys.path:
 
 
 def build_all(names: Iterable[str] = ()) -> list[tuple[Path, str]]:
-    """Builds the models of the clone's fmus/ folder (or those named) to where the package looks for them: (file, GUID) of each.
+    """Builds the models of the clone's fmus/ folder (or those named) to where the package looks for them: (file, GUID)
+    of each.
 
     Raises InputError outside a clone or for a name that is no model."""
-    models = {p.parent.name: p.parent for p in sorted(SOURCES.glob("*/interface.py")) if not p.parent.name.startswith("brace_template_")}
+    models = {
+        p.parent.name: p.parent
+        for p in sorted(SOURCES.glob("*/interface.py"))
+        if not p.parent.name.startswith("brace_template_")
+    }
     if not models:
         raise InputError(f"{SOURCES}: no models to build; an installed package ships its FMUs ready")
     for name in names:
@@ -122,7 +126,8 @@ def build_all(names: Iterable[str] = ()) -> list[tuple[Path, str]]:
 
 
 def build_fmu(folder: Path, target: Path, support: Path | None = None) -> str:
-    """Writes `target` from the model in `folder`; `support` is the slave base class (default: `_fmi.py` beside the folder).
+    """Writes `target` from the model in `folder`; `support` is the slave base class (default: `_fmi.py` beside the
+    folder).
 
     Returns the GUID. Raises InputError when the folder is not a model."""
     for needed in ("interface.py", "slave.py"):
@@ -149,7 +154,9 @@ def build_fmu(folder: Path, target: Path, support: Path | None = None) -> str:
         **{f"documentation/{path}": data for path, data in documents.items()},
         **_binaries(name, support.with_suffix(".c")),
     }
-    description = model_description(name, interface.DESCRIPTION, interface.variables(), getattr(interface, "FIXED_STEP", None))
+    description = model_description(
+        name, interface.DESCRIPTION, interface.variables(), getattr(interface, "FIXED_STEP", None)
+    )
     guid = _digest({**files, "modelDescription.xml": description.replace(GUID_PLACE, "").encode()})
     files["modelDescription.xml"] = description.replace(GUID_PLACE, guid).encode()
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -162,9 +169,11 @@ def build_fmu(folder: Path, target: Path, support: Path | None = None) -> str:
 GUID_PLACE = "@GUID@"
 
 
-def model_description(name: str, description: str, variables: list[dict[str, Any]], fixed_step: float | None = None) -> str:
-    """modelDescription.xml of FMI 2.0 with GUID_PLACE for the GUID; value references are positions in `variables`. `fixed_step` [s] is the
-    model's own step where it cannot take another one."""
+def model_description(
+    name: str, description: str, variables: list[dict[str, Any]], fixed_step: float | None = None
+) -> str:
+    """modelDescription.xml of FMI 2.0 with GUID_PLACE for the GUID; value references are positions in `variables`.
+    `fixed_step` [s] is the model's own step where it cannot take another one."""
     root = ET.Element(
         "fmiModelDescription",
         fmiVersion="2.0",
@@ -252,7 +261,9 @@ def _binaries(name: str, source: Path) -> dict[str, bytes]:
         found = importlib.util.find_spec("pythonfmu")
         assert found is not None and found.submodule_search_locations
     except (ImportError, AssertionError):
-        raise InputError("the package pythonfmu, whose binary carries Python FMUs, is not installed: pip install pythonfmu") from None
+        raise InputError(
+            "the package pythonfmu, whose binary carries Python FMUs, is not installed: pip install pythonfmu"
+        ) from None
     folder = Path(found.submodule_search_locations[0]) / "resources" / "binaries"
     binaries = {}
     for library in sorted(folder.glob("*/*pythonfmu-export.*")):
@@ -278,7 +289,9 @@ def _compiled(source: Path) -> bytes | None:
         command = [compiler, *options, "-o", str(library), source.name, "-ldl"]
         outcome = subprocess.run(command, cwd=source.parent, capture_output=True, text=True)
         if outcome.returncode:
-            raise EnvironmentProblem(f"{source}: {compiler} cannot compile it: {(outcome.stderr.splitlines() or ['no message'])[0]}")
+            raise EnvironmentProblem(
+                f"{source}: {compiler} cannot compile it: {(outcome.stderr.splitlines() or ['no message'])[0]}"
+            )
         return library.read_bytes()
 
 

@@ -1,8 +1,7 @@
 """One FMU: described without running its code, opened, driven.
 
-`Component` is the description, frozen and picklable. `Component.open()` gives an `Instance`: the handful of methods that the rest of the
-package drives a simulator with. Anything that has these methods can take part, FMU or not.
-"""
+`Component` is the description, frozen and picklable. `Component.open()` gives an `Instance`: the handful of methods
+that the rest of the package drives a simulator with. Anything that has these methods can take part, FMU or not."""
 
 from __future__ import annotations
 
@@ -29,8 +28,9 @@ PYTHON_SLAVE = "resources/slavemodule.txt"  # what PythonFMU and PythonFMU3 put 
 
 @dataclass(frozen=True)
 class Connector:
-    """One scalar variable. `unit` is None where the FMU declares none; `items` are the values of an enumeration by name; `start` is None
-    where the FMU gives none or it is not a number; `depends_on` names the inputs that act on an output directly (None: not declared)."""
+    """One scalar variable. `unit` is None where the FMU declares none; `items` are the values of an enumeration by
+    name; `start` is None where the FMU gives none or it is not a number; `depends_on` names the inputs that act on an
+    output directly (None: not declared)."""
 
     name: str
     reference: int
@@ -51,11 +51,15 @@ class Connector:
         return self.kind in ("real", "integer", "enumeration", "boolean")
 
     def value(self, given: float | str | bool, what: str) -> float:
-        """A value from a file or the command line in the connector's own unit. Raises InputError: unit, kind or range."""
+        """A value from a file or the command line in the connector's own unit. Raises InputError: unit, kind or
+        range."""
         if self.items:
             if isinstance(given, str) and given in self.items:
                 return float(self.items[given])
-            raise InputError(f"{what} = {given!r}: must be one of {', '.join(self.items)}{nearest(str(given), self.items) if len(self.items) > 12 else ''}")
+            raise InputError(
+                f"{what} = {given!r}: must be one of "
+                f"{', '.join(self.items)}{nearest(str(given), self.items) if len(self.items) > 12 else ''}"
+            )
         if self.kind == "boolean":
             if isinstance(given, bool) or given in (0, 1, "true", "false"):
                 return float(given in (True, 1, "true"))
@@ -73,9 +77,10 @@ class Connector:
 
 @dataclass(frozen=True)
 class Capabilities:
-    """What the FMU declares. `fixed_step` [s] is its own step where it cannot take another one; `states` and `event_indicators` count those of
-    an FMI 2 model exchange FMU; `reusable`: its reset is known to work; `shared_modules`: its Python modules have names that another FMU's may
-    have as well, so it needs a process of its own; `single`: one instance per process; `variable_step`: its communication step may change during a run;
+    """What the FMU declares. `fixed_step` [s] is its own step where it cannot take another one; `states` and
+    `event_indicators` count those of an FMI 2 model exchange FMU; `reusable`: its reset is known to work;
+    `shared_modules`: its Python modules have names that another FMU's may have as well, so it needs a process of its
+    own; `single`: one instance per process; `variable_step`: its communication step may change during a run;
     `event_mode`, `early_return`: an FMI 3 FMU uses event mode, may return before the end of a step."""
 
     fmi_version: str
@@ -140,8 +145,8 @@ class Component:
         return {n: c for n, c in self.connectors.items() if c.causality == "parameter"}
 
     def library_problem(self) -> str:
-        """What keeps the library from being used, by its file alone: not of this machine, cut off, functions of FMI that it does not name. Empty
-        when nothing does. Raises InputError for a damaged archive."""
+        """What keeps the library from being used, by its file alone: not of this machine, cut off, functions of FMI
+        that it does not name. Empty when nothing does. Raises InputError for a damaged archive."""
         from fmpy import fmi1, fmi2, fmi3
 
         kinds: dict[tuple[str, bool], Any] = {
@@ -152,7 +157,11 @@ class Component:
             ("3.0", True): fmi3.FMU3Model,
         }
         prefix = f"fmi{self.capabilities.fmi_version[0]}"
-        wanted = [n for n in dir(kinds[self.capabilities.fmi_version, self.capabilities.model_exchange]) if n.startswith(prefix)]
+        wanted = [
+            n
+            for n in dir(kinds[self.capabilities.fmi_version, self.capabilities.model_exchange])
+            if n.startswith(prefix)
+        ]
         if prefix == "fmi1":
             wanted = [f"{self.identifier}_{n.replace('fmi1', 'fmi')}" for n in wanted]
         data = archive.member(self.fmu, self.library)
@@ -161,7 +170,11 @@ class Component:
             return f"{self.library} {damage}"
         missing = [n for n in wanted if n.encode() not in data]
         few = ", ".join(missing[:3]) + (f" and {len(missing) - 3} more" if len(missing) > 3 else "")
-        return f"its library lacks the FMI functions {few}; export it with all functions of {self.capabilities.interface}" if missing else ""
+        return (
+            f"its library lacks the FMI functions {few}; export it with all functions of {self.capabilities.interface}"
+            if missing
+            else ""
+        )
 
     def complaints(self) -> list[str]:
         """What fmpy's validation finds wrong with the description; nothing is loaded."""
@@ -190,14 +203,24 @@ class Component:
 
 
 class Instance(Protocol):
-    """A running component. Order of the calls: bind - set - start - (push, pull)* - finish_start - (push, step, pull)* - reset or close.
+    """A running component. Order of the calls: bind - set - start - (push, pull)* - finish_start - (push, step, pull)*
+    - reset or close.
 
-    `bind` lays `inputs` and `outputs` on the bus, the last `echoing` outputs being those that follow inputs directly. `push` sends the inputs
-    from the bus, `pull` fetches all outputs onto it, `pull_states` and `pull_echoes` fetch those before and those after that
-    boundary. `watch` chooses further variables, `look` fetches them into `seen`. `careful`: from the next start on, save before each step, so that a
-    step that is refused can be taken in parts. After a SimulationError only `close` may be called."""
+    `bind` lays `inputs` and `outputs` on the bus, the last `echoing` outputs being those that follow inputs directly.
+    `push` sends the inputs from the bus, `pull` fetches all outputs onto it, `pull_states` and `pull_echoes` fetch
+    those before and those after that boundary. `watch` chooses further variables, `look` fetches them into `seen`.
+    `careful`: from the next start on, save before each step, so that a step that is refused can be taken in parts.
+    After a SimulationError only `close` may be called."""
 
-    def bind(self, bus: np.ndarray, inputs: Sequence[str], first_input: int, outputs: Sequence[str], first_output: int, echoing: int) -> None: ...
+    def bind(
+        self,
+        bus: np.ndarray,
+        inputs: Sequence[str],
+        first_input: int,
+        outputs: Sequence[str],
+        first_output: int,
+        echoing: int,
+    ) -> None: ...
     def set(self, values: Mapping[str, float]) -> None: ...
     def start(self, time: float, stop: float) -> None: ...
     def finish_start(self) -> None: ...
@@ -220,7 +243,9 @@ class Instance(Protocol):
 
 
 @lru_cache(maxsize=64)
-def _describe(sha256: str, description: bytes, names: tuple[str, ...]) -> tuple[Mapping[str, Connector], Capabilities, str, str, str, tuple[str, ...]]:
+def _describe(
+    sha256: str, description: bytes, names: tuple[str, ...]
+) -> tuple[Mapping[str, Connector], Capabilities, str, str, str, tuple[str, ...]]:
     import fmpy
     from fmpy.model_description import read_model_description
 
@@ -240,12 +265,17 @@ def _describe(sha256: str, description: bytes, names: tuple[str, ...]) -> tuple[
     version = ".".join(md.fmiVersion.split(".")[:2])
     chosen = _interface(md, version)
     if chosen.needsExecutionTool and PYTHON_SLAVE not in names:  # PythonFMU says so of Python itself
-        raise InputError(f"needs its authoring tool ({md.generationTool or 'unnamed'}) at run time; export it with the tool's stand-alone option")
+        raise InputError(
+            f"needs its authoring tool ({md.generationTool or 'unnamed'}) at run time; export it with the tool's "
+            "stand-alone option"
+        )
     platform = fmpy.platform_tuple if version == "3.0" else fmpy.platform
     binary = f"binaries/{platform}/{chosen.modelIdentifier}{fmpy.sharedLibraryExtension}"
     if binary not in names:
         there = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") >= 2})
-        raise InputError(f"no binary for this platform ({binary}); it has {', '.join(there) or 'none'}; export it for {platform}")
+        raise InputError(
+            f"no binary for this platform ({binary}); it has {', '.join(there) or 'none'}; export it for {platform}"
+        )
     warnings: list[str] = []
     units = {u.name: u for u in md.unitDefinitions}
     dependencies = {u.variable.name: u for u in md.outputs}
@@ -260,7 +290,9 @@ def _describe(sha256: str, description: bytes, names: tuple[str, ...]) -> tuple[
             raise InputError("modelDescription.xml is not valid: a variable without a name")
         if kind == "binary" and causality in ("input", "output", "parameter"):
             raise InputError(f"{v.name}: a binary variable, which cannot be coupled; export the FMU without it")
-        unit_name = v.unit or (v.declaredType.unit if v.declaredType is not None and getattr(v.declaredType, "unit", None) else None)
+        unit_name = v.unit or (
+            v.declaredType.unit if v.declaredType is not None and getattr(v.declaredType, "unit", None) else None
+        )
         unit = None
         if unit_name and unit_name in units and units[unit_name].baseUnit is not None:
             b = units[unit_name].baseUnit
@@ -315,12 +347,16 @@ def _describe(sha256: str, description: bytes, names: tuple[str, ...]) -> tuple[
 def _interface(md: Any, version: str) -> Any:
     """Co-simulation where the FMU has both. Raises InputError for what cannot be run."""
     if version == "1.0" and md.coSimulation is None:
-        raise InputError("an FMI 1.0 model exchange FMU, which is not supported; export it as FMI 2.0 or 3.0, best for co-simulation")
+        raise InputError(
+            "an FMI 1.0 model exchange FMU, which is not supported; export it as FMI 2.0 or 3.0, best for co-simulation"
+        )
     if version not in ("1.0", "2.0", "3.0"):
         raise InputError(f"FMI {md.fmiVersion} is not supported; export it as FMI 2.0 co-simulation")
     chosen = md.coSimulation or md.modelExchange
     if chosen is None:
-        raise InputError("offers neither co-simulation nor model exchange (scheduled execution only); export it for co-simulation")
+        raise InputError(
+            "offers neither co-simulation nor model exchange (scheduled execution only); export it for co-simulation"
+        )
     return chosen
 
 
@@ -345,7 +381,11 @@ def _fixed_step(md: Any) -> float | None:
     internal = getattr(cs, "fixedInternalStepSize", None)
     if internal:
         return float(internal)
-    if not cs.canHandleVariableCommunicationStepSize and md.defaultExperiment is not None and md.defaultExperiment.stepSize:
+    if (
+        not cs.canHandleVariableCommunicationStepSize
+        and md.defaultExperiment is not None
+        and md.defaultExperiment.stepSize
+    ):
         return float(md.defaultExperiment.stepSize)
     return None
 
@@ -371,5 +411,9 @@ def _number(text: Any, default: float | None = None) -> Any:
 
 
 def first_line(problem: BaseException) -> str:
-    lines = [line.strip(" -").removeprefix("ERROR ") for line in str(problem).splitlines() if line.strip() and not line.startswith("Failed to validate")]
+    lines = [
+        line.strip(" -").removeprefix("ERROR ")
+        for line in str(problem).splitlines()
+        if line.strip() and not line.startswith("Failed to validate")
+    ]
     return "; ".join(lines[:3]) or type(problem).__name__

@@ -1,4 +1,5 @@
-"""FMI 1.0 co-simulation: no initialisation mode, so outputs are first read after the initialisation; no saved states."""
+"""FMI 1.0 co-simulation: no initialisation mode, so outputs are first read after the initialisation; no saved
+states."""
 
 from __future__ import annotations
 

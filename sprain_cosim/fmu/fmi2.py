@@ -12,7 +12,9 @@ from .instance import LAST_SUCCESSFUL_TIME, PENDING, FmiInstance
 
 TERMINATED = 3  # fmi2StatusKind
 
-_instances: weakref.WeakValueDictionary[str, FmiInstance] = weakref.WeakValueDictionary()  # by instance name: all share one logger
+_instances: weakref.WeakValueDictionary[str, FmiInstance] = (
+    weakref.WeakValueDictionary()
+)  # by instance name: all share one logger
 
 
 @lru_cache(maxsize=1)
@@ -81,10 +83,13 @@ class Fmi2CoSimulation(Fmi2Instance):
 
         fmu = FMU2Slave(**arguments)
         if hasattr(fmu.dll, "finalizePythonInterpreter"):
-            # PythonFMU's library frees its interpreter state twice at the end of the process, unless it was told to before
+            # PythonFMU's library frees its interpreter state twice at the end of the process, unless it was told to
+            # before
             atexit.register(fmu.dll.finalizePythonInterpreter)
         self._step = fmu.dll["fmi2DoStep"]
-        self._final = int(not self.component.capabilities.state)  # no state will be set that lies before the present point
+        self._final = int(
+            not self.component.capabilities.state
+        )  # no state will be set that lies before the present point
         return fmu
 
     def do_step(self, time: float, step: float) -> int:

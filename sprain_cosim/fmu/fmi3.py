@@ -1,4 +1,5 @@
-"""FMI 3.0 co-simulation. Event mode where the FMU has it: events are handled at its early returns and at the times it names."""
+"""FMI 3.0 co-simulation. Event mode where the FMU has it: events are handled at its early returns and at the times it
+names."""
 
 from __future__ import annotations
 
@@ -12,7 +13,9 @@ from .instance import DISCARD, WARNING, FmiInstance
 ERROR = 3
 MAX_RETURNS = 10_000  # in one step
 MAX_ITERATIONS = 100  # of discrete states at one event
-INTEGERS = {f"{sign}Int{bits}": getattr(ctypes, f"c_{sign.lower()}int{bits}") for sign in ("", "U") for bits in (8, 16, 32, 64)}
+INTEGERS = {
+    f"{sign}Int{bits}": getattr(ctypes, f"c_{sign.lower()}int{bits}") for sign in ("", "U") for bits in (8, 16, 32, 64)
+}
 
 
 class Fmi3Instance(FmiInstance):
@@ -72,7 +75,12 @@ class Fmi3CoSimulation(Fmi3Instance):
         capabilities = self.component.capabilities
         self._next_event = math.inf
         self._final = ctypes.c_bool(not capabilities.state)  # no state will be set that lies before the present point
-        self.fmu.instantiate(loggingOn=True, eventModeUsed=capabilities.event_mode, earlyReturnAllowed=capabilities.early_return, logMessage=self._heard)
+        self.fmu.instantiate(
+            loggingOn=True,
+            eventModeUsed=capabilities.event_mode,
+            earlyReturnAllowed=capabilities.early_return,
+            logMessage=self._heard,
+        )
 
     def enter(self, time: float, stop: float) -> None:
         self._start = time
@@ -91,7 +99,9 @@ class Fmi3CoSimulation(Fmi3Instance):
             self._reached.value = now
             if target > now:
                 size = step if (now, target) == (time, end) else target - now
-                status: int = self._step(self.instance, ctypes.c_double(now), ctypes.c_double(size), self._final, *self._answers)
+                status: int = self._step(
+                    self.instance, ctypes.c_double(now), ctypes.c_double(size), self._final, *self._answers
+                )
                 if status > WARNING or self._end.value:
                     return max(status, DISCARD)
                 if self._early.value and not capabilities.early_return:
@@ -124,7 +134,9 @@ class Fmi3CoSimulation(Fmi3Instance):
         for _ in range(MAX_ITERATIONS):
             again, terminate, _, _, defined, when = self.call("handling its events", self.fmu.updateDiscreteStates)
             if terminate:
-                raise SimulationStopped(f"{self.component.name}: asked to end the simulation at {now:.6g} s{self.said()}")
+                raise SimulationStopped(
+                    f"{self.component.name}: asked to end the simulation at {now:.6g} s{self.said()}"
+                )
             if not again:
                 self._next_event = when if defined and when > now else math.inf
                 self.call("handling its events", self.fmu.enterStepMode)

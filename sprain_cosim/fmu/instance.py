@@ -1,8 +1,8 @@
-"""What the versions of FMI share: values between bus and library, statuses and messages, the FMU's own step, a fresh start.
+"""What the versions of FMI share: values between bus and library, statuses and messages, the FMU's own step, a fresh
+start.
 
-fmpy loads the library; the calls of the time loop go to it with buffers made once, because fmpy's own wrappers cost more per step than the
-FMU. Double-precision variables live on the bus itself, others in a buffer of their type.
-"""
+fmpy loads the library; the calls of the time loop go to it with buffers made once, because fmpy's own wrappers cost
+more per step than the FMU. Double-precision variables live on the bus itself, others in a buffer of their type."""
 
 from __future__ import annotations
 
@@ -26,13 +26,15 @@ STATUS = {2: "discarded the call", 3: "reported an error", 4: "reported a fatal 
 MAX_MESSAGES = 100
 MAX_PARTS = 1024  # of a step that is refused
 
-Calls = tuple[list[tuple[Any, tuple[Any, ...]]], list[tuple[np.ndarray, slice]]]  # library calls, and values that are not doubles
+Calls = tuple[
+    list[tuple[Any, tuple[Any, ...]]], list[tuple[np.ndarray, slice]]
+]  # library calls, and values that are not doubles
 _counter = itertools.count(1)
 
 
 class FmiInstance:
-    """Implements component.Instance but for what depends on the version: `types`, `load`, `create`, `free`, `enter`, `leave`, `do_step` and,
-    where the FMU can, `save`, `restore`, `release` and `recycle`."""
+    """Implements component.Instance but for what depends on the version: `types`, `load`, `create`, `free`, `enter`,
+    `leave`, `do_step` and, where the FMU can, `save`, `restore`, `release` and `recycle`."""
 
     types: ClassVar[Mapping[str, tuple[str, Any]]] = {}
     """{type in the description: (its name in function names, C type)}"""
@@ -43,7 +45,12 @@ class FmiInstance:
         self.messages: deque[str] = deque(maxlen=MAX_MESSAGES)
         folder = archive.unpack(archive.read(component.fmu))
         try:
-            self.fmu = self.load(guid=component.guid, modelIdentifier=component.identifier, unzipDirectory=str(folder), instanceName=self.label)
+            self.fmu = self.load(
+                guid=component.guid,
+                modelIdentifier=component.identifier,
+                unzipDirectory=str(folder),
+                instanceName=self.label,
+            )
         except Exception as problem:
             raise EnvironmentProblem(f"{component.fmu}: its library cannot be loaded: {first_line(problem)}") from None
         self.broken = False
@@ -76,7 +83,8 @@ class FmiInstance:
         raise NotImplementedError
 
     def progress(self) -> tuple[float | None, bool]:
-        """After a step that was not done: until when it was (None: not told), and whether the FMU wants the run to end."""
+        """After a step that was not done: until when it was (None: not told), and whether the FMU wants the run to
+        end."""
         return None, False
 
     def recycle(self) -> None:
@@ -92,7 +100,15 @@ class FmiInstance:
 
     # ---- component.Instance
 
-    def bind(self, bus: np.ndarray, inputs: Sequence[str], first_input: int, outputs: Sequence[str], first_output: int, echoing: int) -> None:
+    def bind(
+        self,
+        bus: np.ndarray,
+        inputs: Sequence[str],
+        first_input: int,
+        outputs: Sequence[str],
+        first_output: int,
+        echoing: int,
+    ) -> None:
         self._bus = bus
         self.given = bus[first_input : first_input + len(inputs)]
         self._sends = self._calls("Set", inputs, bus, first_input)
@@ -109,7 +125,9 @@ class FmiInstance:
         calls: list[tuple[Any, tuple[Any, ...]]] = []
         conversions: list[tuple[np.ndarray, slice]] = []
         connectors = [self.component.connectors[n] for n in names]
-        for (function, ctype), run in itertools.groupby(range(len(names)), lambda k: self.types[connectors[k].fmi_type]):
+        for (function, ctype), run in itertools.groupby(
+            range(len(names)), lambda k: self.types[connectors[k].fmi_type]
+        ):
             members = list(run)
             n, at = len(members), first + members[0]
             references = (ctypes.c_uint * n)(*(connectors[k].reference for k in members))
@@ -117,11 +135,18 @@ class FmiInstance:
                 buffer: Any = (ctypes.c_double * n).from_buffer(values.data, 8 * at)
             else:
                 buffer = (ctype * n)()
-                conversions.append((np.frombuffer(buffer, np.dtype(ctype) if ctype is not ctypes.c_char else np.int8), slice(at, at + n)))
+                conversions.append(
+                    (
+                        np.frombuffer(buffer, np.dtype(ctype) if ctype is not ctypes.c_char else np.int8),
+                        slice(at, at + n),
+                    )
+                )
             try:
                 calls.append((self.function(f"{verb}{function}"), self.arguments(references, n, buffer)))
             except AttributeError as problem:
-                raise EnvironmentProblem(f"{self.component.fmu}: {problem}; build its library with all functions of FMI") from None
+                raise EnvironmentProblem(
+                    f"{self.component.fmu}: {problem}; build its library with all functions of FMI"
+                ) from None
         return calls, conversions
 
     def set(self, values: Mapping[str, float]) -> None:
@@ -130,7 +155,9 @@ class FmiInstance:
             function, ctype = self.types[connector.fmi_type]
             number: Any = value if connector.kind == "real" else int(value)
             buffer = (ctype * 1)(bytes([number]) if ctype is ctypes.c_char else number)
-            status = self.function(f"Set{function}")(*self.arguments((ctypes.c_uint * 1)(connector.reference), 1, buffer))
+            status = self.function(f"Set{function}")(
+                *self.arguments((ctypes.c_uint * 1)(connector.reference), 1, buffer)
+            )
             self.check(status, f"setting {name} = {value:g}")
 
     def start(self, time: float, stop: float) -> None:
@@ -189,13 +216,17 @@ class FmiInstance:
                 self.release(state)
 
     def _not_done(self, status: int, time: float, step: float, least: float, state: Any) -> None:
-        """A refused step is taken in parts, with the inputs held, where the state before it was saved. Raises SimulationError otherwise."""
+        """A refused step is taken in parts, with the inputs held, where the state before it was saved. Raises
+        SimulationError otherwise."""
         doing = f"in the step from {time:.6g} s to {time + step:.6g} s"
         if status != DISCARD:
             self.check(status, doing)
         reached, ended = self.progress()
         if ended:
-            raise SimulationStopped(f"{self.component.name}: asked to end the simulation at {time if reached is None else reached:.6g} s{self.said()}")
+            raise SimulationStopped(
+                f"{self.component.name}: asked to end the simulation at {time if reached is None else reached:.6g} "
+                f"s{self.said()}"
+            )
         got = f"; it got to {reached:.9g} s" if reached is not None and reached > time else ""
         if state is None:
             if self.component.capabilities.state:
@@ -204,7 +235,9 @@ class FmiInstance:
             raise SimulationError(f"{self.component.name}: {STATUS[DISCARD]} {doing}{got}{self.said()}; {cure}")
         part = reached - time if reached is not None and time < reached < time + step else 0.5 * step
         if part < least:
-            raise SimulationError(f"{self.component.name}: {STATUS[DISCARD]} {doing}, however small the parts{got}{self.said()}")
+            raise SimulationError(
+                f"{self.component.name}: {STATUS[DISCARD]} {doing}, however small the parts{got}{self.said()}"
+            )
         self.restore(state)
         self.push()
         self._one_step(time, part, least)
@@ -225,7 +258,9 @@ class FmiInstance:
         self.cautious = self.component.capabilities.state
 
     def save(self) -> Any:
-        raise SimulationError(f"{self.component.name}: FMI {self.component.capabilities.fmi_version} cannot save a state")
+        raise SimulationError(
+            f"{self.component.name}: FMI {self.component.capabilities.fmi_version} cannot save a state"
+        )
 
     def restore(self, state: Any) -> None:
         raise NotImplementedError
@@ -234,7 +269,8 @@ class FmiInstance:
         raise NotImplementedError
 
     def reset(self) -> None:
-        """Back to the state after instantiation: by the FMU's own reset where that is known to work, else by a fresh instance."""
+        """Back to the state after instantiation: by the FMU's own reset where that is known to work, else by a fresh
+        instance."""
         self.messages.clear()
         if self.component.capabilities.reusable:
             self.call("resetting", self.recycle)
@@ -270,7 +306,9 @@ class FmiInstance:
     def check(self, status: int, doing: str) -> None:
         if status > WARNING:
             self.broken = status >= 4
-            raise SimulationError(f"{self.component.name}: {STATUS.get(status, f'gave status {status}')} {doing}{self.said()}")
+            raise SimulationError(
+                f"{self.component.name}: {STATUS.get(status, f'gave status {status}')} {doing}{self.said()}"
+            )
 
     def said(self) -> str:
         """The last line of the last message: for a Python FMU the exception itself."""

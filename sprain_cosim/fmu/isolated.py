@@ -1,9 +1,9 @@
-"""One FMU in a process of its own: what it does to its process ends the run with a message, not ours; what it loads meets no other FMU's.
+"""One FMU in a process of its own: what it does to its process ends the run with a message, not ours; what it loads
+meets no other FMU's.
 
-`Isolated` is a component whose instances live in a child each. The proxy here and the child exchange one message per step: the inputs that
-were pushed since the last one go along with the step, the outputs come back with its answer. Numbers travel as the shortest decimal that
-gives the same double back, so a run is the same to the bit.
-"""
+`Isolated` is a component whose instances live in a child each. The proxy here and the child exchange one message per
+step: the inputs that were pushed since the last one go along with the step, the outputs come back with its answer.
+Numbers travel as the shortest decimal that gives the same double back, so a run is the same to the bit."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ from .component import Component, Instance
 
 START_LIMIT, STEP_LIMIT = 120.0, 10.0  # s of wall time: opening and initialising; any other call
 CLOSE_LIMIT = 1.0
-ERRORS: dict[str, type[SprainError]] = {kind.__name__: kind for kind in (SimulationError, SimulationStopped, StepDiscarded, EnvironmentProblem, InputError)}
+ERRORS: dict[str, type[SprainError]] = {
+    kind.__name__: kind for kind in (SimulationError, SimulationStopped, StepDiscarded, EnvironmentProblem, InputError)
+}
 
 
 class Isolated(Component):
@@ -41,8 +43,8 @@ def _fields(component: Component) -> dict[str, Any]:
 
 
 class Proxy:
-    """Implements component.Instance on the near side. Raises what the instance raises, and SimulationError when its process ends or overruns
-    its limit."""
+    """Implements component.Instance on the near side. Raises what the instance raises, and SimulationError when its
+    process ends or overruns its limit."""
 
     def __init__(self, component: Component) -> None:
         self.name = component.name
@@ -55,7 +57,15 @@ class Proxy:
             self._child.close()
             raise
 
-    def bind(self, bus: np.ndarray, inputs: Sequence[str], first_input: int, outputs: Sequence[str], first_output: int, echoing: int) -> None:
+    def bind(
+        self,
+        bus: np.ndarray,
+        inputs: Sequence[str],
+        first_input: int,
+        outputs: Sequence[str],
+        first_output: int,
+        echoing: int,
+    ) -> None:
         self._given = bus[first_input : first_input + len(inputs)]
         boundary = len(outputs) - echoing
         self._gives = bus[first_output : first_output + len(outputs)]
@@ -139,7 +149,10 @@ class Proxy:
         except Gone as gone:
             said = self._child.log().splitlines()
             self._child.close()
-            raise SimulationError(f"{self.name}: {doing}: its process {_past(str(gone))}{f'; it said: {said[-1].strip()}' if said else ''}") from None
+            raise SimulationError(
+                f"{self.name}: {doing}: its process "
+                f"{_past(str(gone))}{f'; it said: {said[-1].strip()}' if said else ''}"
+            ) from None
         if "error" in answer:
             raise ERRORS[answer["kind"]](answer["error"])
         return answer["value"]

@@ -6,12 +6,21 @@ import platform
 import struct
 import sys
 
-MACHINES = {"x86_64": 62, "AMD64": 62, "aarch64": 183, "arm64": 183, "i686": 3, "riscv64": 243}  # e_machine of the ELF specification
+MACHINES = {
+    "x86_64": 62,
+    "AMD64": 62,
+    "aarch64": 183,
+    "arm64": 183,
+    "i686": 3,
+    "riscv64": 243,
+}  # e_machine of the ELF specification
 
 
 def problem(data: bytes) -> str:
     """Why `data` cannot be a library for this machine; empty when it may be one."""
-    magic = {"linux": (b"\x7fELF",), "win32": (b"MZ",), "darwin": (b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe")}.get(sys.platform, ())
+    magic = {"linux": (b"\x7fELF",), "win32": (b"MZ",), "darwin": (b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe")}.get(
+        sys.platform, ()
+    )
     if magic and not data.startswith(magic):
         return "is no shared library for this platform; export the FMU for it"
     return _elf(data) if sys.platform == "linux" else ""

@@ -1,6 +1,6 @@
-"""FMI 2.0 and 3.0 model exchange: the FMU gives derivatives and event indicators, CVode (through fmpy) integrates from one
-communication point to the next. Inputs are held over the step, as in co-simulation; since they jump between steps, so does the solver start
-anew at every step in which they changed."""
+"""FMI 2.0 and 3.0 model exchange: the FMU gives derivatives and event indicators, CVode (through fmpy) integrates from
+one communication point to the next. Inputs are held over the step, as in co-simulation; since they jump between steps,
+so does the solver start anew at every step in which they changed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ class _Held:
 
 
 class _Integrated(FmiInstance):
-    """Mixed in before Fmi2Instance or Fmi3Instance. Modes: initialisation - event (iterate) - continuous time - event ..."""
+    """Mixed in before Fmi2Instance or Fmi3Instance. Modes: initialisation - event (iterate) - continuous time - event
+    ..."""
 
     _solver: Any = None
     _failure: BaseException | None = None
@@ -101,7 +102,9 @@ class _Integrated(FmiInstance):
         try:
             event, _, now = self._solver.step(self._time, target)
         except RuntimeError as problem:
-            raise SimulationError(f"{self.component.name}: cannot be integrated at {self._time:.6g} s: {problem}") from None
+            raise SimulationError(
+                f"{self.component.name}: cannot be integrated at {self._time:.6g} s: {problem}"
+            ) from None
         if self._failure is not None:
             raise self._failure
         return event, now

@@ -1,4 +1,5 @@
-"""One landing out of a folder: of a run, or a trial of a study by its number, the worst, a percentile. What the folder lacks is simulated again."""
+"""One landing out of a folder: of a run, or a trial of a study by its number, the worst, a percentile. What the folder
+lacks is simulated again."""
 
 from __future__ import annotations
 
@@ -27,12 +28,14 @@ from . import run as runfolder
 if TYPE_CHECKING:
     import pandas as pd
 
-AGREEMENT = 1e-6  # relative; a trial simulated again gives its recorded response within this, or its FMUs are not those of the record
+# relative; a trial simulated again gives its recorded response within this, or its FMUs are not those of the record
+AGREEMENT = 1e-6
 
 
 @dataclass(frozen=True)
 class Landing:
-    """`label` says which landing it is, `parameters` {"component.parameter": value in its own unit} what was set, `plant` the FMU that landed."""
+    """`label` says which landing it is, `parameters` {"component.parameter": value in its own unit} what was set,
+    `plant` the FMU that landed."""
 
     label: str
     title: str
@@ -46,7 +49,8 @@ class Landing:
         return Component.read("plant", self.plant)
 
     def parameter(self, name: str) -> float:
-        """The plant's parameter in its own unit: as set, or its start value. Raises InputError for one it does not have."""
+        """The plant's parameter in its own unit: as set, or its start value. Raises InputError for one it does not
+        have."""
         connector = self.described.connectors.get(name)
         if connector is None or connector.start is None:
             raise InputError(f"{self.plant}: the plant has no parameter {name}")
@@ -57,23 +61,30 @@ class Landing:
         missing = [name for name in names if f"plant.{name}" not in self.result.index]
         if missing:
             some = ", ".join(missing[:3]) + (" ..." if len(missing) > 3 else "")
-            raise InputError(f"{self.label}: its record has no {some}, which {what} needs; run it again with this version")
+            raise InputError(
+                f"{self.label}: its record has no {some}, which {what} needs; run it again with this version"
+            )
 
 
 def load_all(folder: Path, trial: str | None = None) -> list[Landing]:
-    """The landing of a run's or a study's folder (see `load`), or those of every brace of a comparison, under the braces' names."""
+    """The landing of a run's or a study's folder (see `load`), or those of every brace of a comparison, under the
+    braces' names."""
     if not (folder / "compare.json").is_file():
         return [load(folder, trial)]
     try:
         braces = json.loads((folder / "compare.json").read_text("utf-8"))["braces"]
-        return [replace(load(folder / entry["folder"], trial), title=name) for name, entry in braces.items() if entry["status"] == "completed"]
+        return [
+            replace(load(folder / entry["folder"], trial), title=name)
+            for name, entry in braces.items()
+            if entry["status"] == "completed"
+        ]
     except (ValueError, KeyError, OSError) as problem:
         raise InputError(f"{folder / 'compare.json'}: cannot be read: {problem!r}") from None
 
 
 def load(folder: Path, trial: str | None = None) -> Landing:
-    """The landing in a run's folder; in a study's folder the trial `trial`: a number, worst, or pXX for a percentile of the study's first response
-    (default p50). Raises InputError."""
+    """The landing in a run's folder; in a study's folder the trial `trial`: a number, worst, or pXX for a percentile of
+    the study's first response (default p50). Raises InputError."""
     if (folder / "trials.csv").is_file():
         return _of_study(folder, trial or "p50")
     if (folder / "compare.json").is_file():
@@ -85,18 +96,24 @@ def load(folder: Path, trial: str | None = None) -> Landing:
         raise InputError(f"{folder}: holds a single run, which has no trials; leave --trial out")
     plant = _plant(head)
     described = Component.read("plant", plant)
-    given = {k: v for k, v in head["parameters"].items() if k.startswith("plant.") and k.partition(".")[2] in described.parameters}
+    given = {
+        k: v
+        for k, v in head["parameters"].items()
+        if k.startswith("plant.") and k.partition(".")[2] in described.parameters
+    }
     parameters = {k: described.connectors[k.partition(".")[2]].value(v, k) for k, v in given.items()}
     return Landing(str(folder), head["title"], head["initial_pose"], result, parameters, plant)
 
 
 def pick(trials: pd.DataFrame, response: str, which: str, place: str) -> tuple[int, str]:
-    """The number of a trial and how it was chosen. Among completed trials `worst` has the largest response and `pXX` the one nearest to that percentile
-    (type 7, the lower number of two). Raises InputError."""
+    """The number of a trial and how it was chosen. Among completed trials `worst` has the largest response and `pXX`
+    the one nearest to that percentile (type 7, the lower number of two). Raises InputError."""
     which = which.strip().lower()
     if re.fullmatch(r"\d+", which):
         if int(which) not in set(trials["trial"]):
-            raise InputError(f"{place}: has no trial {which}; they are numbered {trials['trial'].min()} ... {trials['trial'].max()}")
+            raise InputError(
+                f"{place}: has no trial {which}; they are numbered {trials['trial'].min()} ... {trials['trial'].max()}"
+            )
         return int(which), f"trial {int(which)}"
     percentile = re.fullmatch(r"p(\d{1,2}(\.\d+)?|100)", which)
     if which != "worst" and percentile is None:
@@ -109,7 +126,10 @@ def pick(trials: pd.DataFrame, response: str, which: str, place: str) -> tuple[i
         at, said = int(np.nanargmax(values)), f"largest {response}"
     else:
         share = float(percentile.group(1))
-        at, said = int(np.nanargmin(np.abs(values - np.nanpercentile(values, share)))), f"{share:g}th percentile of {response}"
+        at, said = (
+            int(np.nanargmin(np.abs(values - np.nanpercentile(values, share)))),
+            f"{share:g}th percentile of {response}",
+        )
     number = int(done["trial"].iloc[at])
     return number, f"trial {number}, {said}"
 
@@ -129,7 +149,9 @@ def _of_study(folder: Path, which: str) -> Landing:
     result = _recorded(recorded(folder, number), row)
     if result is None or "plant.pelvis_tx" not in result.index:
         result = _again(study, values, row, what)
-    return Landing(f"{folder}, {said}", study.title, study.scenario.initial_pose(), result, values, study.scenario.fmus["plant"])
+    return Landing(
+        f"{folder}, {said}", study.title, study.scenario.initial_pose(), result, values, study.scenario.fmus["plant"]
+    )
 
 
 def _inputs(scenario: Scenario, row: pd.Series) -> dict[str, float]:
@@ -144,7 +166,11 @@ def _inputs(scenario: Scenario, row: pd.Series) -> dict[str, float]:
 
 
 def _in_own_unit(connector: Connector, value: float, unit: str) -> float:
-    return value if connector.unit is None or unit in ("", connector.unit.name) else quantity(f"{value!r} {unit}", connector.unit, connector.name)
+    return (
+        value
+        if connector.unit is None or unit in ("", connector.unit.name)
+        else quantity(f"{value!r} {unit}", connector.unit, connector.name)
+    )
 
 
 def _recorded(path: Path, row: pd.Series) -> Result | None:
@@ -168,7 +194,8 @@ def _again(study: Study, values: dict[str, float], row: pd.Series, what: str) ->
         before, now = float(row[response]), result.metrics.get(response, np.nan)
         if not abs(now - before) <= AGREEMENT * max(1.0, abs(before)):
             raise InputError(
-                f"{what}: simulated again it gives {response} = {now:.6g} instead of {before:.6g}; FMUs or versions are not those of the record "
+                f"{what}: simulated again it gives {response} = {now:.6g} instead of {before:.6g}; FMUs or versions "
+                "are not those of the record "
                 f"(sprain-cosim reproduce names them)"
             )
     return result
@@ -179,4 +206,7 @@ def _plant(head: dict[str, Any]) -> Path:
     try:
         return fmu_path(Path(name).stem if "/" not in name else name, Path.cwd(), f"plant = {name!r}")
     except (InputError, EnvironmentProblem):
-        raise InputError(f"plant {name!r}: this run's plant is not one that ships, so its landing cannot be drawn or exported as a motion") from None
+        raise InputError(
+            f"plant {name!r}: this run's plant is not one that ships, so its landing cannot be drawn or exported as a "
+            "motion"
+        ) from None

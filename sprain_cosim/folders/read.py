@@ -82,13 +82,21 @@ class StudyFolder(_Finished):
 
     @property
     def published(self) -> Mapping[str, Any]:
-        """Published figures of the study file; none when the study ran with another pose, device or parameter than the file asks for."""
+        """Published figures of the study file; none when the study ran with another pose, device or parameter than the
+        file asks for."""
         asked = self.file.get("parameters", {})
         ran = self.manifest.get("identity", {}).get("parameters", asked)
-        same = asked.get("plant.initial_pose", self.pose) == self.pose and all(ran.get(k) == v for k, v in asked.items())
+        same = asked.get("plant.initial_pose", self.pose) == self.pose and all(
+            ran.get(k) == v for k, v in asked.items()
+        )
         varied = {str(c).partition(" [")[0] for c in self.trials.columns if "." in str(c)}
         devices = {Path(str(fmu.get("file"))).name for fmu in self.manifest.get("fmus", {}).values()}
-        same = same and varied == set(self.file.get("marginals", {})) and devices <= PUBLISHED_WITH and not self.head.get("dropped")
+        same = (
+            same
+            and varied == set(self.file.get("marginals", {}))
+            and devices <= PUBLISHED_WITH
+            and not self.head.get("dropped")
+        )
         return self.file.get("published", {}) if same else {}
 
     @cached_property
@@ -127,7 +135,10 @@ def read(path: Path) -> Folder:
         names = [str(n) for n in named] if isinstance(named, dict) else []
         members = {name: read(path / name) for name in names if (path / name / "summary.json").is_file()}
         if not members:
-            raise InputError(f"{path}: compare.json names braces, but none of their folders is here; run `sprain-cosim compare` again")
+            raise InputError(
+                f"{path}: compare.json names braces, but none of their folders is here; run `sprain-cosim compare` "
+                "again"
+            )
         return Comparison(path, data, {name: m for name, m in members.items() if not isinstance(m, Comparison)})
     if (path / "trials.csv").is_file() and (path / "summary.json").is_file():
         return _study(path)
@@ -136,7 +147,9 @@ def read(path: Path) -> Folder:
     if (path / "signals.csv").is_file() or (path / "summary.json").is_file():
         head, result = runfolder.read(path)
         return Run(path, head, result)
-    raise InputError(f"{path}: holds no run, study or comparison; make one with `sprain-cosim run SCENARIO --out {path}`")
+    raise InputError(
+        f"{path}: holds no run, study or comparison; make one with `sprain-cosim run SCENARIO --out {path}`"
+    )
 
 
 def read_all(paths: Sequence[Path]) -> list[Folder]:

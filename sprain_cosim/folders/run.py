@@ -1,4 +1,5 @@
-"""The folder that `run --out` leaves: signals.csv, landing.png, summary.json. The summary is written last: without it the folder is not complete."""
+"""The folder that `run --out` leaves: signals.csv, landing.png, summary.json. The summary is written last: without it
+the folder is not complete."""
 
 from __future__ import annotations
 
@@ -47,13 +48,18 @@ def check(folder: Path) -> None:
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file; name a folder")
     if folder.is_dir():
-        strangers = sorted(p.name for p in folder.iterdir() if p.name not in (*FILES, "figures", "report.html") and p.stem != "animation")
+        strangers = sorted(
+            p.name
+            for p in folder.iterdir()
+            if p.name not in (*FILES, "figures", "report.html") and p.stem != "animation"
+        )
         if strangers:
             raise InputError(f"{folder}: holds other files ({', '.join(strangers[:3])}); name a new folder")
 
 
 def write(folder: Path, result: Result, picture: bytes, summary: dict[str, Any]) -> None:
-    """Replaces an earlier run; `picture` is the content of landing.png. Raises EnvironmentProblem when the folder cannot be written."""
+    """Replaces an earlier run; `picture` is the content of landing.png. Raises EnvironmentProblem when the folder
+    cannot be written."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "summary.json").unlink(missing_ok=True)
@@ -69,7 +75,9 @@ def read(folder: Path) -> tuple[dict[str, Any], Result]:
     try:
         head = json.loads((folder / "summary.json").read_text("utf-8"))
     except FileNotFoundError:
-        raise InputError(f"{folder}: no complete run in it; make one with `sprain-cosim run SCENARIO --out {folder}`") from None
+        raise InputError(
+            f"{folder}: no complete run in it; make one with `sprain-cosim run SCENARIO --out {folder}`"
+        ) from None
     except (ValueError, OSError) as problem:
         raise InputError(f"{folder}: cannot be read: {problem}") from None
     missing = [key for key in ("status", "message", "scheme", "title") if not isinstance(head, dict) or key not in head]

@@ -1,5 +1,5 @@
-"""One HTML file about runs, studies and comparisons: it opens without a network, on a phone and on paper. All of it comes from the folders; nothing is
-simulated. Every text out of a folder is escaped."""
+"""One HTML file about runs, studies and comparisons: it opens without a network, on a phone and on paper. All of it
+comes from the folders; nothing is simulated. Every text out of a folder is escaped."""
 
 from __future__ import annotations
 
@@ -40,16 +40,23 @@ EXPLORED = (
 )
 FAILURES = 20  # rows of the table of failed trials
 LIMITS = (
-    "<b>The published pose starts inside the floor.</b> In the paper's records the foot starts 8 to 58 mm inside the platform, and is thrown out by tens "
-    "of kilonewtons in the first millisecond. The touching pose starts with the foot just touching. Read which pose a figure has before you compare it.",
-    "<b>The ground reaction is not human.</b> About ten body weights at 35 to 50 ms after contact, far more than people land with. The paper's own model "
+    "<b>The published pose starts inside the floor.</b> In the paper's records the foot starts 8 to 58 mm inside the "
+    "platform, and is thrown out by tens "
+    "of kilonewtons in the first millisecond. The touching pose starts with the foot just touching. Read which pose a "
+    "figure has before you compare it.",
+    "<b>The ground reaction is not human.</b> About ten body weights at 35 to 50 ms after contact, far more than "
+    "people land with. The paper's own model "
     "does the same. Peak angles are compared with measurements, forces are not.",
-    "<b>One subject.</b> One skeleton of 67.5 kg with 49 muscles, one foot, no shoe. What the studies vary is the landing, the ankle's stiffness and its "
+    "<b>One subject.</b> One skeleton of 67.5 kg with 49 muscles, one foot, no shoe. What the studies vary is the "
+    "landing, the ankle's stiffness and its "
     "muscles, not the person.",
-    "<b>No injury threshold is known.</b> 35 ± 6° of inversion is where ankles of cadavers failed. A probability of exceeding it compares braces; "
+    "<b>No injury threshold is known.</b> 35 ± 6° of inversion is where ankles of cadavers failed. A probability of "
+    "exceeding it compares braces; "
     "it is not the risk of a patient.",
-    "<b>The brace is an idea.</b> A device acts as torques between shank and foot: no strap slips, no skin moves, no fit is wrong, no shoe helps.",
-    "<b>Angles have different zeros.</b> Supination and inversion from neutral are zero in the model's neutral pose. Raw inversion, as in Table 3 of the "
+    "<b>The brace is an idea.</b> A device acts as torques between shank and foot: no strap slips, no skin moves, no "
+    "fit is wrong, no shoe helps.",
+    "<b>Angles have different zeros.</b> Supination and inversion from neutral are zero in the model's neutral pose. "
+    "Raw inversion, as in Table 3 of the "
     "paper, is 10° lower; measurements have their laboratory's own zero.",
 )
 
@@ -92,10 +99,13 @@ def page(given: Sequence[Folder]) -> str:
     body = "".join(f'<section id="{key}"><h2>{name}</h2>{content}</section>\n' for key, name, content in sections)
     data = json.dumps(charts, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
-        f'<link rel="icon" href="data:,"><title>{escape(title)}</title>\n<style>\n{_asset("style.css")}</style></head>\n<body>\n'
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
+        'content="width=device-width, initial-scale=1">'
+        '<link rel="icon" '
+        f'href="data:,"><title>{escape(title)}</title>\n<style>\n{_asset("style.css")}</style></head>\n<body>\n'
         f'<h1>{escape(title)}</h1>\n<p class="about">{_about(items)}</p>\n<nav>{links}</nav>\n{body}'
-        f'<script type="application/json" id="data">{data}</script>\n<script>\n{_asset("chart.js")}</script>\n</body></html>\n'
+        '<script type="application/json" '
+        f'id="data">{data}</script>\n<script>\n{_asset("chart.js")}</script>\n</body></html>\n'
     )
 
 
@@ -109,7 +119,10 @@ def _title(given: Sequence[Folder], items: Sequence[tuple[str, Run | StudyFolder
     if len(items) == 1:
         return items[0][0]
     kinds = {type(item) for _, item in items}
-    return f"{len(items)} {'landings' if kinds == {Run} else 'studies' if kinds == {StudyFolder} else 'results'} side by side"
+    return (
+        f"{len(items)} {'landings' if kinds == {Run} else 'studies' if kinds == {StudyFolder} else 'results'} side "
+        "by side"
+    )
 
 
 def _about(items: Sequence[tuple[str, Run | StudyFolder]]) -> str:
@@ -137,11 +150,19 @@ def _verdict(given: Sequence[Folder], items: Sequence[tuple[str, Run | StudyFold
     for name, item in items:
         if id(item) in compared and not (isinstance(item, StudyFolder) and int(item.head["n_failed"])):
             continue
-        text = _of_run(item) if isinstance(item, Run) else _of_search(item) if item.search is not None else _of_study(item)
-        bad = isinstance(item, StudyFolder) and (int(item.head["n_failed"]) > 0 or (item.search or {}).get("status", "ok") != "ok")
+        text = (
+            _of_run(item) if isinstance(item, Run) else _of_search(item) if item.search is not None else _of_study(item)
+        )
+        bad = isinstance(item, StudyFolder) and (
+            int(item.head["n_failed"]) > 0 or (item.search or {}).get("status", "ok") != "ok"
+        )
         lead = f'<span class="name">{escape(name)}.</span> ' if several else ""
         blocks.append(f'<div class="verdict{" warn" if bad else ""}"><p>{lead}{text}</p></div>')
-    return "".join(blocks) + '<p>These are figures of a model, with its <a href="#limits">limits</a>; they rank braces, they do not certify one.</p>'
+    return (
+        "".join(blocks)
+        + '<p>These are figures of a model, with its <a href="#limits">limits</a>; they rank braces, they do not '
+        "certify one.</p>"
+    )
 
 
 def _compared(folder: Comparison) -> str:
@@ -151,7 +172,11 @@ def _compared(folder: Comparison) -> str:
         change = (brace.get("difference_to_none") or {}).get(key)
         if change and change.get("value") is not None:
             rows.append((float(change["value"]), name, change))
-    failed = [f"{name}: {brace.get('message', '')}" for name, brace in folder.data.get("braces", {}).items() if brace.get("status") != "completed"]
+    failed = [
+        f"{name}: {brace.get('message', '')}"
+        for name, brace in folder.data.get("braces", {}).items()
+        if brace.get("status") != "completed"
+    ]
     text = ""
     if rows:
         rows.sort(key=lambda row: row[0])
@@ -169,13 +194,19 @@ def _compared(folder: Comparison) -> str:
 
 def _injuries(folder: Comparison, best: str) -> str:
     """The probability of injury without a brace and with the best one."""
-    found = {n: b.get("metrics", {}).get(compare.INJURY) for n, b in folder.data.get("braces", {}).items() if n in (compare.NONE, best)}
+    found = {
+        n: b.get("metrics", {}).get(compare.INJURY)
+        for n, b in folder.data.get("braces", {}).items()
+        if n in (compare.NONE, best)
+    }
     if len(found) < 2 or not all(e and e.get("value") is not None for e in found.values()):
         return ""
     without, with_best = (found[n] for n in (compare.NONE, best))
     return (
-        f" Probability that inversion exceeds the injury range ({INJURY_INVERSION[0]:g} ± {INJURY_INVERSION[1]:g}° from neutral): "
-        f"<b>{_percent(without['value'])}</b> without a brace{_interval(without, 100, ' %')}, <b>{_percent(with_best['value'])}</b> with {escape(best)}"
+        f" Probability that inversion exceeds the injury range ({INJURY_INVERSION[0]:g} ± {INJURY_INVERSION[1]:g}° "
+        "from neutral): "
+        f"<b>{_percent(without['value'])}</b> without a brace{_interval(without, 100, ' %')}, "
+        f"<b>{_percent(with_best['value'])}</b> with {escape(best)}"
         f"{_interval(with_best, 100, ' %')}."
     )
 
@@ -184,14 +215,23 @@ def _of_run(run: Run) -> str:
     m = run.head.get("metrics", {})
     if "peak_subtalar_angle_deg" not in m:
         return f"Ended as {escape(str(run.head['status']))}. {escape(str(run.head['message']))}"
-    text = f"In this landing the ankle supinated to <b>{m['peak_subtalar_angle_deg']:.1f}°</b> at {1e3 * m['time_of_peak_subtalar_s']:.0f} ms."
+    text = (
+        f"In this landing the ankle supinated to <b>{m['peak_subtalar_angle_deg']:.1f}°</b> at "
+        f"{1e3 * m['time_of_peak_subtalar_s']:.0f} ms."
+    )
     mean, sd = INJURY_INVERSION
     if INVERSION in m:
         where = "below" if m[INVERSION] < mean - sd else "above" if m[INVERSION] > mean + sd else "inside"
-        text += f" Inversion from neutral peaked at {m[INVERSION]:.1f}°, {where} the range of {mean:g} ± {sd:g}° in which ankles of cadavers failed."
+        text += (
+            f" Inversion from neutral peaked at {m[INVERSION]:.1f}°, {where} the range of {mean:g} ± {sd:g}° in "
+            "which ankles of cadavers failed."
+        )
     anatomy, brace = m.get("anatomy_subtalar_moment_Nm"), m.get("brace_subtalar_moment_Nm")
     if anatomy is not None and brace is not None and anatomy + brace:
-        text += f" At the peak the brace bore {brace:.1f} of {anatomy + brace:.1f} N·m ({100 * brace / (anatomy + brace):.0f} %)."
+        text += (
+            f" At the peak the brace bore {brace:.1f} of {anatomy + brace:.1f} N·m "
+            f"({100 * brace / (anatomy + brace):.0f} %)."
+        )
     if run.head.get("coupling_error") is not None:
         text += f" Coupling error: {100 * run.head['coupling_error']:.2g} % of the energy exchanged."
     return text
@@ -210,19 +250,32 @@ def _of_study(study: StudyFolder) -> str:
         text = f"{'In one landing' if done == 1 else kind} the {escape(gallery.quantity(response))} {lay}."
     elif found:
         level = {k: found["percentiles"].get(k, {}) for k in ("5", "50", "95")}
-        name = "peak of supination" if response == "peak_subtalar_angle_deg" else plots.label(response).partition(",")[0]
-        text = f"In {done} simulated landings the {escape(name)} was <b>{_n(level['50'].get('value'))}{unit}</b> in the median"
-        text += f"{_interval(level['50'], 1, unit)}, and between {_n(level['5'].get('value'))} and {_n(level['95'].get('value'))}{unit} in nine of ten."
+        name = (
+            "peak of supination" if response == "peak_subtalar_angle_deg" else plots.label(response).partition(",")[0]
+        )
+        text = (
+            f"In {done} simulated landings the {escape(name)} was <b>{_n(level['50'].get('value'))}{unit}</b> in "
+            "the median"
+        )
+        text += (
+            f"{_interval(level['50'], 1, unit)}, and between {_n(level['5'].get('value'))} and "
+            f"{_n(level['95'].get('value'))}{unit} in nine of ten."
+        )
     question = study.head.get("questions", {}).get(INVERSION)
     if question:
-        text += f" Probability that inversion exceeds the injury range ({INJURY_INVERSION[0]:g} ± {INJURY_INVERSION[1]:g}° from neutral): "
+        text += (
+            f" Probability that inversion exceeds the injury range ({INJURY_INVERSION[0]:g} ± "
+            f"{INJURY_INVERSION[1]:g}° from neutral): "
+        )
         text += f"<b>{_percent(question['probability'])}</b>{_interval(question, 100, ' %')}."
     if failed:
         kinds = ", ".join(f"{count} {status}" for status, count in study.head.get("failures", {}).items())
         text += f" <b>{failed} of {n} landings failed</b> ({escape(kinds)}); percentiles count only the others."
     else:
         text += " No landing failed." if done == n else f" {n - done} landings are missing."
-    return text + "".join(f" {escape(str(note))[:1].upper()}{escape(str(note))[1:]}." for note in study.head.get("notes", []))
+    return text + "".join(
+        f" {escape(str(note))[:1].upper()}{escape(str(note))[1:]}." for note in study.head.get("notes", [])
+    )
 
 
 def _of_search(study: StudyFolder) -> str:
@@ -231,16 +284,26 @@ def _of_search(study: StudyFolder) -> str:
     cost = f"{found['evaluations_executed']} landings"
     if "levels" in found:
         levels = ", ".join(f"{_n(v['value'])}{unit} ({level} %)" for level, v in found["levels"].items())
-        text = f"With {cost} the method {escape(str(study.head['method']))} puts the {escape(gallery.quantity(study.response))} at <b>{levels}</b>."
+        text = (
+            f"With {cost} the method {escape(str(study.head['method']))} puts the "
+            f"{escape(gallery.quantity(study.response))} at <b>{levels}</b>."
+        )
     else:
-        text = f"With {cost}: the probability that {escape(gallery.quantity(study.response))} exceeds {_threshold(found.get('threshold'), unit)} is "
+        text = (
+            f"With {cost}: the probability that {escape(gallery.quantity(study.response))} exceeds "
+            f"{_threshold(found.get('threshold'), unit)} is "
+        )
         text += f"<b>{_percent(found['probability'])}</b> (β = {found['beta']:.2f})."
     status, reasons = str(found.get("status", "")), "; ".join(str(r) for r in found.get("reasons", []))
     return text + f" The method's own check says <b>{escape(status)}</b>{': ' + escape(reasons) if reasons else ''}."
 
 
 def _threshold(given: Any, unit: str) -> str:
-    return escape(f"the uncertain threshold {given.get('distribution', given.get('mean'))}") if isinstance(given, dict) else f"{_n(given)}{unit}"
+    return (
+        escape(f"the uncertain threshold {given.get('distribution', given.get('mean'))}")
+        if isinstance(given, dict)
+        else f"{_n(given)}{unit}"
+    )
 
 
 # ---- tables
@@ -261,7 +324,10 @@ def _numbers(given: Sequence[Folder], items: Sequence[tuple[str, Run | StudyFold
         labels = list(dict.fromkeys(label for t in tables for label in t))
         rows = [
             [escape(f"{label} [{next(t[label][1] for t in tables if label in t)}]")]
-            + [f"{_n(t[label][0])}<span class='ci'>at {1e3 * t[label][2]:.1f} ms</span>" if label in t else "" for t in tables]
+            + [
+                f"{_n(t[label][0])}<span class='ci'>at {1e3 * t[label][2]:.1f} ms</span>" if label in t else ""
+                for t in tables
+            ]
             for label in labels
         ]
         parts.append(_table(["", *(escape(n) for n, _ in runs)], rows))
@@ -271,7 +337,10 @@ def _numbers(given: Sequence[Folder], items: Sequence[tuple[str, Run | StudyFold
 def _levels(study: StudyFolder) -> dict[str, str]:
     """{row: cell} of the table of numbers."""
     found = study.head.get("responses", {}).get(study.response)
-    cells = {"initial pose": escape(study.pose), "landings completed": f"{study.head['n_completed']} of {study.head['n_requested']}"}
+    cells = {
+        "initial pose": escape(study.pose),
+        "landings completed": f"{study.head['n_completed']} of {study.head['n_requested']}",
+    }
     if found:
         published = study.published if study.response == "peak_subtalar_angle_deg" else {}
         name = escape(gallery.quantity(study.response))
@@ -280,7 +349,9 @@ def _levels(study: StudyFolder) -> dict[str, str]:
             cells[f"{name}: {level} %"] = _n(p.get("value")) + _ci(p) + _beside(published.get(f"{level} % [deg]"))
         cells[f"{name}: mean ± SD"] = _mean_sd(found)
     for key, question in study.head.get("questions", {}).items():
-        cells[f"P({escape(plots.label(key).partition(', +')[0])} {escape(str(question['event']))})"] = _percent(question["probability"]) + _ci(question, 100)
+        cells[f"P({escape(plots.label(key).partition(', +')[0])} {escape(str(question['event']))})"] = _percent(
+            question["probability"]
+        ) + _ci(question, 100)
     return cells
 
 
@@ -302,10 +373,25 @@ def _comparison_table(folder: Comparison) -> str:
     for kind in dict.fromkeys(posture.rpartition("_")[0] for posture in compare.POSTURES):
         held = [b.get("resistance_Nm") for b in braces.values()]
         if any(held):
-            rows.append([f"resists {kind} of 5 / 10° [N·m]", *(f"{_n(h[f'{kind}_5deg'])} / {_n(h[f'{kind}_10deg'])}" if h else "" for h in held)])
+            rows.append(
+                [
+                    f"resists {kind} of 5 / 10° [N·m]",
+                    *(f"{_n(h[f'{kind}_5deg'])} / {_n(h[f'{kind}_10deg'])}" if h else "" for h in held),
+                ]
+            )
     total = folder.data.get("landings", "")
-    rows.append(["landings completed", *(f"{b.get('n_completed', '')} of {total}" if b.get("status") == "completed" else "failed" for b in braces.values())])
-    note = "Means, with 95 % intervals where the landings are a random sample; changes are paired over the same landings."
+    rows.append(
+        [
+            "landings completed",
+            *(
+                f"{b.get('n_completed', '')} of {total}" if b.get("status") == "completed" else "failed"
+                for b in braces.values()
+            ),
+        ]
+    )
+    note = (
+        "Means, with 95 % intervals where the landings are a random sample; changes are paired over the same landings."
+    )
     return _table(heads, rows) + f"<p class='about'>{note}</p>"
 
 
@@ -320,7 +406,10 @@ def _failures(studies: Sequence[tuple[str, StudyFolder]]) -> str:
     rows = []
     for name, study in studies:
         bad = study.trials[study.trials["status"] != "completed"]
-        rows += [[escape(name), str(r.trial), escape(str(r.status)), escape(str(getattr(r, "message", "")))] for r in bad.itertuples()]
+        rows += [
+            [escape(name), str(r.trial), escape(str(r.status)), escape(str(getattr(r, "message", "")))]
+            for r in bad.itertuples()
+        ]
     if not rows:
         return ""
     more = f"<p>{len(rows) - FAILURES} more in trials.csv.</p>" if len(rows) > FAILURES else ""
@@ -336,25 +425,44 @@ def _sensitivities(items: Sequence[tuple[str, Run | StudyFolder]]) -> str:
         indices = study.head.get("sobol", {}).get("indices", {})
         if indices:
             for parameter, v in sorted(indices.items(), key=lambda kv: -(kv[1]["total"] or 0.0)):
-                rows.append([_parameter(parameter), *(_n(v[k]) + _ci(v, 1, f"{k}_low", f"{k}_high") for k in ("first", "total"))])
+                rows.append(
+                    [
+                        _parameter(parameter),
+                        *(_n(v[k]) + _ci(v, 1, f"{k}_low", f"{k}_high") for k in ("first", "total")),
+                    ]
+                )
             heads = [escape(gallery.quantity(study.response)), "Sobol' first", "Sobol' total"]
         elif study.search is not None:
             levels = study.search.get("levels", {"": study.search})
             names = [name for v in list(levels.values())[:1] for name in v.get("importance", {})]
             for parameter in sorted(names, key=lambda p: -max(abs(v["importance"][p]) for v in levels.values())):
                 rows.append([_parameter(parameter), *(_signed(v["importance"][parameter], 2) for v in levels.values())])
-            heads = ["importance (unit vector), + raises the response", *(f"{level} %" if level else "design point" for level in levels)]
+            heads = [
+                "importance (unit vector), + raises the response",
+                *(f"{level} %" if level else "design point" for level in levels),
+            ]
         else:
             found = study.head.get("sensitivity", {}).get(study.response, {})
             published = study.published.get("pearson", {}) if study.response == "peak_subtalar_angle_deg" else {}
             chosen = {k: v for k, v in found.items() if not k.startswith("_")}
             sobol = any("sobol_total" in v for v in chosen.values())
             for parameter, v in sorted(chosen.items(), key=lambda kv: -abs(kv[1]["pearson"]["value"] or 0.0)):
-                row = [_parameter(parameter), _signed(v["pearson"]["value"], 2) + _ci(v["pearson"], 1, "low", "high") + _beside(published.get(parameter))]
+                row = [
+                    _parameter(parameter),
+                    _signed(v["pearson"]["value"], 2)
+                    + _ci(v["pearson"], 1, "low", "high")
+                    + _beside(published.get(parameter)),
+                ]
                 error = v.get("standard_error", {}).get("dsd_dsd")
-                row += [_signed(v["dsd_dmean"], 2), _signed(v["dsd_dsd"], 2) + (f"<span class='ci'>± {error:.2f} SE</span>" if error is not None else "")]
+                row += [
+                    _signed(v["dsd_dmean"], 2),
+                    _signed(v["dsd_dsd"], 2)
+                    + (f"<span class='ci'>± {error:.2f} SE</span>" if error is not None else ""),
+                ]
                 rows.append(row + ([f"{_n(v.get('sobol_first'))} / {_n(v.get('sobol_total'))}"] if sobol else []))
-            heads = [escape(gallery.quantity(study.response)), "Pearson's r", "dSD/dmean", "dSD/dSD"] + (["Sobol' first / total"] if sobol else [])
+            heads = [escape(gallery.quantity(study.response)), "Pearson's r", "dSD/dmean", "dSD/dSD"] + (
+                ["Sobol' first / total"] if sobol else []
+            )
         if rows:
             out.append((name, _table(heads, rows)))
     return _folded(out)
@@ -379,7 +487,10 @@ def _metrics(items: Sequence[tuple[str, Run | StudyFolder]]) -> str:
                 heads.pop(3)
                 rows = [row[:3] + row[4:] for row in rows]
             out.append((name, _table(heads, rows)))
-    note = "<p class='about'>JCS angles are raw (not zeroed), moments are those at the time of the axis' own peak and positive when they resist.</p>"
+    note = (
+        "<p class='about'>JCS angles are raw (not zeroed), moments are those at the time of the axis' own peak and "
+        "positive when they resist.</p>"
+    )
     return _folded(out) + note if out else ""
 
 
@@ -399,7 +510,10 @@ def _inputs(items: Sequence[tuple[str, Run | StudyFolder]]) -> str:
             rows.append(["dropped, the device has none", escape(", ".join(str(d) for d in item.head["dropped"]))])
         if rows:
             out.append((name, _table(["input", "value or distribution"], rows, "text")))
-    note = "<p class='about'>Quantities without a unit are dimensionless. Everything not listed is at the default of its FMU.</p>"
+    note = (
+        "<p class='about'>Quantities without a unit are dimensionless. Everything not listed is at the default of "
+        "its FMU.</p>"
+    )
     return _folded(out) + note if out else ""
 
 
@@ -418,31 +532,56 @@ def _provenance(items: Sequence[tuple[str, Run | StudyFolder]]) -> str:
     for name, item in items:
         head, manifest = item.head, item.manifest
         rows = [["folder", item.path.name], ["scenario or study", head.get("study") or head.get("scenario", "")]]
-        rows += [[key, manifest[key]] for key in ("command", "created", "seed", "study_digest", "platform") if manifest.get(key) is not None]
+        rows += [
+            [key, manifest[key]]
+            for key in ("command", "created", "seed", "study_digest", "platform")
+            if manifest.get(key) is not None
+        ]
         if "seed" not in manifest and head.get("seed") is not None:
             rows.append(["seed", head["seed"]])
         versions = manifest.get("versions") or {}
         rows += [["versions", ", ".join(f"{k} {v}" for k, v in versions.items())]] if versions else []
         if isinstance(item, Run):
-            rows += [["coupling", f"{head['scheme']} every {1e3 * head.get('communication_step_s', math.nan):g} ms; {head.get('scheme_reason', '')}"]]
+            rows += [
+                [
+                    "coupling",
+                    f"{head['scheme']} every {1e3 * head.get('communication_step_s', math.nan):g} ms; "
+                    f"{head.get('scheme_reason', '')}",
+                ]
+            ]
             rows += [["versions", f"sprain-cosim {head['version']}"]] if head.get("version") else []
-        ran = manifest.get("fmus") or {n: {"file": f, "sha256": head.get("sha256", {}).get(n)} for n, f in head.get("fmus", {}).items()}
+        ran = manifest.get("fmus") or {
+            n: {"file": f, "sha256": head.get("sha256", {}).get(n)} for n, f in head.get("fmus", {}).items()
+        }
         for fmu, fact in ran.items():
             digest = f"  sha256 {fact['sha256']}" if fact and fact.get("sha256") else ""
             rows.append([f"FMU {fmu}", f"{Path(str((fact or {}).get('file'))).name}{digest}"])
-        out.append((name, _table(["", ""], [[escape(str(k)), f"<code>{escape(str(v))}</code>"] for k, v in rows if str(v)], "text")))
+        out.append(
+            (
+                name,
+                _table(
+                    ["", ""], [[escape(str(k)), f"<code>{escape(str(v))}</code>"] for k, v in rows if str(v)], "text"
+                ),
+            )
+        )
     sources = (
-        "Model and studies: A. J. Yoder, A. J. Petrella, S. Farrokhi 2021, doi 10.3389/fbioe.2021.765331; M. S. DeMers, J. L. Hicks, S. L. Delp 2017, "
+        "Model and studies: A. J. Yoder, A. J. Petrella, S. Farrokhi 2021, doi 10.3389/fbioe.2021.765331; M. S. "
+        "DeMers, J. L. Hicks, S. L. Delp 2017, "
         "doi 10.1016/j.jbiomech.2016.11.002. Measured landings: Y. Li et al. 2018, J. Sport Health Sci."
     )
-    return _folded(out) + f"<p class='about'>{sources} Written by sprain-cosim {__version__} from the folders alone.</p>"
+    return (
+        _folded(out) + f"<p class='about'>{sources} Written by sprain-cosim {__version__} from the folders alone.</p>"
+    )
 
 
 def _folded(parts: Sequence[tuple[str, str]]) -> str:
     """One table as it is; several under their names, the first open."""
     if len(parts) == 1:
         return parts[0][1]
-    return "".join(f"<details{'' if k else ' open'}><summary>{escape(name)}</summary>{content}</details>" for k, (name, content) in enumerate(parts))
+    return "".join(
+        f"<details{'' if k else ' open'}><summary>{escape(name)}</summary>{content}</details>"
+        for k, (name, content) in enumerate(parts)
+    )
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "") -> str:
@@ -455,7 +594,9 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "") 
 
 def _parameter(name: str) -> str:
     known = PARAMETERS.get(name)
-    return f"{escape(known[0])} <span class='ci mono'>{escape(name)}</span>" if known else f"<code>{escape(name)}</code>"
+    return (
+        f"{escape(known[0])} <span class='ci mono'>{escape(name)}</span>" if known else f"<code>{escape(name)}</code>"
+    )
 
 
 # ---- figures and charts
@@ -466,7 +607,10 @@ def _figures(drawn: Sequence[gallery.Drawn]) -> str:
     for d in drawn:
         encoded = base64.b64encode(plots.picture(d.figure, "svg")).decode()
         caption = f"<figcaption><b>{escape(d.title)}</b>{escape(d.caption)}</figcaption>"
-        out.append(f'<figure id="figure-{escape(d.name)}"><img alt="{escape(d.title)}" src="data:image/svg+xml;base64,{encoded}">{caption}</figure>')
+        out.append(
+            f'<figure id="figure-{escape(d.name)}"><img alt="{escape(d.title)}" '
+            f'src="data:image/svg+xml;base64,{encoded}">{caption}</figure>'
+        )
     return f'<div class="figures">{"".join(out)}</div>'
 
 
@@ -475,7 +619,8 @@ def _animations(given: Sequence[Folder], items: Sequence[tuple[str, Run | StudyF
     found = [path / file for path in dict.fromkeys([f.path for f in given] + [item.path for _, item in items])]
     shown = [p for p in found if p.is_file() and p.stat().st_size <= most]
     pictures = [
-        f'<figure><img alt="Animation of a landing" src="data:image/webp;base64,{base64.b64encode(p.read_bytes()).decode()}">'
+        '<figure><img alt="Animation of a landing" '
+        f'src="data:image/webp;base64,{base64.b64encode(p.read_bytes()).decode()}">'
         f"<figcaption><b>Animation</b>{escape(p.parent.name)}</figcaption></figure>"
         for p in shown[:1]
     ]
@@ -484,24 +629,37 @@ def _animations(given: Sequence[Folder], items: Sequence[tuple[str, Run | StudyF
 
 def _charts(items: Sequence[tuple[str, Run | StudyFolder]]) -> list[dict[str, Any]]:
     """What chart.js draws: distributions of studies, signals of runs."""
-    looks = [(SERIES[k % len(SERIES)], "" if k % len(LINES) == 0 else ("7 3", "2 3", "7 3 2 3")[k % len(LINES) - 1]) for k in range(len(items))]
+    looks = [
+        (SERIES[k % len(SERIES)], "" if k % len(LINES) == 0 else ("7 3", "2 3", "7 3 2 3")[k % len(LINES) - 1])
+        for k in range(len(items))
+    ]
     charts, options = [], []
-    studies = [(name, item, look) for (name, item), look in zip(items, looks, strict=True) if isinstance(item, StudyFolder) and item.is_sample]
+    studies = [
+        (name, item, look)
+        for (name, item), look in zip(items, looks, strict=True)
+        if isinstance(item, StudyFolder) and item.is_sample
+    ]
     for response in dict.fromkeys([*(s.response for _, s, _ in studies), *EXPLORED]):
         series = []
         for name, study, (color, dash) in studies:
             values = study.done[response].dropna().to_numpy(float) if response in study.done else np.empty(0)
             if len(values) >= gallery.FEWEST:
                 marks = [[v, p / 100] for p, v in gallery.sample(name, study, response).published.items()]
-                series.append({"name": name, "color": color, "dash": dash, "x": _digits(np.sort(values)), "marks": marks})
+                series.append(
+                    {"name": name, "color": color, "dash": dash, "x": _digits(np.sort(values)), "marks": marks}
+                )
         if series:
             mean, sd = INJURY_INVERSION
             band = {"band": [mean - sd, mean + sd]} if response == INVERSION else {}
             text = gallery.quantity(response)
-            options.append({"label": text, "xlabel": text, "xunit": _spoken(response), "kind": "cdf", "series": series, **band})
+            options.append(
+                {"label": text, "xlabel": text, "xunit": _spoken(response), "kind": "cdf", "series": series, **band}
+            )
     hint = "Point at the curves, or touch them, to read values. Circles: published levels. Grey: injury range."
     if options:
-        charts.append({"id": "chart-distribution", "title": "Share of landings below a value", "hint": hint, "options": options})
+        charts.append(
+            {"id": "chart-distribution", "title": "Share of landings below a value", "hint": hint, "options": options}
+        )
     runs = [(name, item, look) for (name, item), look in zip(items, looks, strict=True) if isinstance(item, Run)]
     options = []
     for title, signal, factor in plots.PANELS if runs else ():
@@ -513,15 +671,32 @@ def _charts(items: Sequence[tuple[str, Run | StudyFolder]]) -> list[dict[str, An
         if series and any(any(s["y"]) for s in series):
             found = re.search(r"\[(.+)\]", title)
             unit = found[1] if found else ""
-            options.append({"label": title, "xlabel": "time after contact [ms]", "xunit": "ms", "unit": unit, "kind": "line", "series": series})
+            options.append(
+                {
+                    "label": title,
+                    "xlabel": "time after contact [ms]",
+                    "xunit": "ms",
+                    "unit": unit,
+                    "kind": "line",
+                    "series": series,
+                }
+            )
     if options:
-        charts.append({"id": "chart-time", "title": "Signals over time", "hint": "Point at the curves, or touch them, to read values.", "options": options})
+        charts.append(
+            {
+                "id": "chart-time",
+                "title": "Signals over time",
+                "hint": "Point at the curves, or touch them, to read values.",
+                "options": options,
+            }
+        )
     return charts
 
 
 def _explore(charts: Sequence[Mapping[str, Any]]) -> str:
     return "".join(
-        f'<h3>{escape(str(c["title"]))}</h3><div class="explore" id="{c["id"]}"><noscript>Needs JavaScript; the figures below show the same.</noscript></div>'
+        f'<h3>{escape(str(c["title"]))}</h3><div class="explore" id="{c["id"]}"><noscript>Needs JavaScript; the '
+        "figures below show the same.</noscript></div>"
         for c in charts
     )
 
@@ -547,7 +722,15 @@ def _n(value: Any) -> str:
     if value is None or not isinstance(value, int | float) or not math.isfinite(value):
         return "–"
     size = abs(value)
-    text = f"{value:.0f}" if size >= 1000 else f"{value:.1f}" if size >= 10 else f"{value:.2f}" if size >= 0.1 or size < 5e-4 else f"{value:.3f}"
+    text = (
+        f"{value:.0f}"
+        if size >= 1000
+        else f"{value:.1f}"
+        if size >= 10
+        else f"{value:.2f}"
+        if size >= 0.1 or size < 5e-4
+        else f"{value:.3f}"
+    )
     return text.replace("-0.00", "0.00").replace("-", "−")
 
 

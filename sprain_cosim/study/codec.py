@@ -1,4 +1,5 @@
-"""Studies as JSON, so that a ledger holds what it was made with and any machine reads it back. A file makes only the classes named here."""
+"""Studies as JSON, so that a ledger holds what it was made with and any machine reads it back. A file makes only the
+classes named here."""
 
 from __future__ import annotations
 
@@ -18,14 +19,19 @@ from .study import Study
 CLASSES: dict[str, Any] = {
     kind.__name__: kind
     for kind in (Study, Scenario, Master, *vars(distributions).values())
-    if isinstance(kind, type) and dataclasses.is_dataclass(kind) and (kind in (Study, Scenario, Master) or issubclass(kind, distributions.Marginal))
+    if isinstance(kind, type)
+    and dataclasses.is_dataclass(kind)
+    and (kind in (Study, Scenario, Master) or issubclass(kind, distributions.Marginal))
 }
 
 
 def encode(value: Any) -> Any:
     """What json.dumps takes. A path becomes absolute."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {"!": type(value).__name__, **{f.name: encode(getattr(value, f.name)) for f in dataclasses.fields(value) if f.init}}
+        return {
+            "!": type(value).__name__,
+            **{f.name: encode(getattr(value, f.name)) for f in dataclasses.fields(value) if f.init},
+        }
     if isinstance(value, Path):
         return {"!": "path", "value": str(value.absolute())}
     if isinstance(value, np.ndarray):

@@ -1,7 +1,7 @@
 """Hands the trials of a study to a backend and takes what comes back to the ledger. This thread alone writes there.
 
-A window of batches slides over the trials, so that the memory needed does not grow with their number. The first batches are single trials; when the
-time of one is known, a batch holds as many as the backend likes."""
+A window of batches slides over the trials, so that the memory needed does not grow with their number. The first batches
+are single trials; when the time of one is known, a batch holds as many as the backend likes."""
 
 from __future__ import annotations
 
@@ -29,10 +29,16 @@ Blocks = Iterable[tuple[np.ndarray, Array]]  # numbers (n,) and inputs (n, d)
 
 
 class Dispatch:
-    """`close` may be called at any moment, from the thread that made it. `max_failed` is the share of failed trials that is accepted."""
+    """`close` may be called at any moment, from the thread that made it. `max_failed` is the share of failed trials
+    that is accepted."""
 
     def __init__(
-        self, ledger: Ledger, backend: Backend, max_failed: float = 1.0, progress: Progress | None = None, trajectories: Trajectories | None = None
+        self,
+        ledger: Ledger,
+        backend: Backend,
+        max_failed: float = 1.0,
+        progress: Progress | None = None,
+        trajectories: Trajectories | None = None,
     ) -> None:
         self.ledger, self.backend, self.max_failed, self.progress = ledger, backend, max_failed, progress
         self.trajectories = trajectories or Trajectories(None)
@@ -72,7 +78,8 @@ class Dispatch:
             raise self._too_many(failed, finished, None)
 
     def repeat(self, numbers: Iterable[int]) -> list[int]:
-        """Runs finished trials once more for their trajectories; the numbers of those that gave other metrics than the ledger has."""
+        """Runs finished trials once more for their trajectories; the numbers of those that gave other metrics than the
+        ledger has."""
         rows = [row for row in map(self.ledger.row, numbers) if row is not None]
         jobs = (Job(row.trial, row.inputs, True) for row in rows)
         before, changed = {row.trial: row.outcome for row in rows}, []
@@ -103,14 +110,18 @@ class Dispatch:
                 seen, seconds = seen + 1, seconds + row.outcome.wall
                 yield row
             if backend.batch and seen:
-                share = max(1, (total - seen - under_way) // (2 * backend.workers()))  # towards the end all finish at the same time
+                share = max(
+                    1, (total - seen - under_way) // (2 * backend.workers())
+                )  # towards the end all finish at the same time
                 size = min(max(1, math.floor(backend.batch / max(seconds / seen, 1e-6))), share, LARGEST)
 
     def _too_many(self, failed: int, finished: int, row: Row | None) -> SimulationError:
         self.ledger.commit()
         last = row if row and row.outcome.status != "completed" else next(self.ledger.failed(), None)
         example = f"; trial {last.trial} {last.outcome.status}: {last.outcome.message}" if last else ""
-        return SimulationError(f"{failed} of {finished} trials failed, more than --max-failed {100 * self.max_failed:g} % allows{example}")
+        return SimulationError(
+            f"{failed} of {finished} trials failed, more than --max-failed {100 * self.max_failed:g} % allows{example}"
+        )
 
 
 @contextlib.contextmanager

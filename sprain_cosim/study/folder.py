@@ -1,5 +1,5 @@
-"""The folder of a study: trials.csv, timing.csv, summary.json, study.toml, manifest.json, failures.json where trials failed, ledger.sqlite,
-trajectories/. All but the ledger and the trajectories are made from the ledger."""
+"""The folder of a study: trials.csv, timing.csv, summary.json, study.toml, manifest.json, failures.json where trials
+failed, ledger.sqlite, trajectories/. All but the ledger and the trajectories are made from the ledger."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ def check(folder: Path, resume: bool) -> None:
 
 
 def described(folder: Path, ledger: Ledger) -> Study:
-    """The study that a ledger was made with, whatever has become of its files. Raises InputError when the ledger does not say."""
+    """The study that a ledger was made with, whatever has become of its files. Raises InputError when the ledger does
+    not say."""
     study = decode(json.loads(ledger.facts.get("study", "null")))
     if not isinstance(study, Study):
         raise InputError(f"{folder}: the ledger does not say what study it belongs to")
@@ -58,23 +59,35 @@ def load(folder: Path, ledger: Ledger) -> Study:
             raise InputError(f"{folder}: was made with {name} = {path}, which is gone; put it back")
     if study.digest != ledger.facts["digest"]:
         before, now = json.loads(ledger.facts["identity"]), json.loads(json.dumps(study.identity))
-        changed = [f"{key} ({', '.join(_differences(before.get(key), now[key]))})" for key in now if now[key] != before.get(key)]
+        changed = [
+            f"{key} ({', '.join(_differences(before.get(key), now[key]))})"
+            for key in now
+            if now[key] != before.get(key)
+        ]
         raise InputError(f"{folder}: was made with other {', '.join(changed)}; put back what has changed since")
     return study
 
 
 def _differences(before: Any, now: Any) -> list[str]:
     if isinstance(before, dict) and isinstance(now, dict):
-        return [f"{key}: {str(before.get(key))[:12]} then, {str(now.get(key))[:12]} now" for key in now if before.get(key) != now[key]]
+        return [
+            f"{key}: {str(before.get(key))[:12]} then, {str(now.get(key))[:12]} now"
+            for key in now
+            if before.get(key) != now[key]
+        ]
     return [f"{before} then, {now} now"]
 
 
 def manifest(study: Study, command: str, before: Mapping[str, Any]) -> dict[str, Any]:
-    """With what the study was run. `before` is the manifest that stands in the folder, {} for none: it keeps when the study began."""
+    """With what the study was run. `before` is the manifest that stands in the folder, {} for none: it keeps when the
+    study began."""
     identity = study.identity
     return {
-        "versions": {"sprain-cosim": __version__, "python": platform.python_version()} | {name: _version(name) for name in PACKAGES},
-        "fmus": {name: {"file": str(path), "sha256": identity["fmus"][name]} for name, path in study.scenario.fmus.items()},
+        "versions": {"sprain-cosim": __version__, "python": platform.python_version()}
+        | {name: _version(name) for name in PACKAGES},
+        "fmus": {
+            name: {"file": str(path), "sha256": identity["fmus"][name]} for name, path in study.scenario.fmus.items()
+        },
         "study_digest": study.digest,
         "seed": study.seed,
         "platform": platform.platform(),
@@ -128,12 +141,19 @@ def tables(study: Study, ledger: Ledger, wanted: np.ndarray | None) -> tuple[pd.
         message.append(o.message)
         worker.append(row.worker)
         k += 1
-    columns = {"trial": numbers, "status": status, "message": message} | dict(zip(study.headings, inputs.T, strict=True)) | metrics
-    return pd.DataFrame(columns), pd.DataFrame({"trial": numbers, "wall_s": wall, "worker": worker, "attempts": attempts})
+    columns = (
+        {"trial": numbers, "status": status, "message": message}
+        | dict(zip(study.headings, inputs.T, strict=True))
+        | metrics
+    )
+    return pd.DataFrame(columns), pd.DataFrame(
+        {"trial": numbers, "wall_s": wall, "worker": worker, "attempts": attempts}
+    )
 
 
 def failures(folder: Path, study: Study, ledger: Ledger) -> None:
-    """failures.json: of each failed trial its inputs, how it ended, the last lines printed and the command that runs it again."""
+    """failures.json: of each failed trial its inputs, how it ended, the last lines printed and the command that runs it
+    again."""
     listed = [
         {
             "trial": row.trial,
@@ -155,7 +175,11 @@ def finish(folder: Path, trials: pd.DataFrame, timing: pd.DataFrame, summary: Ma
     write(folder / "trials.csv", lambda file: trials.to_csv(file, index=False, lineterminator="\n"))
     write(folder / "timing.csv", lambda file: timing.to_csv(file, index=False, lineterminator="\n"))
     if parquet:
-        write(folder / "trials.parquet", lambda file: trials.to_parquet(file, index=False, compression="zstd"), binary=True)
+        write(
+            folder / "trials.parquet",
+            lambda file: trials.to_parquet(file, index=False, compression="zstd"),
+            binary=True,
+        )
     write(folder / "summary.json", json.dumps(summary, indent=2, allow_nan=False) + "\n")
 
 
@@ -163,7 +187,9 @@ def write(path: Path, content: str | Callable[[Any], object], binary: bool = Fal
     """Whole or not at all. Raises EnvironmentProblem."""
     partial = path.with_name(f".{path.name}")
     try:
-        with open(partial, "wb" if binary else "w", encoding=None if binary else "utf-8", newline=None if binary else "") as file:
+        with open(
+            partial, "wb" if binary else "w", encoding=None if binary else "utf-8", newline=None if binary else ""
+        ) as file:
             if callable(content):
                 content(file)
             else:
@@ -171,7 +197,9 @@ def write(path: Path, content: str | Callable[[Any], object], binary: bool = Fal
         os.replace(partial, path)
     except OSError as problem:
         partial.unlink(missing_ok=True)
-        raise EnvironmentProblem(f"{path}: cannot be written: {problem.strerror or problem}; the ledger is valid, continue with --resume") from None
+        raise EnvironmentProblem(
+            f"{path}: cannot be written: {problem.strerror or problem}; the ledger is valid, continue with --resume"
+        ) from None
 
 
 def summary(folder: Path) -> dict[str, Any]:

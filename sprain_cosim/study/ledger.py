@@ -1,7 +1,7 @@
 """The ledger of a study: every finished trial, durable and atomic. The tables in the folder are exports of it.
 
-SQLite in WAL mode with full synchronisation and one writer; what `commit` returned from survives a power cut. A lock on the folder keeps a
-second writer out; it is the operating system's, so that it goes with the process that held it."""
+SQLite in WAL mode with full synchronisation and one writer; what `commit` returned from survives a power cut. A lock on
+the folder keeps a second writer out; it is the operating system's, so that it goes with the process that held it."""
 
 from __future__ import annotations
 
@@ -27,9 +27,10 @@ FORMAT = 2
 SCHEMA = """
 CREATE TABLE IF NOT EXISTS study (key TEXT PRIMARY KEY, value TEXT NOT NULL);
 CREATE TABLE IF NOT EXISTS metrics (id INTEGER PRIMARY KEY, names TEXT NOT NULL UNIQUE);
-CREATE TABLE IF NOT EXISTS trials (trial INTEGER PRIMARY KEY, inputs BLOB NOT NULL, status TEXT NOT NULL, message TEXT NOT NULL,
-                                   names INTEGER NOT NULL, metrics BLOB NOT NULL, wall REAL NOT NULL, worker TEXT NOT NULL, attempts INTEGER NOT NULL,
-                                   log TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS trials (
+    trial INTEGER PRIMARY KEY, inputs BLOB NOT NULL, status TEXT NOT NULL, message TEXT NOT NULL,
+    names INTEGER NOT NULL, metrics BLOB NOT NULL, wall REAL NOT NULL, worker TEXT NOT NULL,
+    attempts INTEGER NOT NULL, log TEXT NOT NULL);
 """
 CHUNK = 4096  # rows fetched at a time
 
@@ -45,12 +46,15 @@ class Row:
 
 
 class Ledger:
-    """Open with `Ledger(folder, digest, identity, description)`; folder None keeps it in memory. `Ledger.read(folder)` only looks. Use as a
-    context manager. `digest` and `identity` say what the rows belong to; `description` is all of the study, for those who come with the folder alone.
+    """Open with `Ledger(folder, digest, identity, description)`; folder None keeps it in memory. `Ledger.read(folder)`
+    only looks. Use as a context manager. `digest` and `identity` say what the rows belong to; `description` is all of
+    the study, for those who come with the folder alone.
 
     Raises InputError when the folder is in use or holds another study, EnvironmentProblem when it cannot be written."""
 
-    def __init__(self, folder: Path | None, digest: str, identity: Mapping[str, Any], description: str = "null") -> None:
+    def __init__(
+        self, folder: Path | None, digest: str, identity: Mapping[str, Any], description: str = "null"
+    ) -> None:
         self.folder = folder
         self._lock: int | None = None
         self._names: dict[str, int] = {}
@@ -58,14 +62,18 @@ class Ledger:
             if folder is not None:
                 folder.mkdir(parents=True, exist_ok=True)
                 self._hold(folder)
-            self._database = sqlite3.connect(":memory:" if folder is None else folder / FILE, isolation_level=None, check_same_thread=False)
+            self._database = sqlite3.connect(
+                ":memory:" if folder is None else folder / FILE, isolation_level=None, check_same_thread=False
+            )
             self._database.execute("PRAGMA journal_mode=WAL")
             self._database.execute("PRAGMA synchronous=FULL")
             known = self._facts() if self._database.execute("PRAGMA user_version").fetchone()[0] == FORMAT else None
             if known is None:
                 if self._database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
                     self.close()
-                    raise InputError(f"{folder}: the ledger was written by another version; name a new folder with --out")
+                    raise InputError(
+                        f"{folder}: the ledger was written by another version; name a new folder with --out"
+                    )
                 self._database.executescript(f"BEGIN;{SCHEMA}PRAGMA user_version={FORMAT};COMMIT;")
                 known = {}
         except (OSError, sqlite3.Error) as problem:
@@ -75,10 +83,14 @@ class Ledger:
             self.close()
             before = json.loads(known["identity"])
             changed = [key for key in identity if json.loads(json.dumps(identity[key])) != before.get(key)]
-            raise InputError(f"{folder}: holds another study ({', '.join(changed)} differ); name a new folder with --out")
+            raise InputError(
+                f"{folder}: holds another study ({', '.join(changed)} differ); name a new folder with --out"
+            )
         try:
             facts = {"digest": digest, "identity": json.dumps(identity, sort_keys=True), "study": description}
-            self._database.executemany("INSERT OR REPLACE INTO study VALUES (?, ?)", facts.items() if facts != known else ())
+            self._database.executemany(
+                "INSERT OR REPLACE INTO study VALUES (?, ?)", facts.items() if facts != known else ()
+            )
         except sqlite3.Error as problem:
             self.close()
             raise _trouble(folder, problem) from None
@@ -110,7 +122,18 @@ class Ledger:
             values = np.array(list(o.metrics.values()), float).tobytes()
             self._database.execute(
                 "INSERT INTO trials VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-                (row.trial, row.inputs.tobytes(), o.status, o.message, self._named(o.metrics), values, o.wall, row.worker, o.attempts, o.log),
+                (
+                    row.trial,
+                    row.inputs.tobytes(),
+                    o.status,
+                    o.message,
+                    self._named(o.metrics),
+                    values,
+                    o.wall,
+                    row.worker,
+                    o.attempts,
+                    o.log,
+                ),
             )
         except sqlite3.Error as problem:
             raise _trouble(self.folder, problem) from None
@@ -127,7 +150,9 @@ class Ledger:
         """(n,) numbers of all rows, ascending; (n,) whether each failed."""
         count = self._database.execute("SELECT count(*) FROM trials").fetchone()[0]
         numbers, failed = np.empty(count, np.int64), np.empty(count, bool)
-        for k, (trial, bad) in enumerate(self._database.execute("SELECT trial, status != 'completed' FROM trials ORDER BY trial")):
+        for k, (trial, bad) in enumerate(
+            self._database.execute("SELECT trial, status != 'completed' FROM trials ORDER BY trial")
+        ):
             numbers[k], failed[k] = trial, bad
         return numbers, failed
 
@@ -146,7 +171,14 @@ class Ledger:
         found = self._database.execute(f"SELECT * FROM trials {which}", values)
         while chunk := found.fetchmany(CHUNK):
             for trial, inputs, status, message, kind, metrics, wall, worker, attempts, log in chunk:
-                outcome = Outcome(status, message, dict(zip(names[kind], np.frombuffer(metrics).tolist(), strict=True)), wall, attempts, log)
+                outcome = Outcome(
+                    status,
+                    message,
+                    dict(zip(names[kind], np.frombuffer(metrics).tolist(), strict=True)),
+                    wall,
+                    attempts,
+                    log,
+                )
                 yield Row(trial, np.frombuffer(inputs), outcome, worker)
 
     def _named(self, metrics: Mapping[str, float]) -> int:
@@ -154,7 +186,9 @@ class Ledger:
         names = json.dumps(list(metrics))
         if names not in self._names:
             self._database.execute("INSERT OR IGNORE INTO metrics (names) VALUES (?)", (names,))
-            self._names[names] = self._database.execute("SELECT id FROM metrics WHERE names = ?", (names,)).fetchone()[0]
+            self._names[names] = self._database.execute("SELECT id FROM metrics WHERE names = ?", (names,)).fetchone()[
+                0
+            ]
         return self._names[names]
 
     def _facts(self) -> dict[str, str]:
@@ -180,7 +214,9 @@ class Ledger:
         except BlockingIOError:
             holder = os.pread(lock, 64, 0).decode("ascii", "replace").strip()
             os.close(lock)
-            raise InputError(f"{folder}: in use by process {holder or 'unknown'}; wait for it, or name another folder with --out") from None
+            raise InputError(
+                f"{folder}: in use by process {holder or 'unknown'}; wait for it, or name another folder with --out"
+            ) from None
         os.ftruncate(lock, 0)
         os.pwrite(lock, f"{os.getpid()}\n".encode(), 0)
         self._lock = lock

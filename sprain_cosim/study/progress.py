@@ -1,4 +1,5 @@
-"""Progress of a study on stderr: a bar that renews itself on a terminal, lines otherwise, one JSON object a line for machines."""
+"""Progress of a study on stderr: a bar that renews itself on a terminal, lines otherwise, one JSON object a line for
+machines."""
 
 from __future__ import annotations
 
@@ -28,9 +29,17 @@ def reporter(kind: str) -> Callable[[int, int, int, float], None] | None:
         rate = (finished - begun) / seconds if seconds > 0 else 0.0
         left = (total - finished) / rate if rate > 0 else None
         if kind == "json":
-            print(json.dumps({"finished": finished, "total": total, "failed": failed, "rate_per_s": rate, "left_s": left}), file=sys.stderr, flush=True)
+            print(
+                json.dumps(
+                    {"finished": finished, "total": total, "failed": failed, "rate_per_s": rate, "left_s": left}
+                ),
+                file=sys.stderr,
+                flush=True,
+            )
             return
-        line = f"{finished} of {total} trials, {failed} failed, {rate:.1f}/s" + (f", {_span(left)} left" if left is not None and not last else "")
+        line = f"{finished} of {total} trials, {failed} failed, {rate:.1f}/s" + (
+            f", {_span(left)} left" if left is not None and not last else ""
+        )
         if renews:
             full = round(BAR * finished / total)
             line = f"\r[{'#' * full}{'.' * (BAR - full)}] {line:60}"

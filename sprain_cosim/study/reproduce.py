@@ -1,8 +1,7 @@
 """A study again from its manifest: what of the machine differs, and the first trial that does.
 
-The study is taken from the ledger beside the manifest; without a ledger from study.toml, if that and the manifest's seed and number of trials
-give the manifest's study. Trials are compared as trials.csv has them: to the last digit.
-"""
+The study is taken from the ledger beside the manifest; without a ledger from study.toml, if that and the manifest's
+seed and number of trials give the manifest's study. Trials are compared as trials.csv has them: to the last digit."""
 
 from __future__ import annotations
 
@@ -23,13 +22,17 @@ from .study import Study, load_study
 if TYPE_CHECKING:
     import pandas as pd
 
-OF_THE_MACHINE = ("version", "fmus", "maps")  # keys of a study's identity that may differ: then it is the same study with other software
+OF_THE_MACHINE = (
+    "version",
+    "fmus",
+    "maps",
+)  # keys of a study's identity that may differ: then it is the same study with other software
 
 
 @dataclass(frozen=True)
 class Reproduction:
-    """`differences` between then and now: versions, FMUs, platform; `trials` compared; `first` {trial, column, before, now} that differs, or None;
-    `different` how many do; `out` the new folder."""
+    """`differences` between then and now: versions, FMUs, platform; `trials` compared; `first` {trial, column, before,
+    now} that differs, or None; `different` how many do; `out` the new folder."""
 
     differences: tuple[str, ...]
     trials: int
@@ -58,14 +61,17 @@ class Reproduction:
         else:
             f = self.first
             lines.append(
-                f"{self.different} of {self.trials} trials differ; the first is trial {f['trial']}: {f['column']} = {f['before']} then, {f['now']} now"
+                f"{self.different} of {self.trials} trials differ; the first is trial {f['trial']}: {f['column']} = "
+                f"{f['before']} then, {f['now']} now"
             )
         return "\n".join([*lines, f"written: {self.out}"])
 
 
-def reproduce(manifest: Path, out: Path | None = None, workers: int | None = None, progress: Progress | None = None) -> Reproduction:
-    """Runs the study of `manifest` again into `out` (default: its folder's name with -again). Raises InputError when the manifest, its study or its
-    trials cannot be read, or an FMU is gone."""
+def reproduce(
+    manifest: Path, out: Path | None = None, workers: int | None = None, progress: Progress | None = None
+) -> Reproduction:
+    """Runs the study of `manifest` again into `out` (default: its folder's name with -again). Raises InputError when
+    the manifest, its study or its trials cannot be read, or an FMU is gone."""
     manifest = manifest / "manifest.json" if manifest.is_dir() else manifest
     folder = manifest.parent
     then = _read(manifest)
@@ -75,7 +81,15 @@ def reproduce(manifest: Path, out: Path | None = None, workers: int | None = Non
     if target.resolve() == folder.resolve():
         raise InputError(f"{target}: is the study's own folder; name a new one with --out")
     now = studyfolder.manifest(study, "", {})
-    done = run(study, out=target, workers=workers, max_failed=1.0, progress=progress, trajectories=0, command=f"sprain-cosim reproduce {manifest}")
+    done = run(
+        study,
+        out=target,
+        workers=workers,
+        max_failed=1.0,
+        progress=progress,
+        trajectories=0,
+        command=f"sprain-cosim reproduce {manifest}",
+    )
     assert done.out is not None
     first, different = compare(before, _table(done.out))
     return Reproduction(tuple(_differences(then, now)), len(before), first, different, done.out)
@@ -87,10 +101,17 @@ def compare(before: pd.DataFrame, now: pd.DataFrame) -> tuple[dict[str, Any] | N
     for trial in before.index.union(now.index, sort=False):
         there = [trial in table.index for table in (before, now)]
         if not all(there):
-            found = {"column": "trial", "before": "present" if there[0] else "absent", "now": "present" if there[1] else "absent"}
+            found = {
+                "column": "trial",
+                "before": "present" if there[0] else "absent",
+                "now": "present" if there[1] else "absent",
+            }
         else:
             columns = [*before.columns, *(c for c in now.columns if c not in before.columns)]
-            pairs = ((c, before.at[trial, c] if c in before else "absent", now.at[trial, c] if c in now else "absent") for c in columns)
+            pairs = (
+                (c, before.at[trial, c] if c in before else "absent", now.at[trial, c] if c in now else "absent")
+                for c in columns
+            )
             found = next(({"column": c, "before": a, "now": b} for c, a, b in pairs if a != b), {})
         if found:
             different += 1
@@ -105,7 +126,11 @@ def _read(manifest: Path) -> dict[str, Any]:
         raise InputError(f"{manifest}: no such file; name the manifest.json of a study's folder") from None
     except (ValueError, OSError) as problem:
         raise InputError(f"{manifest}: cannot be read: {problem}") from None
-    missing = [key for key in ("versions", "fmus", "study_digest", "identity") if not isinstance(content, dict) or key not in content]
+    missing = [
+        key
+        for key in ("versions", "fmus", "study_digest", "identity")
+        if not isinstance(content, dict) or key not in content
+    ]
     if missing:
         raise InputError(f"{manifest}: not a study's manifest: it has no {', '.join(missing)}")
     return content
@@ -126,19 +151,26 @@ def _study(folder: Path, then: Mapping[str, Any]) -> Study:
     if (folder / FILE).is_file():
         with Ledger.read(folder) as ledger:
             study = studyfolder.described(folder, ledger)
-        study = replace(study, scenario=replace(study.scenario, fmus={n: _there(n, p) for n, p in study.scenario.fmus.items()}))
+        study = replace(
+            study, scenario=replace(study.scenario, fmus={n: _there(n, p) for n, p in study.scenario.fmus.items()})
+        )
         for name, path in study.scenario.maps.items():
             if not path.is_file():
-                raise InputError(f"{folder}: was made with the mapping file {name} = {path}, which is gone; put it back")
+                raise InputError(
+                    f"{folder}: was made with the mapping file {name} = {path}, which is gone; put it back"
+                )
     else:
         study = load_study(folder / "study.toml")
         identity = then["identity"]
-        study = replace(study, method=identity["method"], seed=identity["seed"], trials=then.get("trials", study.trials))
+        study = replace(
+            study, method=identity["method"], seed=identity["seed"], trials=then.get("trials", study.trials)
+        )
     now = json.loads(json.dumps(study.identity))
     changed = [key for key in now if key not in OF_THE_MACHINE and now[key] != then["identity"].get(key)]
     if changed:
         raise InputError(
-            f"{folder}: its study.toml alone does not give the study of the manifest ({', '.join(changed)} differ); put the ledger beside it, or type again: "
+            f"{folder}: its study.toml alone does not give the study of the manifest ({', '.join(changed)} differ); "
+            "put the ledger beside it, or type again: "
             f"{then.get('command') or 'the command it was made with'}"
         )
     return study
@@ -163,7 +195,9 @@ def _differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     for name in dict.fromkeys([*then["fmus"], *now["fmus"]]):
         a, b = (m["fmus"].get(name, {}).get("sha256", "absent") for m in (then, now))
         if a != b:
-            found.append(f"FMU {name}: SHA-256 {a[:12]} then, {b[:12]} now ({now['fmus'].get(name, {}).get('file', 'absent')})")
+            found.append(
+                f"FMU {name}: SHA-256 {a[:12]} then, {b[:12]} now ({now['fmus'].get(name, {}).get('file', 'absent')})"
+            )
     if then.get("platform") != now["platform"]:
         found.append(f"platform {then.get('platform')} then, {now['platform']} now")
     return found

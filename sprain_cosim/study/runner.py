@@ -1,9 +1,10 @@
-"""Runs a study: the rows of its sample, or the points its search asks for, on worker processes; every finished trial goes to the ledger.
+"""Runs a study: the rows of its sample, or the points its search asks for, on worker processes; every finished trial
+goes to the ledger.
 
-Failure policy: a trial that fails, crashes or overruns its time is a row with its status, never dropped. A study with more failures than
-allowed stops and says so. An interrupt ends the workers, commits what is finished and leaves a folder that `resume` continues; trials that
-are in the ledger are not run again. The tables do not depend on the number of workers, the backend, nor on the order in which trials end.
-"""
+Failure policy: a trial that fails, crashes or overruns its time is a row with its status, never dropped. A study with
+more failures than allowed stops and says so. An interrupt ends the workers, commits what is finished and leaves a
+folder that `resume` continues; trials that are in the ledger are not run again. The tables do not depend on the number
+of workers, the backend, nor on the order in which trials end."""
 
 from __future__ import annotations
 
@@ -41,7 +42,8 @@ ALL = 1 << 62  # trajectories
 
 @dataclass(frozen=True)
 class Campaign:
-    """A finished study: `trials` one row each, `timing` what depends on the machine, `summary` as in summary.json; `out` its folder or None."""
+    """A finished study: `trials` one row each, `timing` what depends on the machine, `summary` as in summary.json;
+    `out` its folder or None."""
 
     study: Study
     trials: pd.DataFrame
@@ -65,9 +67,10 @@ def run(
     parquet: bool = False,
     command: str = "",
 ) -> Campaign:
-    """Runs what the ledger in `out` lacks (out None: nothing is kept). `max_failed` share of failed trials that is accepted; `scheduler` the
-    address of a Dask scheduler or local-cluster; `shard` (k, n) the k-th of n parts, from 1; `trajectories` how many trials from the first on are
-    recorded besides the percentile, extreme, failed and search trials; `command` what the manifest says was typed.
+    """Runs what the ledger in `out` lacks (out None: nothing is kept). `max_failed` share of failed trials that is
+    accepted; `scheduler` the address of a Dask scheduler or local-cluster; `shard` (k, n) the k-th of n parts, from 1;
+    `trajectories` how many trials from the first on are recorded besides the percentile, extreme, failed and search
+    trials; `command` what the manifest says was typed.
 
     Raises InputError before any trial, SimulationError when too many failed or a search met a failed trial."""
     study.checked()
@@ -79,8 +82,12 @@ def run(
     if folder is not None:
         studyfolder.check(folder, resume)
     began = perf_counter()
-    recorder = Trajectories(folder, ALL if study.method in SEARCHES and study.method != "sobol-indices" else trajectories)
-    backend = open_backend(Task(study.scenario, study.names, limits or Limits()), workers, scheduler)  # before the folder: a wrong address leaves none
+    recorder = Trajectories(
+        folder, ALL if study.method in SEARCHES and study.method != "sobol-indices" else trajectories
+    )
+    backend = open_backend(
+        Task(study.scenario, study.names, limits or Limits()), workers, scheduler
+    )  # before the folder: a wrong address leaves none
     try:
         ledger = Ledger(folder, study.digest, study.identity, json.dumps(encode(study)))
     except BaseException:
@@ -118,7 +125,8 @@ def run(
 
 
 def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = False) -> Campaign:
-    """One folder of the shards of a study, as if it had run in one piece; `out` None: runs/STUDY. Their trajectories come along.
+    """One folder of the shards of a study, as if it had run in one piece; `out` None: runs/STUDY. Their trajectories
+    come along.
 
     Raises InputError when they belong to different studies, differ in a trial, or a trial is in none of them."""
     parts = [Ledger.read(folder) for folder in folders]
@@ -131,7 +139,10 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
         wanted = _numbers(study, None)
         lost = np.setdiff1d(wanted, np.concatenate([part.finished()[0] for part in parts]))
         if len(lost):
-            raise InputError(f"trials {studyfolder.missing(lost.tolist())} are in none of the folders; run their shard with --resume, or name its folder")
+            raise InputError(
+                f"trials {studyfolder.missing(lost.tolist())} are in none of the folders; run their shard with "
+                "--resume, or name its folder"
+            )
         folder = out or Path("runs") / Path(study.source or "study").stem
         studyfolder.check(folder, resume=False)
         recorder = Trajectories(folder, 0)
@@ -159,7 +170,11 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
             part.close()
     summary = summarise(study, table, None)
     first = sum(studyfolder.summary(f).get("trajectories", {}).get("first", 0) for f in folders)
-    summary |= {"trajectories": kept | {"first": first}, "wall_s": round(float(timing["wall_s"].sum()), 3), "merged": [str(f) for f in folders]}
+    summary |= {
+        "trajectories": kept | {"first": first},
+        "wall_s": round(float(timing["wall_s"].sum()), 3),
+        "merged": [str(f) for f in folders],
+    }
     studyfolder.finish(folder, table, timing, summary, parquet)
     return Campaign(study, table, timing, summary, folder)
 
@@ -178,7 +193,8 @@ class Replay:
 
     @property
     def result(self) -> Result | None:
-        """The record of the repetition, with the ten digits of signals.csv; None when its process did not live to give one."""
+        """The record of the repetition, with the ten digits of signals.csv; None when its process did not live to give
+        one."""
         if not self.outcome.trajectory:
             return None
         record = Result.read_csv(io.BytesIO(gzip.decompress(self.outcome.trajectory)))
@@ -194,8 +210,8 @@ class Replay:
 
 
 def replay(folder: Path, trial: int, limits: Limits | None = None) -> Replay:
-    """Runs a trial of a study's folder again, from the folder alone, in a child process. Raises InputError when there is no such trial, or an FMU
-    has changed since."""
+    """Runs a trial of a study's folder again, from the folder alone, in a child process. Raises InputError when there
+    is no such trial, or an FMU has changed since."""
     with Ledger.read(folder) as ledger:
         study = studyfolder.load(folder, ledger)
         row = ledger.row(trial)
@@ -207,7 +223,9 @@ def replay(folder: Path, trial: int, limits: Limits | None = None) -> Replay:
         outcome = worker.run(row.inputs.tolist(), record=True)
     scenario = study.scenario
     result = Replay(study, row, outcome)
-    return replace(result, study=replace(study, scenario=replace(scenario, parameters={**scenario.parameters, **result.settings})))
+    return replace(
+        result, study=replace(study, scenario=replace(scenario, parameters={**scenario.parameters, **result.settings}))
+    )
 
 
 def part(text: str) -> tuple[int, int]:
@@ -250,7 +268,9 @@ def _search(study: Study, dispatch: Dispatch) -> Any:
         count += len(rows)
         for row, point in zip(rows, points, strict=True):
             if not np.array_equal(row.inputs, point):
-                raise InputError("the ledger holds other points than this search asks for; name a new folder with --out")
+                raise InputError(
+                    "the ledger holds other points than this search asks for; name a new folder with --out"
+                )
         return np.array([_response(row.outcome, response, row.trial) for row in rows])
 
     return study.search(function)
@@ -258,14 +278,17 @@ def _search(study: Study, dispatch: Dispatch) -> Any:
 
 def _response(outcome: Outcome, name: str, trial: int) -> float:
     if outcome.status != "completed":
-        raise SimulationError(f"trial {trial} of the search {outcome.status}: {outcome.message}; a search needs all its points")
+        raise SimulationError(
+            f"trial {trial} of the search {outcome.status}: {outcome.message}; a search needs all its points"
+        )
     if name not in outcome.metrics:
         raise InputError(f"response {name!r}: no such metric{nearest(name, outcome.metrics)}")
     return outcome.metrics[name]
 
 
 def _roles(study: Study, table: pd.DataFrame, found: Any) -> dict[str, int]:
-    """{role: trial} of the first response: the percentiles and extremes of a sample, the trials of a search that gave its levels' values."""
+    """{role: trial} of the first response: the percentiles and extremes of a sample, the trials of a search that gave
+    its levels' values."""
     done = table[table["status"] == "completed"]
     response = study.responses[0]
     if response not in done:
@@ -277,7 +300,8 @@ def _roles(study: Study, table: pd.DataFrame, found: Any) -> dict[str, int]:
 
 
 def _recorded(table: pd.DataFrame, recorder: Trajectories, kept: Mapping[str, int]) -> list[int]:
-    """Trials that have a record: the first, those with a role, and the failed, which have one unless their process was lost."""
+    """Trials that have a record: the first, those with a role, and the failed, which have one unless their process was
+    lost."""
     first = table["trial"][(table["trial"] < recorder.first) & table["status"].isin(("completed", "failed"))]
     return [*first, *kept.values(), *table["trial"][table["status"] == "failed"]]
 

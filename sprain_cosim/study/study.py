@@ -2,13 +2,14 @@
 
 scenario = "incline30_mixed"
 [parameters]    "plant.initial_pose" = "published"          on top of the scenario's
-[marginals]     "plant.drop_height" = { lognormal = { mean = "0.30 m", sd = "0.05 m" } }     mean and sd of the variable itself;
-                normal, lognormal, uniform = { low, high }, fixed = value; `low` and `high` beside normal or lognormal truncate it
+[marginals]     "plant.drop_height" = { lognormal = { mean = "0.30 m", sd = "0.05 m" } }
+                mean and sd of the variable itself; normal, lognormal, uniform = { low, high }, fixed = value;
+                `low` and `high` beside normal or lognormal truncate it
 [grid]          "controller.reflex_gain" = [0, 5, 10]       for method grid
 [correlation]   "plant.a, plant.b" = 0.3                    Pearson, Gaussian copula
-[study]         method, trials, seed, responses; half_width = "0.5 deg" (stopping rule: the widest of the levels' intervals); replicates for
-                sobol and sobol-indices; levels, space, step, difference, tolerance, budget for searches; threshold for form: a value of the
-                first response, or a distribution of it as in [marginals]
+[study]         method, trials, seed, responses; half_width = "0.5 deg" (stopping rule: the widest of the levels'
+                intervals); replicates for sobol and sobol-indices; levels, space, step, difference, tolerance, budget
+                for searches; threshold for form: a value of the first response, or a distribution of it
 [published]     figures to print beside the results, with their source
 """
 
@@ -45,8 +46,20 @@ SEARCHES = ("mean-value", "amv", "amv+", "hmv", "form", "sobol-indices")  # the 
 METHODS = (*SAMPLED, *SEARCHES)
 KEYS = ("scenario", "title", "parameters", "marginals", "grid", "correlation", "study", "published")
 STUDY_KEYS = (
-    "method", "trials", "seed", "responses", "half_width", "replicates", "levels", "threshold", "space", "step", "difference", "tolerance", "budget",
-)  # fmt: skip
+    "method",
+    "trials",
+    "seed",
+    "responses",
+    "half_width",
+    "replicates",
+    "levels",
+    "threshold",
+    "space",
+    "step",
+    "difference",
+    "tolerance",
+    "budget",
+)
 IMPOSSIBLE = 1e-6  # a marginal may lie outside its parameter's range with at most this probability
 NARROW = math.radians(0.25)  # a smaller spread of an angle is likely to be radians written as degrees
 TOLERANCE = 1e-3  # of searches, in standard deviations of the response: a landing's own noise is 1e-4 of them
@@ -56,8 +69,9 @@ TOLERANCE = 1e-3  # of searches, in standard deviations of the response: a landi
 class Study:
     """What is varied and asked. Declarative: `sample()` gives the trials, `run()` runs them.
 
-    `marginals` {"component.parameter": Marginal in the parameter's own unit}, `units` {the same: that unit}; `correlation` (d, d) or None;
-    `grid` {parameter: levels}; `table` (n, d) given inputs and `numbers` (n,) their trial numbers, for method table."""
+    `marginals` {"component.parameter": Marginal in the parameter's own unit}, `units` {the same: that unit};
+    `correlation` (d, d) or None; `grid` {parameter: levels}; `table` (n, d) given inputs and `numbers` (n,) their trial
+    numbers, for method table."""
 
     title: str
     scenario: Scenario
@@ -100,7 +114,8 @@ class Study:
         return JointDistribution(tuple(self.marginals.values()), self.correlation)
 
     def sample(self) -> Array:
-        """(n, d) inputs in their own units, one row a trial. Row i of a Monte Carlo or Sobol' study depends on the study and i alone.
+        """(n, d) inputs in their own units, one row a trial. Row i of a Monte Carlo or Sobol' study depends on the
+        study and i alone.
 
         Raises InputError for a method that is a search, not a sample."""
         if self.method == "monte-carlo":
@@ -117,7 +132,8 @@ class Study:
         raise InputError(f"method {self.method} chooses its trials one after another; there is no sample")
 
     def blocks(self) -> Iterator[tuple[NDArray[np.int64], Array]]:
-        """The sample piece by piece: numbers (k,) and inputs (k, d). A Monte Carlo study of any size is drawn in constant memory."""
+        """The sample piece by piece: numbers (k,) and inputs (k, d). A Monte Carlo study of any size is drawn in
+        constant memory."""
         if self.method == "monte-carlo":
             for first, x in sampling.monte_carlo_blocks(self.joint, self.trials, self.seed):
                 yield np.arange(first, first + len(x)), x
@@ -126,9 +142,11 @@ class Study:
             yield np.array(self.numbers or range(len(x)), np.int64), x
 
     def search(self, function: Callable[[Array], Array]) -> Any:
-        """Runs the method, one of SEARCHES, on `function`: (n, d) inputs in their own units to (n,) values of the first response.
+        """Runs the method, one of SEARCHES, on `function`: (n, d) inputs in their own units to (n,) values of the first
+        response.
 
-        Differences are forward for mean-value and amv, as in the paper, and central for the others, unless the study says otherwise."""
+        Differences are forward for mean-value and amv, as in the paper, and central for the others, unless the study
+        says otherwise."""
         from ..uq import reliability, sensitivity
 
         marginals = tuple(self.marginals.values())
@@ -145,17 +163,27 @@ class Study:
         if self.method == "form":
             assert self.threshold is not None
             return reliability.form_exceedance(function, marginals, self.threshold, **options)
-        method = {"mean-value": reliability.mean_value, "amv": reliability.amv, "amv+": reliability.amv_plus, "hmv": reliability.hmv}[self.method]
+        method = {
+            "mean-value": reliability.mean_value,
+            "amv": reliability.amv,
+            "amv+": reliability.amv_plus,
+            "hmv": reliability.hmv,
+        }[self.method]
         return method(function, marginals, levels=self.levels, space=self.space, **options)
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What a ledger must have been made with to be continued. The number of trials counts only where a row depends on it."""
+        """What a ledger must have been made with to be continued. The number of trials counts only where a row depends
+        on it."""
         scenario = self.scenario
         return {
             "version": __version__,
             "fmus": {name: Component.read(name, path).sha256 for name, path in scenario.fmus.items()},
-            **({"maps": {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in scenario.maps.items()}} if scenario.maps else {}),
+            **(
+                {"maps": {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in scenario.maps.items()}}
+                if scenario.maps
+                else {}
+            ),
             "parameters": dict(scenario.parameters),
             "connections": dict(scenario.connections),
             "master": [scenario.master.communication_step, scenario.master.stop, scenario.master.scheme],
@@ -166,10 +194,21 @@ class Study:
             "seed": self.seed,
             "trials": self.trials if self.method in ("lhs", "sobol-indices") else None,
             "replicates": self.replicates if self.method in ("sobol", "sobol-indices") else None,
-            "search": [*self.levels, repr(self.threshold), self.space, self.step, self.difference, self.tolerance, self.budget, self.responses[0]]
+            "search": [
+                *self.levels,
+                repr(self.threshold),
+                self.space,
+                self.step,
+                self.difference,
+                self.tolerance,
+                self.budget,
+                self.responses[0],
+            ]
             if self.method in SEARCHES
             else None,
-            "table": None if self.table is None else hashlib.sha256(self.table.tobytes() + repr(self.numbers).encode()).hexdigest(),
+            "table": None
+            if self.table is None
+            else hashlib.sha256(self.table.tobytes() + repr(self.numbers).encode()).hexdigest(),
         }
 
     @property
@@ -177,7 +216,8 @@ class Study:
         return hashlib.sha256(json.dumps(self.identity, sort_keys=True).encode()).hexdigest()
 
     def checked(self) -> Self:
-        """Itself. Raises InputError with all problems: names, samples outside a parameter's range, sizes, correlations."""
+        """Itself. Raises InputError with all problems: names, samples outside a parameter's range, sizes,
+        correlations."""
         system = self.scenario.system()
         problems: list[str] = []
         for name in (*self.marginals, *self.grid):
@@ -190,28 +230,37 @@ class Study:
                 outside = self.marginals[name].probability_outside(connector.minimum, connector.maximum)
                 if outside > IMPOSSIBLE:
                     problems.append(
-                        f"marginals.{name}: {100 * outside:.2g} % of the trials would lie outside {connector.minimum:g} ... {connector.maximum:g} "
-                        f"{self.units[name]}; correct mean and sd (and their units), take lognormal, or truncate with low and high"
+                        f"marginals.{name}: {100 * outside:.2g} % of the trials would lie outside "
+                        f"{connector.minimum:g} ... {connector.maximum:g} "
+                        f"{self.units[name]}; correct mean and sd (and their units), take lognormal, or truncate with "
+                        "low and high"
                     )
             problems += [
-                f"grid.{name}: {level:g} lies outside {connector.minimum:g} ... {connector.maximum:g} {self.units[name]}"
+                f"grid.{name}: {level:g} lies outside {connector.minimum:g} ... {connector.maximum:g} "
+                f"{self.units[name]}"
                 for level in self.grid.get(name, ())
                 if not connector.minimum <= level <= connector.maximum
             ]
         if self.method not in METHODS:
-            problems.append(f"method {self.method!r}: unknown{nearest(self.method, METHODS)}; one of {', '.join(METHODS)}")
+            problems.append(
+                f"method {self.method!r}: unknown{nearest(self.method, METHODS)}; one of {', '.join(METHODS)}"
+            )
         if self.method == "grid" and not self.grid:
             problems.append('method grid: needs [grid] with "component.parameter" = [levels]')
         if self.method == "table" and self.table is None:
             problems.append("method table: needs --inputs TABLE.csv")
         if self.method == "form" and self.threshold is None:
-            problems.append('method form: needs study.threshold, such as "35 deg" or { normal = { mean = "35 deg", sd = "6 deg" } }')
+            problems.append(
+                'method form: needs study.threshold, such as "35 deg" or { normal = { mean = "35 deg", sd = "6 deg" } }'
+            )
         if self.method not in ("grid", "table") and not self.marginals:
             problems.append("no marginals: nothing would vary")
         if self.trials < 1:
             problems.append(f"trials = {self.trials}: must be at least 1")
         if self.method.startswith("sobol") and (self.replicates < 1 or self.trials % self.replicates):
-            problems.append(f"trials = {self.trials}: a Sobol' study needs a multiple of its {self.replicates} replicates")
+            problems.append(
+                f"trials = {self.trials}: a Sobol' study needs a multiple of its {self.replicates} replicates"
+            )
         if self.method == "sobol-indices" and self.correlation is not None:
             problems.append("method sobol-indices: defined for independent inputs only; leave [correlation] out")
         if not problems and self.marginals:
@@ -234,12 +283,20 @@ class Study:
         """Another device; marginals and grid columns of it that it lacks are dropped with a warning."""
         scenario = self.scenario.replace_fmu(name, fmu, mapping)
         component = Component.read(name, scenario.fmus[name])
-        lost = [k for k in (*self.marginals, *self.grid) if k.startswith(f"{name}.") and k.partition(".")[2] not in component.parameters]
+        lost = [
+            k
+            for k in (*self.marginals, *self.grid)
+            if k.startswith(f"{name}.") and k.partition(".")[2] not in component.parameters
+        ]
         correlation = self.correlation
         if correlation is not None:
             kept = [i for i, k in enumerate(self.marginals) if k not in lost]
             correlation = correlation[np.ix_(kept, kept)]
-        warning = (f"{name}: {Path(fmu).name} has no {', '.join(k.partition('.')[2] for k in lost)}; not varied",) if lost else ()
+        warning = (
+            (f"{name}: {Path(fmu).name} has no {', '.join(k.partition('.')[2] for k in lost)}; not varied",)
+            if lost
+            else ()
+        )
         return replace(
             self,
             scenario=scenario,
@@ -261,22 +318,32 @@ class Study:
         )
 
     def with_rows(self, names: Sequence[str], rows: Array, numbers: Sequence[int]) -> Self:
-        """Method table: the given `rows` (n, len(names)) instead of a sample; columns of parameters that this study does not vary are left
-        out, and a marginal that is fixed stays at its value."""
+        """Method table: the given `rows` (n, len(names)) instead of a sample; columns of parameters that this study
+        does not vary are left out, and a marginal that is fixed stays at its value."""
         gridded = self.method == "grid"
         varied: dict[str, Marginal] = {name: Fixed(0.0) for name in self.grid} if gridded else dict(self.marginals)
         columns = {name: rows[:, k] for k, name in enumerate(names)}
         table = np.empty((len(rows), len(varied)))
         for k, (name, marginal) in enumerate(varied.items()):
             table[:, k] = columns[name] if name in columns and (gridded or not marginal.is_fixed) else marginal.mean
-        return replace(self, method="table", table=table, numbers=tuple(numbers), trials=len(rows), marginals=varied, correlation=None, grid={})
+        return replace(
+            self,
+            method="table",
+            table=table,
+            numbers=tuple(numbers),
+            trials=len(rows),
+            marginals=varied,
+            correlation=None,
+            grid={},
+        )
 
     def isolated(self) -> Self:
         """The same with every FMU in a process of its own beside its worker."""
         return replace(self, scenario=self.scenario.isolated())
 
     def with_inputs(self, path: Path) -> Self:
-        """Method table: the rows of a CSV file with header `component.parameter [unit]`, an optional column `trial` numbering them.
+        """Method table: the rows of a CSV file with header `component.parameter [unit]`, an optional column `trial`
+        numbering them.
 
         Marginals without a column stay at their mean. Raises InputError naming row and column."""
         import pandas as pd
@@ -300,9 +367,13 @@ class Study:
                 column, connector = "trial", None
             elif name.partition(".")[0] not in self.scenario.fmus:
                 if name.partition(".")[0] in ("plant", "controller", "brace"):
-                    warnings.append(f"{path}: column {heading} is dropped: the scenario has no {name.partition('.')[0]}")
+                    warnings.append(
+                        f"{path}: column {heading} is dropped: the scenario has no {name.partition('.')[0]}"
+                    )
                 elif name not in ("status", "message"):
-                    problems.append(f"column {heading!r}: expected component.parameter [unit]{nearest(name, self.names)}")
+                    problems.append(
+                        f"column {heading!r}: expected component.parameter [unit]{nearest(name, self.names)}"
+                    )
                 continue
             else:
                 try:
@@ -312,7 +383,11 @@ class Study:
                     continue
             for row, text in enumerate(given[heading], 2):
                 try:
-                    values.append(float(int(text)) if connector is None else connector.value(f"{text.strip()} {unit}".strip(), heading))
+                    values.append(
+                        float(int(text))
+                        if connector is None
+                        else connector.value(f"{text.strip()} {unit}".strip(), heading)
+                    )
                 except InputError as problem:
                     problems.append(f"row {row}: {problem}")
                 except ValueError:
@@ -330,9 +405,17 @@ class Study:
         units = {**self.units, **{name: _unit_name(_parameter(system, name).unit) for name in columns}}
         table = np.column_stack([columns.get(name, np.full(len(given), m.mean)) for name, m in marginals.items()])
         return replace(
-            self, method="table", table=table, numbers=tuple(numbers), trials=len(given), marginals=marginals, units=units,
-            correlation=None, grid={}, warnings=(*self.warnings, *warnings),
-        )  # fmt: skip
+            self,
+            method="table",
+            table=table,
+            numbers=tuple(numbers),
+            trials=len(given),
+            marginals=marginals,
+            units=units,
+            correlation=None,
+            grid={},
+            warnings=(*self.warnings, *warnings),
+        )
 
     def run(self, **options: Any) -> Campaign:
         """Runs the study: `trials`, `seed`, `method` on top of the file's, and the options of `runner.run`."""
@@ -348,7 +431,9 @@ def load_study(name: str | Path) -> Study:
     if not path.is_file():
         path = scenario_folder() / "studies" / f"{name}.toml"
     if not path.is_file():
-        raise InputError(f"study {str(name)!r}: no such file, and none of that name ships{nearest(str(name), shipped_studies())}")
+        raise InputError(
+            f"study {str(name)!r}: no such file, and none of that name ships{nearest(str(name), shipped_studies())}"
+        )
     try:
         text = path.read_text("utf-8")
         content = tomllib.loads(text)
@@ -398,13 +483,21 @@ def load_study(name: str | Path) -> Study:
         published=content.get("published", {}),
         source=path.stem if path.parent == scenario_folder() / "studies" else str(path),
         text=text,
-        warnings=scenario.warnings + tuple(_narrow(name, marginals[name]) for name in marginals if units[name] == "rad" and 0 < marginals[name].sd < NARROW),
+        warnings=scenario.warnings
+        + tuple(
+            _narrow(name, marginals[name])
+            for name in marginals
+            if units[name] == "rad" and 0 < marginals[name].sd < NARROW
+        ),
         **options,
     ).checked()
 
 
 def _narrow(name: str, marginal: Marginal) -> str:
-    return f"marginals.{name}: a standard deviation of {math.degrees(marginal.sd):.3g} deg is very small; are these radians written as degrees?"
+    return (
+        f"marginals.{name}: a standard deviation of {math.degrees(marginal.sd):.3g} deg is very small; are these "
+        "radians written as degrees?"
+    )
 
 
 def _unit_name(unit: Unit | None) -> str:
@@ -416,7 +509,10 @@ def _parameter(system: System, name: str) -> Connector:
     if connector.causality != "parameter":
         raise InputError(f"{name}: is an {connector.causality}, not a parameter")
     if connector.kind != "real":
-        raise InputError(f"{name}: only real parameters can vary, not {'an enumeration' if connector.items else f'a {connector.kind}'}")
+        raise InputError(
+            f"{name}: only real parameters can vary, not "
+            f"{'an enumeration' if connector.items else f'a {connector.kind}'}"
+        )
     return connector
 
 
@@ -427,7 +523,11 @@ def _marginal(spec: Any, own: Unit | None, what: str) -> Marginal:
     given = [k for k in spec if k in kinds]
     strange = [k for k in spec if k not in (*kinds, "low", "high")]
     if strange or len(given) != 1:
-        raise InputError(f"{what}: unknown {strange[0]!r}{nearest(strange[0], kinds)}" if strange else f"{what}: needs exactly one of {', '.join(kinds)}")
+        raise InputError(
+            f"{what}: unknown {strange[0]!r}{nearest(strange[0], kinds)}"
+            if strange
+            else f"{what}: needs exactly one of {', '.join(kinds)}"
+        )
     kind = given[0]
 
     def number(table: Mapping[str, Any], key: str) -> float:
@@ -469,7 +569,11 @@ def _correlation(spec: Mapping[str, Any], names: Sequence[str], problems: list[s
         both = [p.strip() for p in pair.split(",")]
         unknown = [p for p in both if p not in names]
         if len(both) != 2 or unknown or both[0] == both[-1]:
-            where = f"no marginal {unknown[0]!r}{nearest(unknown[0], names)}" if unknown else 'write "component.a, component.b" = 0.3'
+            where = (
+                f"no marginal {unknown[0]!r}{nearest(unknown[0], names)}"
+                if unknown
+                else 'write "component.a, component.b" = 0.3'
+            )
             problems.append(f"correlation.{pair}: {where}")
         elif isinstance(rho, bool) or not isinstance(rho, int | float) or not -1 < rho < 1:
             problems.append(f"correlation.{pair} = {rho!r}: must be a number between -1 and 1")
@@ -489,7 +593,9 @@ def _options(spec: Mapping[str, Any], problems: list[str]) -> dict[str, Any]:
         if key in options and not isinstance(options[key], str):
             problems.append(f"study.{key} = {options[key]!r}: must be text")
     for key in ("step", "tolerance"):
-        if key in options and not (isinstance(options[key], int | float) and not isinstance(options[key], bool) and 0 < options[key] < math.inf):
+        if key in options and not (
+            isinstance(options[key], int | float) and not isinstance(options[key], bool) and 0 < options[key] < math.inf
+        ):
             problems.append(f"study.{key} = {options[key]!r}: must be a positive number")
     if options.get("space", "x") not in ("x", "u"):
         problems.append(f"study.space = {options['space']!r}: must be x or u")

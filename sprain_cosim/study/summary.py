@@ -1,4 +1,5 @@
-"""What a study's trials say: moments, percentiles with intervals, sensitivities, injury questions; and the published figures beside them."""
+"""What a study's trials say: moments, percentiles with intervals, sensitivities, injury questions; and the published
+figures beside them."""
 
 from __future__ import annotations
 
@@ -21,10 +22,13 @@ PERCENTILES = (5, 50, 95)
 FEWEST = 4  # completed trials for moments
 LEAST = 20  # completed trials for sensitivities and probabilities
 RESAMPLES = 1000  # of the bootstrap
-MANY = 20_000  # trials above which intervals of sensitivity factors are ± 1.96 standard errors, and polynomial chaos takes the first rows alone
+# trials above which intervals of sensitivity factors are ± 1.96 standard errors, and polynomial chaos takes the first
+# rows alone
+MANY = 20_000
 CHAOS_DEGREE = 3  # at most; seconds instead of minutes for ten inputs and thousands of trials
 FACTORS = ("dmean_dmean", "dmean_dsd", "dsd_dmean", "dsd_dsd")
-# Injury thresholds: inversion of cadaver ankles at failure, counted from the neutral pose, and the anatomy's inversion moment there.
+# Injury thresholds: inversion of cadaver ankles at failure, counted from the neutral pose, and the anatomy's inversion
+# moment there.
 QUESTIONS = {
     "peak_inversion_from_neutral_deg": ("above 35 ± 6 deg", Normal(35.0, 6.0)),
     "anatomy_jcs_inversion_moment_Nm": ("above 2.7 ... 4.3 N·m", Uniform(2.7, 4.3)),
@@ -47,7 +51,9 @@ def summarise(study: Study, trials: pd.DataFrame, found: Any) -> dict[str, Any]:
         "n_requested": study.trials if found is None and study.method != "grid" else len(trials),
         "n_completed": len(done),
         "n_failed": failed,
-        "failures": {status: int(count) for status, count in trials["status"].value_counts().items() if status != "completed"},
+        "failures": {
+            status: int(count) for status, count in trials["status"].value_counts().items() if status != "completed"
+        },
         "responses": {},
         "sensitivity": {},
         "questions": {},
@@ -86,9 +92,19 @@ def summarise(study: Study, trials: pd.DataFrame, found: Any) -> dict[str, Any]:
             e = sample.exceedance(done[name].to_numpy(float), threshold)
             summary["questions"][name] = {"event": text, "probability": e.value, "ci_low": e.low, "ci_high": e.high}
     if study.half_width is not None and summary["responses"]:
-        rule = statistics.stopping_of({p: sample.percentile(done[study.responses[0]].to_numpy(float), p) for p in study.levels}, len(done), study.half_width)
+        rule = statistics.stopping_of(
+            {p: sample.percentile(done[study.responses[0]].to_numpy(float), p) for p in study.levels},
+            len(done),
+            study.half_width,
+        )
         half = {f"{100 * p:g}": h for p, h in rule.half_width.items()}
-        summary["stopping"] = {"response": study.responses[0], "wanted": rule.wanted, "half_width": half, "met": rule.met, "trials_needed": rule.needed}
+        summary["stopping"] = {
+            "response": study.responses[0],
+            "wanted": rule.wanted,
+            "half_width": half,
+            "met": rule.met,
+            "trials_needed": rule.needed,
+        }
     return _finite(summary)
 
 
@@ -104,17 +120,21 @@ class _Sample:
     def of(cls, study: Study, done: pd.DataFrame, failed: int, notes: list[str]) -> Self:
         replicates = None
         if study.method == "sobol":
-            whole = not failed and np.array_equal(done["trial"], np.arange(len(done))) and len(done) % study.replicates == 0
+            whole = (
+                not failed and np.array_equal(done["trial"], np.arange(len(done))) and len(done) % study.replicates == 0
+            )
             if whole and study.replicates >= statistics.MIN_REPLICATES:
                 replicates = study.replicates
                 notes.append(f"intervals from the spread over {replicates} scrambled Sobol' sequences")
             else:
                 notes.append(
-                    f"no intervals of percentiles: they need {statistics.MIN_REPLICATES} complete replicates; probabilities as from independent trials"
+                    f"no intervals of percentiles: they need {statistics.MIN_REPLICATES} complete replicates; "
+                    "probabilities as from independent trials"
                 )
         elif study.method == "lhs":
             notes.append(
-                "one Latin hypercube has no intervals of its own: percentiles are given without; those of mean and probabilities are the ones of independent "
+                "one Latin hypercube has no intervals of its own: percentiles are given without; those of mean and "
+                "probabilities are the ones of independent "
                 "trials, which a Latin hypercube does not exceed (A. B. Owen, SIAM J. Numer. Anal. 34, 1997, 1884)"
             )
         elif study.method == "table":
@@ -153,12 +173,17 @@ class _Sample:
 
 
 def _grid(study: Study, trials: pd.DataFrame) -> dict[str, Any]:
-    """The responses as an array of the grid's shape (nested lists, null where a trial failed), in the order of `axes`."""
+    """The responses as an array of the grid's shape (nested lists, null where a trial failed), in the order of
+    `axes`."""
     shape = [len(levels) for levels in study.grid.values()]
     axes = [{"name": name, "unit": study.units[name], "levels": list(levels)} for name, levels in study.grid.items()]
     if len(trials) != math.prod(shape):
         return {"axes": axes, "responses": {}}
-    values = {name: trials[name].where(trials["status"] == "completed").to_numpy(float).reshape(shape) for name in study.responses if name in trials}
+    values = {
+        name: trials[name].where(trials["status"] == "completed").to_numpy(float).reshape(shape)
+        for name in study.responses
+        if name in trials
+    }
     return {"axes": axes, "responses": {name: v.tolist() for name, v in values.items()}}
 
 
@@ -168,7 +193,9 @@ def _sensitivity(study: Study, x: Array, y: Array) -> dict[str, Any]:
     if not active or not np.ptp(y) > 0:
         return {}
     r, rho = sensitivity.pearson(x[:, active], y), sensitivity.spearman(x[:, active], y)
-    factors = sensitivity.sensitivity_factors(x, y, marginals, study.correlation, resamples=RESAMPLES if len(y) <= MANY else 0, seed=study.seed)
+    factors = sensitivity.sensitivity_factors(
+        x, y, marginals, study.correlation, resamples=RESAMPLES if len(y) <= MANY else 0, seed=study.seed
+    )
     fit = sensitivity.importance(x, y, marginals, study.correlation) if len(y) > len(active) + 1 else None
     names = list(study.names)
     out: dict[str, Any] = {}
@@ -181,7 +208,10 @@ def _sensitivity(study: Study, x: Array, y: Array) -> dict[str, Any]:
             "ci": {f: _factor_interval(factors, f, i) for f in FACTORS},
         }
         if fit is not None:
-            out[names[i]] |= {"importance": float(fit.alpha[i]), "importance_standard_error": float(fit.standard_error[i])}
+            out[names[i]] |= {
+                "importance": float(fit.alpha[i]),
+                "importance_standard_error": float(fit.standard_error[i]),
+            }
     if fit is not None:
         out["_importance"] = {"r2": fit.r2}
     if study.correlation is None and len(y) >= 100:
@@ -218,27 +248,42 @@ def _named(study: Study, values: Any, *more: str) -> dict[str, float]:
 
 def _form(study: Study, found: reliability.FormResult) -> dict[str, Any]:
     uncertain = isinstance(study.threshold, Marginal)
-    threshold = {"distribution": repr(study.threshold), "mean": study.threshold.mean} if isinstance(study.threshold, Marginal) else study.threshold
+    threshold = (
+        {"distribution": repr(study.threshold), "mean": study.threshold.mean}
+        if isinstance(study.threshold, Marginal)
+        else study.threshold
+    )
     more = ("threshold",) if uncertain else ()
     return _ended(found) | {
-        "response": study.responses[0], "beta": found.beta, "probability": found.probability, "threshold": threshold,
-        "importance": _named(study, found.alpha, *more), "design_point": _named(study, found.design_point, *more),
-    }  # fmt: skip
+        "response": study.responses[0],
+        "beta": found.beta,
+        "probability": found.probability,
+        "threshold": threshold,
+        "importance": _named(study, found.alpha, *more),
+        "design_point": _named(study, found.design_point, *more),
+    }
 
 
 def _sobol(study: Study, found: sensitivity.SobolIndices) -> dict[str, Any]:
     ends = ("first", "first_low", "first_high", "total", "total_low", "total_high")
     return {
-        "response": study.responses[0], "mean": found.mean, "variance": found.variance, "evaluations": found.evaluations,
+        "response": study.responses[0],
+        "mean": found.mean,
+        "variance": found.variance,
+        "evaluations": found.evaluations,
         "indices": {name: {end: float(getattr(found, end)[i]) for end in ends} for i, name in enumerate(study.names)},
-    }  # fmt: skip
+    }
 
 
 def _levels(study: Study, found: reliability.LevelResult) -> dict[str, Any]:
     levels = {}
     for p, value in found.value.items():
         key = f"{100 * p:g}"
-        levels[key] = {"value": value, "importance": _named(study, found.importance[p]), "design_point": _named(study, found.design_point[p])}
+        levels[key] = {
+            "value": value,
+            "importance": _named(study, found.importance[p]),
+            "design_point": _named(study, found.design_point[p]),
+        }
         levels[key]["iterations"] = found.iterations[p]
         known = study.published.get("monte_carlo", {}).get(f"{key} % [deg]")
         if known:  # a method of the mean value family matches Monte Carlo if it lies in its interval
@@ -255,12 +300,25 @@ def _levels(study: Study, found: reliability.LevelResult) -> dict[str, Any]:
 def _questions_of_levels(study: Study, found: reliability.LevelResult, notes: list[str]) -> dict[str, Any]:
     name = study.responses[0]
     if name not in QUESTIONS:
-        notes.append(f"no injury probabilities: they need a response among {', '.join(QUESTIONS)}, or method form with a threshold")
+        notes.append(
+            f"no injury probabilities: they need a response among {', '.join(QUESTIONS)}, or method form with a "
+            "threshold"
+        )
         return {}
     text, threshold = QUESTIONS[name]
-    notes.append("probabilities interpolate the levels; a search has no sampling error, and its own error is not known: no interval")
+    notes.append(
+        "probabilities interpolate the levels; a search has no sampling error, and its own error is not known: no "
+        "interval"
+    )
     try:
-        return {name: {"event": text, "probability": statistics.exceedance_of_levels(found.value, threshold), "ci_low": None, "ci_high": None}}
+        return {
+            name: {
+                "event": text,
+                "probability": statistics.exceedance_of_levels(found.value, threshold),
+                "ci_low": None,
+                "ci_high": None,
+            }
+        }
     except ValueError as problem:
         notes.append(f"no probability: {problem}")
         return {}
@@ -276,7 +334,8 @@ def _finite(value: Any) -> Any:
 
 
 def text(study: Study, summary: Mapping[str, Any]) -> str:
-    """The tables that `study` prints: percentiles, correlations, sensitivities, moments of every metric, beside the published figures."""
+    """The tables that `study` prints: percentiles, correlations, sensitivities, moments of every metric, beside the
+    published figures."""
     lines = [
         f"{summary['title']}  ·  {summary['method']}, pose {summary['initial_pose']}, "
         f"{summary['n_completed']} of {summary['n_requested']} trials completed, {summary['wall_s']:.1f} s wall time"
@@ -299,9 +358,14 @@ def text(study: Study, summary: Mapping[str, Any]) -> str:
         rule = summary["stopping"]
         widest = max((w for w in rule["half_width"].values() if w is not None), default=math.nan)
         needed = (
-            f"; about {rule['trials_needed']} trials needed: --trials {rule['trials_needed']} --resume" if not rule["met"] and rule["trials_needed"] else ""
+            f"; about {rule['trials_needed']} trials needed: --trials {rule['trials_needed']} --resume"
+            if not rule["met"] and rule["trials_needed"]
+            else ""
         )
-        lines.append(f"stopping rule, half-width {rule['wanted']:g}: {'met' if rule['met'] else 'not met'}, widest level {widest:.2g}{needed}")
+        lines.append(
+            f"stopping rule, half-width {rule['wanted']:g}: {'met' if rule['met'] else 'not met'}, widest level "
+            f"{widest:.2g}{needed}"
+        )
     lines += [f"note: {note}" for note in summary["notes"]]
     if study.published:
         lines += ["", f"published: {study.published['source']}"]
@@ -315,32 +379,51 @@ def _sample_lines(study: Study, summary: Mapping[str, Any]) -> list[str]:
         lines += ["", f"{name:34}{'here':>10}{'95 % interval':>20}{'published':>12}"]
         first = published if name == "peak_subtalar_angle_deg" else {}
         for label, value, low, high in _statistics(r):
-            lines.append(f"  {label:32}{value:10.2f}{_interval(low, high):>20}{_number(first.get(f'{label} [deg]')):>12}")
+            lines.append(
+                f"  {label:32}{value:10.2f}{_interval(low, high):>20}{_number(first.get(f'{label} [deg]')):>12}"
+            )
         sensitivities = summary["sensitivity"].get(name, {})
         table = {k: v for k, v in sensitivities.items() if not k.startswith("_")}
         if not table:
             continue
-        lines += ["", f"{'Pearson r':34}{'here':>10}{'95 % interval':>20}{'published':>12}{'importance ± SE':>18}{'Sobol first total':>19}"]
+        lines += [
+            "",
+            f"{'Pearson r':34}{'here':>10}{'95 % interval':>20}{'published':>12}{'importance ± SE':>18}"
+            f"{'Sobol first total':>19}",
+        ]
         for key, s in table.items():
             shown = published.get("pearson", {}).get(key) if first else None
             p = s["pearson"]
             alpha = f"{s['importance']:.2f} ± {s['importance_standard_error']:.2f}" if "importance" in s else ""
             indices = f"{s['sobol_first']:.2f}  {s['sobol_total']:.2f}" if "sobol_first" in s else ""
-            lines.append(f"  {key:32}{p['value']:10.2f}{_interval(p['low'], p['high']):>20}{_number(shown):>12}{alpha:>18}{indices:>19}")
+            lines.append(
+                f"  {key:32}{p['value']:10.2f}{_interval(p['low'], p['high']):>20}{_number(shown):>12}"
+                f"{alpha:>18}{indices:>19}"
+            )
         if "_given_data" in sensitivities:
             g = sensitivities["_given_data"]
             lines.append(
-                f"  Sobol' indices from polynomial chaos of degree {g['degree']}, {g['terms']} terms, which predicts {g['q2']:.0%} of left-out variance"
+                f"  Sobol' indices from polynomial chaos of degree {g['degree']}, {g['terms']} terms, which predicts "
+                f"{g['q2']:.0%} of left-out variance"
             )
-        lines += ["", f"{'sensitivity factors ± SE':34}{'dmean/dmean':>16}{'dmean/dsd':>16}{'dsd/dmean':>16}{'dsd/dsd':>16}    (* 95 % interval without 0)"]
+        lines += [
+            "",
+            f"{'sensitivity factors ± SE':34}{'dmean/dmean':>16}{'dmean/dsd':>16}{'dsd/dmean':>16}{'dsd/dsd':>16}    "
+            "(* 95 % interval without 0)",
+        ]
         for key, s in table.items():
-            cells = [f"{_fixed(s[f])} ± {_fixed(s['standard_error'][f])}{'*' if _beyond_noise(s['ci'][f]) else ' '}" for f in FACTORS]
+            cells = [
+                f"{_fixed(s[f])} ± {_fixed(s['standard_error'][f])}{'*' if _beyond_noise(s['ci'][f]) else ' '}"
+                for f in FACTORS
+            ]
             lines.append(f"  {key:32}" + "".join(f"{cell:>16}" for cell in cells))
     if summary["responses"]:
         lines += ["", f"{'metric (mean ± SD)':48}{'here':>20}{'published':>16}"]
         for key, r in summary["responses"].items():
             pair = published.get("metrics", {}).get(key)
-            lines.append(f"  {key:46}{r['mean']:11.1f} ± {r['sd']:<6.1f}{f'{pair[0]:g} ± {pair[1]:g}' if pair else '':>16}")
+            lines.append(
+                f"  {key:46}{r['mean']:11.1f} ± {r['sd']:<6.1f}{f'{pair[0]:g} ± {pair[1]:g}' if pair else '':>16}"
+            )
     return lines
 
 
@@ -356,7 +439,11 @@ def _statistics(r: Mapping[str, Any]) -> list[tuple[str, float, float | None, fl
 
 
 def _ending(found: Mapping[str, Any]) -> list[str]:
-    lines = ["", f"evaluations: {found['evaluations_requested']} requested, {found['evaluations_executed']} executed; gate: {found['status']}"]
+    lines = [
+        "",
+        f"evaluations: {found['evaluations_requested']} requested, {found['evaluations_executed']} executed; gate: "
+        f"{found['status']}",
+    ]
     return lines + [f"  {reason}" for reason in found["reasons"]]
 
 
@@ -364,7 +451,8 @@ def _level_lines(study: Study, found: Mapping[str, Any]) -> list[str]:
     published, known = study.published, study.published.get("monte_carlo", {})
     lines = [
         "",
-        f"{found['response']:34}{'here':>10}{'published':>12}" + (f"{'their Monte Carlo':>24}   here / published against its interval" if known else ""),
+        f"{found['response']:34}{'here':>10}{'published':>12}"
+        + (f"{'their Monte Carlo':>24}   here / published against its interval" if known else ""),
     ]
     for level, entry in found["levels"].items():
         key = f"{level} % [deg]"
@@ -372,29 +460,45 @@ def _level_lines(study: Study, found: Mapping[str, Any]) -> list[str]:
         line = f"  {level + ' %':32}{entry['value']:10.2f}{_number(theirs):>12}"
         if sampled and theirs is not None:
             verdict = statistics.agreement(theirs, statistics.Estimate(*sampled))
-            line += f"{f'{sampled[0]:g} ({sampled[1]:g} ... {sampled[2]:g})':>24}   {entry['against_monte_carlo']} / {verdict}"
+            line += (
+                f"{f'{sampled[0]:g} ({sampled[1]:g} ... {sampled[2]:g})':>24}   {entry['against_monte_carlo']} / "
+                f"{verdict}"
+            )
         lines.append(line)
     lines += ["", f"{'importance':34}{'linear':>10}" + "".join(f"{level + ' %':>10}" for level in found["levels"])]
     for name, value in found["linear_importance"].items():
-        lines.append(f"  {name:32}{value:10.2f}" + "".join(f"{e['importance'][name]:10.2f}" for e in found["levels"].values()))
+        lines.append(
+            f"  {name:32}{value:10.2f}" + "".join(f"{e['importance'][name]:10.2f}" for e in found["levels"].values())
+        )
     return lines + _ending(found)
 
 
 def _form_lines(found: Mapping[str, Any]) -> list[str]:
     threshold = found["threshold"]
     shown = threshold["distribution"] if isinstance(threshold, Mapping) else f"{threshold:g}"
-    lines = ["", f"P({found['response']} > {shown}) = {found['probability']:.4g}   beta {found['beta']:.3f}   (first order: no interval)"]
+    lines = [
+        "",
+        f"P({found['response']} > {shown}) = {found['probability']:.4g}   beta {found['beta']:.3f}   (first order: no "
+        "interval)",
+    ]
     lines += ["", f"{'':34}{'importance':>12}{'design point':>16}"]
-    lines += [f"  {name:32}{value:12.2f}{found['design_point'][name]:16.5g}" for name, value in found["importance"].items()]
+    lines += [
+        f"  {name:32}{value:12.2f}{found['design_point'][name]:16.5g}" for name, value in found["importance"].items()
+    ]
     return lines + _ending(found)
 
 
 def _sobol_lines(found: Mapping[str, Any]) -> list[str]:
-    lines = ["", f"{found['response']}: mean {found['mean']:.3f}, SD {math.sqrt(found['variance']):.3f}, {found['evaluations']} landings"]
+    lines = [
+        "",
+        f"{found['response']}: mean {found['mean']:.3f}, SD {math.sqrt(found['variance']):.3f}, "
+        f"{found['evaluations']} landings",
+    ]
     lines += ["", f"{'Sobol indices':34}{'first':>8}{'95 % interval':>20}{'total':>8}{'95 % interval':>20}"]
     for name, i in found["indices"].items():
         lines.append(
-            f"  {name:32}{i['first']:8.2f}{_interval(i['first_low'], i['first_high']):>20}{i['total']:8.2f}{_interval(i['total_low'], i['total_high']):>20}"
+            f"  {name:32}{i['first']:8.2f}{_interval(i['first_low'], i['first_high']):>20}"
+            f"{i['total']:8.2f}{_interval(i['total_low'], i['total_high']):>20}"
         )
     return lines
 

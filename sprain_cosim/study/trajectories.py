@@ -24,7 +24,8 @@ def file(folder: Path, trial: int) -> Path:
 
 @dataclass
 class Trajectories:
-    """Keeps records in `folder` (None: nowhere): those of the trials below `first`, and whatever else comes with one."""
+    """Keeps records in `folder` (None: nowhere): those of the trials below `first`, and whatever else comes with
+    one."""
 
     folder: Path | None
     first: int = FIRST
@@ -43,7 +44,9 @@ class Trajectories:
             partial.write_bytes(outcome.trajectory)
             os.replace(partial, path)
         except OSError as problem:
-            raise EnvironmentProblem(f"{path}: cannot be written: {problem.strerror or problem}; the ledger is valid, continue with --resume") from None
+            raise EnvironmentProblem(
+                f"{path}: cannot be written: {problem.strerror or problem}; the ledger is valid, continue with --resume"
+            ) from None
 
     def take(self, source: Path, trial: int) -> None:
         """Copies the record of another study's folder, if it has one."""
@@ -55,12 +58,16 @@ class Trajectories:
 
     def lacks(self, trials: Any) -> list[int]:
         """Those of the numbers that have no record yet."""
-        return [] if self.folder is None else [int(t) for t in dict.fromkeys(trials) if not file(self.folder, int(t)).exists()]
+        return (
+            []
+            if self.folder is None
+            else [int(t) for t in dict.fromkeys(trials) if not file(self.folder, int(t)).exists()]
+        )
 
 
 def roles(numbers: np.ndarray, response: np.ndarray, wanted: Mapping[str, float] | None = None) -> dict[str, int]:
-    """The trial next to each percentile of the response, and its extremes; `wanted` {role: value} instead of percentiles. (n,) both; the
-    lowest number where several are as near."""
+    """The trial next to each percentile of the response, and its extremes; `wanted` {role: value} instead of
+    percentiles. (n,) both; the lowest number where several are as near."""
     if not len(response):
         return {}
     values = {role: float(np.quantile(response, p)) for role, p in ROLES.items()} if wanted is None else wanted

@@ -4,10 +4,9 @@ parent                                   child (own session; ends with its paren
   Worker.run(trial, values)  --request-->  session.run(values)      the session is opened once
   Outcome                    <--reply---   status, message, metrics, wall time, memory
 
-A child that crashes or overruns its time is killed with its
-whole process group and the trial repeated once on a fresh child. A child is replaced after `recycle` trials or when its memory has grown;
-the fresh one repeats the last trial and must agree to the bit.
-"""
+A child that crashes or overruns its time is killed with its whole process group and the trial repeated once on a fresh
+child. A child is replaced after `recycle` trials or when its memory has grown; the fresh one repeats the last trial and
+must agree to the bit."""
 
 from __future__ import annotations
 
@@ -31,9 +30,10 @@ from ..process import Child, Gone, Limits, allow_processor_time, listen, residen
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a trial ended: completed, failed (FMI error or a value that is not finite), crashed, timeout or lost (with the machine that ran it,
-    several times). `log` the last lines printed. Where a record was asked for, and of a failed trial, `trajectory` is the record as a gzipped
-    signals.csv and `about` its scheme, scheme_reason, warning, coupling_error and status."""
+    """How a trial ended: completed, failed (FMI error or a value that is not finite), crashed, timeout or lost (with
+    the machine that ran it, several times). `log` the last lines printed. Where a record was asked for, and of a failed
+    trial, `trajectory` is the record as a gzipped signals.csv and `about` its scheme, scheme_reason, warning,
+    coupling_error and status."""
 
     status: str
     message: str
@@ -64,7 +64,8 @@ class Stopped(Exception):
 
 
 class Worker:
-    """Drives one child after the other. `run` may be called from one thread, `kill` from any. Use as a context manager."""
+    """Drives one child after the other. `run` may be called from one thread, `kill` from any. Use as a context
+    manager."""
 
     def __init__(self, scenario: Openable, names: Sequence[str], limits: Limits | None = None) -> None:
         self.scenario, self.names, self.limits = scenario, tuple(names), limits or Limits()
@@ -73,8 +74,8 @@ class Worker:
         self._last: tuple[Sequence[float], Mapping[str, float]] | None = None
 
     def run(self, values: Sequence[float], record: bool = False) -> Outcome:
-        """One trial with `values` (d,) of the names, with its trajectory where `record`. Raises Stopped after `kill`, SimulationError when the
-        system cannot be opened at all or a fresh child disagrees with the one it replaces."""
+        """One trial with `values` (d,) of the names, with its trajectory where `record`. Raises Stopped after `kill`,
+        SimulationError when the system cannot be opened at all or a fresh child disagrees with the one it replaces."""
         numbers = [float(v) for v in values]
         request = {"values": numbers, "record": record}
         for attempt in (1, 2):
@@ -97,7 +98,9 @@ class Worker:
             self._last = (numbers, reply["metrics"])
         trajectory, about = base64.b64decode(reply.get("trajectory", "")), reply.get("about", {})
         log = "" if completed else child.log()
-        return Outcome(reply["status"], reply["message"], reply["metrics"], reply["wall"], attempt, log, trajectory, about)
+        return Outcome(
+            reply["status"], reply["message"], reply["metrics"], reply["wall"], attempt, log, trajectory, about
+        )
 
     def kill(self) -> None:
         """Ends the child at once, grandchildren included."""
@@ -105,10 +108,13 @@ class Worker:
         self._drop()
 
     def _ready(self) -> Child:
-        """The child for the next trial. Raises Gone when one that replaces another ends at the trial that it is to repeat."""
+        """The child for the next trial. Raises Gone when one that replaces another ends at the trial that it is to
+        repeat."""
         if self._stopped:
             raise Stopped
-        spent = self._child is not None and (self._child.trials >= self.limits.recycle or self._child.grown > self.limits.growth)
+        spent = self._child is not None and (
+            self._child.trials >= self.limits.recycle or self._child.grown > self.limits.growth
+        )
         if spent:
             self._drop()
         if self._child is None:
@@ -116,12 +122,15 @@ class Worker:
             if spent and self._last is not None:
                 values, before = self._last
                 if self._child.ask({"values": values}, self.limits.trial).get("metrics") != before:
-                    raise SimulationError("a fresh process gives other numbers for the same trial: a component keeps something between runs")
+                    raise SimulationError(
+                        "a fresh process gives other numbers for the same trial: a component keeps something between "
+                        "runs"
+                    )
         return self._child
 
     def _fresh(self) -> Child:
-        """A child that has opened the system. The first on this machine to open an FMU may compile for it, and what it compiled may round otherwise
-        than what later ones load; so it runs no trial."""
+        """A child that has opened the system. The first on this machine to open an FMU may compile for it, and what it
+        compiled may round otherwise than what later ones load; so it runs no trial."""
         marks = _marks(self.scenario)
         if any(not mark.exists() for mark in marks):
             self._open().close()
@@ -132,7 +141,10 @@ class Worker:
         return self._open()
 
     def _open(self) -> Child:
-        for again in (self._opened, False):  # what has opened before gets a second chance: the machine may have been short of something
+        for again in (
+            self._opened,
+            False,
+        ):  # what has opened before gets a second chance: the machine may have been short of something
             child = Child(self.limits, __name__)
             try:
                 reply = child.open((self.scenario, self.names, self.limits), self.limits.start)
@@ -143,7 +155,9 @@ class Worker:
                     raise Stopped from None
                 if again:
                     continue
-                raise SimulationError(f"the system cannot be opened: {gone}{f'; last words: {log.splitlines()[-1]}' if log else ''}") from None
+                raise SimulationError(
+                    f"the system cannot be opened: {gone}{f'; last words: {log.splitlines()[-1]}' if log else ''}"
+                ) from None
             if "error" in reply or self._stopped:
                 child.close()
                 if self._stopped:

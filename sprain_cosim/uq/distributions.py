@@ -151,7 +151,10 @@ class LogNormal(Marginal):
     def __post_init__(self) -> None:
         _finite(self, mean=self.mean, sd=self.sd)
         if self.mean <= 0 or self.sd <= 0:
-            raise ValueError(f"LogNormal: mean and sd must be positive, got mean {self.mean}, sd {self.sd}; use Fixed for a constant, zero included")
+            raise ValueError(
+                f"LogNormal: mean and sd must be positive, got mean {self.mean}, sd {self.sd}; use Fixed for a "
+                "constant, zero included"
+            )
 
     @cached_property
     def zeta(self) -> float:
@@ -263,7 +266,9 @@ class Truncated(Marginal):
         if math.isnan(self.low) or math.isnan(self.high) or self.low >= self.high:
             raise ValueError(f"Truncated: low must be below high, got {self.low} and {self.high}")
         if not _mass_between(*self._ends) > 1e-12:
-            raise ValueError(f"Truncated: {self.parent} has no probability to speak of between {self.low} and {self.high}")
+            raise ValueError(
+                f"Truncated: {self.parent} has no probability to speak of between {self.low} and {self.high}"
+            )
 
     @cached_property
     def _ends(self) -> tuple[float, float]:
@@ -428,7 +433,9 @@ class JointDistribution:
         _require_positive_definite(matrix, "the correlation matrix")
         normal = np.eye(len(matrix))
         for i, j in zip(*np.nonzero(np.triu(matrix, 1)), strict=True):
-            normal[i, j] = normal[j, i] = _normal_correlation(self.marginals[i], self.marginals[j], float(matrix[i, j]), f"inputs {i} and {j}")
+            normal[i, j] = normal[j, i] = _normal_correlation(
+                self.marginals[i], self.marginals[j], float(matrix[i, j]), f"inputs {i} and {j}"
+            )
         _require_positive_definite(normal, "the correlation matrix of the underlying normal variables (Nataf)")
         self.normal_correlation = normal
         self.cholesky = np.asarray(np.linalg.cholesky(normal), dtype=float)
@@ -506,7 +513,10 @@ def _mass_between(a: float, b: float) -> float:
 def _require_positive_definite(matrix: Array, name: str) -> None:
     lowest = float(np.linalg.eigvalsh(matrix)[0])
     if lowest <= 1e-12:
-        raise ValueError(f"{name} is not positive definite (smallest eigenvalue {lowest:.3g}); the correlations contradict each other")
+        raise ValueError(
+            f"{name} is not positive definite (smallest eigenvalue {lowest:.3g}); the correlations contradict each "
+            "other"
+        )
 
 
 def _normal_correlation(first: Marginal, second: Marginal, wanted: float, names: str) -> float:
@@ -515,7 +525,10 @@ def _normal_correlation(first: Marginal, second: Marginal, wanted: float, names:
         raise ValueError(f"{names}: a fixed input cannot be correlated")
     lowest, highest = _pair_correlation(first, second, -1.0), _pair_correlation(first, second, 1.0)
     if not lowest < wanted < highest:
-        raise ValueError(f"{names}: correlation {wanted:g} cannot be attained by these marginals; it must lie strictly between {lowest:.4f} and {highest:.4f}")
+        raise ValueError(
+            f"{names}: correlation {wanted:g} cannot be attained by these marginals; it must lie strictly between "
+            f"{lowest:.4f} and {highest:.4f}"
+        )
     match first, second:
         case Normal(), Normal():
             return wanted

@@ -379,10 +379,14 @@ class _Gate:
             self.rejections.append("every slope at the mean inputs is zero: the linearisation says nothing")
             return
         still = [int(i) for i in joint.active if slopes.moved[i] == 0.0]
-        if still and slopes.resolution is not None:  # without such steps an input that moves nothing is one without influence
+        if (
+            still and slopes.resolution is not None
+        ):  # without such steps an input that moves nothing is one without influence
             self.suspicions.append(
-                f"the response comes in steps of {slopes.resolution:g}, and {len(still)} of {len(joint.active)} inputs (number "
-                f"{', '.join(map(str, still))}) do not move it over a step of {self.setting.step:g} sd: take a larger step or more digits"
+                f"the response comes in steps of {slopes.resolution:g}, and {len(still)} of {len(joint.active)} "
+                "inputs (number "
+                f"{', '.join(map(str, still))}) do not move it over a step of {self.setting.step:g} sd: take a larger "
+                "step or more digits"
             )
         if self.noise is not None:
             error = self.noise / self.setting.step * math.sqrt(len(joint.active))
@@ -403,7 +407,8 @@ class _Gate:
             bend = np.maximum(bend - math.sqrt(6.0) * self.noise / self.setting.step**2, 0.0)
         ratio = 0.5 * bend * reach / norm
         for i in np.flatnonzero(ratio > _CURVATURE_LIMIT):
-            # The slope changes sign at reach/(2·ratio) or nearer: within the levels in any case, decisive where the bent part outweighs the linear one.
+            # The slope changes sign at reach/(2·ratio) or nearer: within the levels in any case, decisive where the
+            # bent part outweighs the linear one.
             if ratio[i] > 1.0:
                 self.rejections.append(
                     f"input number {i}: the one-sided slopes change sign well within the outermost level "
@@ -416,7 +421,9 @@ class _Gate:
         ordered = sorted(value)
         for low, high in itertools.pairwise(ordered):
             if value[high] <= value[low]:
-                self.rejections.append(f"the percentiles do not increase: {value[low]:.6g} at {low:g}, {value[high]:.6g} at {high:g}")
+                self.rejections.append(
+                    f"the percentiles do not increase: {value[low]:.6g} at {low:g}, {value[high]:.6g} at {high:g}"
+                )
 
     def look_at_departure(self, value: Mapping[float, float]) -> None:
         for level in sorted(value):
@@ -424,19 +431,23 @@ class _Gate:
             spread = abs(expected - self.linear.slopes.value)
             if spread > 0 and abs(value[level] - expected) > _DEPARTURE_LIMIT * spread:
                 self.suspicions.append(
-                    f"level {level:g}: {value[level]:.6g} departs from the linearisation's {expected:.6g} by more than half of its distance from the centre"
+                    f"level {level:g}: {value[level]:.6g} departs from the linearisation's {expected:.6g} by more "
+                    "than half of its distance from the centre"
                 )
 
     def look_at_turn(self, level: float, gradient_u: Array) -> None:
         cosine = float(_unit(gradient_u) @ self.linear.importance)
         if ndtri(level) and cosine < math.cos(_TURN_LIMIT):
             self.suspicions.append(
-                f"level {level:g}: the gradient at the design point is turned by {math.degrees(math.acos(max(cosine, -1.0))):.0f}° from that at the mean inputs"
+                f"level {level:g}: the gradient at the design point is turned by "
+                f"{math.degrees(math.acos(max(cosine, -1.0))):.0f}° from that at the mean inputs"
             )
 
     def look_at_variance(self, variance: float | None) -> None:
         if variance is not None and self.linear.sd**2 < _VARIANCE_LIMIT * variance:
-            self.suspicions.append(f"the linearisation explains {self.linear.sd**2 / variance:.0%} of the sampled variance")
+            self.suspicions.append(
+                f"the linearisation explains {self.linear.sd**2 / variance:.0%} of the sampled variance"
+            )
 
     @property
     def status(self) -> Status:
@@ -652,7 +663,9 @@ def _iterate_amv(ledger: _Ledger, setting: _Setting, level: float, search: _Sear
         change, search.u, search.value = abs(value - search.value), u, value
         if change < small:
             return
-    search.complaint = f"plain relinearisation did not settle in {_AMV_PLUS_ITERATIONS} iterations (it cycles or crawls); use hmv"
+    search.complaint = (
+        f"plain relinearisation did not settle in {_AMV_PLUS_ITERATIONS} iterations (it cycles or crawls); use hmv"
+    )
 
 
 def amv_plus(
@@ -824,7 +837,9 @@ def form(
                 break
             moved = _hlrf_step(ledger, joint, threshold, u, g, gradient)
             if moved is None:
-                settled = abs(g) <= max(1e-6, 1e-2 * tolerance) * norm * scale and across <= max(1e-4, tolerance) * scale
+                settled = (
+                    abs(g) <= max(1e-6, 1e-2 * tolerance) * norm * scale and across <= max(1e-4, tolerance) * scale
+                )
                 complaint = None if settled else "the line search found no better point: noise or a kink"
                 break
             u = moved
@@ -882,7 +897,9 @@ def form_exceedance(
     return form(margin, [*marginals, threshold], 0.0, joined, **options)
 
 
-def _hlrf_step(ledger: _Ledger, joint: JointDistribution, threshold: float, u: Array, g: float, gradient: Array) -> Array | None:
+def _hlrf_step(
+    ledger: _Ledger, joint: JointDistribution, threshold: float, u: Array, g: float, gradient: Array
+) -> Array | None:
     """One step of iHL-RF: its direction, shortened until ½‖u‖² + c·|g| falls; None if it never does."""
     norm2 = float(gradient @ gradient)
     target = (float(gradient @ u) - g) / norm2 * gradient

@@ -112,7 +112,9 @@ class Importance:
     r2: float
 
 
-def importance(x: ArrayLike, y: ArrayLike, marginals: Sequence[Marginal], correlation: ArrayLike | None = None) -> Importance:
+def importance(
+    x: ArrayLike, y: ArrayLike, marginals: Sequence[Marginal], correlation: ArrayLike | None = None
+) -> Importance:
     """Importance levels from a least-squares fit of y to the independent standard variables u(x)."""
     xs, ys = _paired(x, y)
     joint = JointDistribution(marginals, correlation)
@@ -207,7 +209,12 @@ def sensitivity_factors(
     on_mean = covariance * scale / sigma_y
     on_sd = np.mean(spread * kappa, axis=0) * scale / (2.0 * variance)
     influence_mean = y0[:, np.newaxis] * kappa * scale / sigma_y - on_mean - on_mean * spread / (2.0 * variance)
-    influence_sd = spread * kappa * scale / (2.0 * variance) - on_sd - y0[:, np.newaxis] * covariance * scale / variance - on_sd * spread / variance
+    influence_sd = (
+        spread * kappa * scale / (2.0 * variance)
+        - on_sd
+        - y0[:, np.newaxis] * covariance * scale / variance
+        - on_sd * spread / variance
+    )
     influence = np.concatenate([influence_mean, influence_sd], axis=1)
     estimate = np.concatenate([on_mean, on_sd])
     error = np.sqrt(np.mean(influence**2, axis=0) / n)
@@ -379,7 +386,9 @@ class GivenDataIndices:
 _TERMS_PER_ROW = 0.4  # an expansion with more terms than this share of the rows overfits
 
 
-def given_data_indices(x: ArrayLike, y: ArrayLike, marginals: Sequence[Marginal], max_degree: int = 4) -> GivenDataIndices:
+def given_data_indices(
+    x: ArrayLike, y: ArrayLike, marginals: Sequence[Marginal], max_degree: int = 4
+) -> GivenDataIndices:
     """First-order and total Sobol' indices of independent inputs from the rows of any sample of them.
 
     Polynomial chaos (Legendre for uniform inputs, Hermite in the standard space for the others) of the total

@@ -136,7 +136,9 @@ def replicated_percentile(y: ArrayLike, replicates: int, p: float, confidence: f
     return replicated(y, replicates, lambda values: _type7(np.sort(values), p), confidence)
 
 
-def replicated_exceedance(y: ArrayLike, replicates: int, threshold: float | Marginal, confidence: float = 0.95) -> Estimate:
+def replicated_exceedance(
+    y: ArrayLike, replicates: int, threshold: float | Marginal, confidence: float = 0.95
+) -> Estimate:
     """P(Y > T) from a replicated quasi-Monte Carlo sample, kept within 0 and 1; T as in `exceedance`.
 
     Where all replicates agree their spread says nothing, and the interval is that of as many independent rows.
@@ -274,7 +276,9 @@ class Stopping:
     needed: int | None
 
 
-def stopping(y: ArrayLike, wanted: float, levels: Sequence[float] = (0.05, 0.5, 0.95), confidence: float = 0.95) -> Stopping:
+def stopping(
+    y: ArrayLike, wanted: float, levels: Sequence[float] = (0.05, 0.5, 0.95), confidence: float = 0.95
+) -> Stopping:
     """Compare the half-widths of the percentiles' intervals with the one wanted (in the response's unit)."""
     values = _sample(y)
     return stopping_of({float(p): percentile(values, p, confidence) for p in levels}, len(values), wanted)
@@ -288,7 +292,9 @@ def stopping_of(estimates: Mapping[float, Estimate], n: int, wanted: float) -> S
     widest = max(half.values())
     if math.isfinite(widest) and widest <= wanted:
         return Stopping(True, half, float(wanted), n)
-    return Stopping(False, half, float(wanted), math.ceil(n * (widest / wanted) ** 2) if math.isfinite(widest) else None)
+    return Stopping(
+        False, half, float(wanted), math.ceil(n * (widest / wanted) ** 2) if math.isfinite(widest) else None
+    )
 
 
 def agreement(value: float, estimate: Estimate) -> str:

@@ -1,6 +1,7 @@
 """What a check is, and how its outcome is judged.
 
-A check measures rows: numbers beside what they should be, each with its tolerance. Its status is the worst of its rows':
+A check measures rows: numbers beside what they should be, each with its tolerance. Its status is the worst of its
+rows':
 
     pass       every row within its tolerance
     known gap  some rows miss by no more than a documented gap; never counted as passed
@@ -23,7 +24,8 @@ STATUSES = (PASS, GAP, FAIL, NOT_RUN)
 
 @dataclass(frozen=True)
 class Row:
-    """One number: passes when |value - expected| <= tolerance. A bound is a row with expected 0 or the middle of its range."""
+    """One number: passes when |value - expected| <= tolerance. A bound is a row with expected 0 or the middle of its
+    range."""
 
     label: str
     value: float
@@ -57,8 +59,8 @@ class Gap:
 
 @dataclass(frozen=True)
 class Check:
-    """`why` says why the tolerance is what it is, `source` where the expected numbers come from; `quick`: part of --quick; `needs` names what
-    the machine must have (laboratory.NEEDS); `gaps` {row label: Gap}."""
+    """`why` says why the tolerance is what it is, `source` where the expected numbers come from; `quick`: part of
+    --quick; `needs` names what the machine must have (laboratory.NEEDS); `gaps` {row label: Gap}."""
 
     id: str
     title: str
@@ -107,7 +109,14 @@ class Outcome:
             "source": self.check.source,
             "seconds": round(self.seconds, 3),
             "rows": [
-                {"label": r.label, "value": finite(r.value), "expected": r.expected, "tolerance": r.tolerance, "unit": r.unit, "status": self.status_of(r)}
+                {
+                    "label": r.label,
+                    "value": finite(r.value),
+                    "expected": r.expected,
+                    "tolerance": r.tolerance,
+                    "unit": r.unit,
+                    "status": self.status_of(r),
+                }
                 for r in self.rows
             ],
         }
@@ -122,11 +131,17 @@ def judge(check: Check, rows: Sequence[Row], seconds: float = 0.0) -> Outcome:
     if not rows:
         return Outcome(check, FAIL, reason="measured nothing", seconds=seconds)
     if failed:
-        reason = f"{len(failed)} of {len(rows)} outside: " + "; ".join(_miss(row) for row in failed[:3]) + (" ..." if len(failed) > 3 else "")
+        reason = (
+            f"{len(failed)} of {len(rows)} outside: "
+            + "; ".join(_miss(row) for row in failed[:3])
+            + (" ..." if len(failed) > 3 else "")
+        )
         return Outcome(check, FAIL, tuple(rows), reason, seconds)
     if gaps:
         reasons = dict.fromkeys(check.gaps[row.label].reason for row in gaps)
-        return Outcome(check, GAP, tuple(rows), f"{'; '.join(_miss(row) for row in gaps)}: {'; '.join(reasons)}", seconds)
+        return Outcome(
+            check, GAP, tuple(rows), f"{'; '.join(_miss(row) for row in gaps)}: {'; '.join(reasons)}", seconds
+        )
     return outcome
 
 

@@ -1,7 +1,8 @@
-"""The credibility report, in the order of ASME V&V 40-2018: what this run shows, what only the user can supply, what is missing.
+"""The credibility report, in the order of ASME V&V 40-2018: what this run shows, what only the user can supply, what is
+missing.
 
-It gives no score: how much credibility a decision needs is the user's judgement of risk, and the last word that of whoever relies on it.
-"""
+It gives no score: how much credibility a decision needs is the user's judgement of risk, and the last word that of
+whoever relies on it."""
 
 from __future__ import annotations
 
@@ -23,7 +24,14 @@ class Section:
     missing: tuple[str, ...] = ()
 
 
-def _evidence(report: Report, title: str, intro: str, groups: Sequence[str], supply: Sequence[str] = (), missing: Sequence[str] = ()) -> Section:
+def _evidence(
+    report: Report,
+    title: str,
+    intro: str,
+    groups: Sequence[str],
+    supply: Sequence[str] = (),
+    missing: Sequence[str] = (),
+) -> Section:
     """A section whose evidence is checks: what passed is shown, what did not is missing."""
     found = [o for o in report.outcomes if o.check.group in groups]
     shown = tuple(_said(o) for o in found if o.status == PASS)
@@ -35,7 +43,8 @@ def _said(outcome: Outcome) -> str:
     said = {PASS: "passed", GAP: "KNOWN GAP", FAIL: "FAILED", NOT_RUN: "not run"}[outcome.status]
     if outcome.status == PASS and worst is not None:
         figure = (
-            f"{len(outcome.rows)} numbers, the one closest to its bound: {worst.label} {worst.value:.4g} against {worst.expected:.4g} ± {worst.tolerance:.2g}"
+            f"{len(outcome.rows)} numbers, the one closest to its bound: {worst.label} {worst.value:.4g} against "
+            f"{worst.expected:.4g} ± {worst.tolerance:.2g}"
         )
         return (
             f"{outcome.check.id} {said}. {outcome.check.title}: {figure} {worst.unit}".rstrip()
@@ -52,18 +61,22 @@ def sections(report: Report) -> Sequence[Section]:
             "1 Question of interest and context of use",
             "The question that the model helps to answer, and the part it plays beside other evidence.",
             supply=(
-                "the question, in one sentence (for example: does brace A reduce inversion on a 30° slope more than brace B?)",
+                "the question, in one sentence (for example: does brace A reduce inversion on a 30° slope more than "
+                "brace B?)",
                 "the role of the model: the only evidence, or beside bench tests and studies with people",
-                "the population, the movement and the range of slopes, drop heights and braces for which the answer is to hold",
+                "the population, the movement and the range of slopes, drop heights and braces for which the answer "
+                "is to hold",
             ),
         ),
         Section(
             "2 Quantities of interest",
             "What is computed, with units, signs and zeros in the names of the metrics.",
             shown=(
-                "peak subtalar supination, peak talocrural dorsiflexion, angles and velocities of the joint coordinate system [deg, deg/s]",
+                "peak subtalar supination, peak talocrural dorsiflexion, angles and velocities of the joint "
+                "coordinate system [deg, deg/s]",
                 "moments borne by anatomy and brace at each axis' own peak [N·m], vertical ground reaction [N]",
-                "percentiles, correlations, sensitivity factors and exceedance probabilities over a study's inputs, with intervals",
+                "percentiles, correlations, sensitivity factors and exceedance probabilities over a study's inputs, "
+                "with intervals",
             ),
             supply=("which of them decides, and the difference that matters in practice",),
             missing=("no injury criterion: the model says how far the ankle goes, not whether a ligament fails",),
@@ -71,7 +84,10 @@ def sections(report: Report) -> Sequence[Section]:
         Section(
             "3 Model risk",
             "Influence of the model on the decision, and consequence of a wrong decision.",
-            supply=("influence: how much weight the model has beside other evidence", "consequence: what happens to a person if the model is wrong"),
+            supply=(
+                "influence: how much weight the model has beside other evidence",
+                "consequence: what happens to a person if the model is wrong",
+            ),
             missing=("nothing here grades the risk; the software cannot know it",),
         ),
         _evidence(
@@ -88,7 +104,8 @@ def sections(report: Report) -> Sequence[Section]:
             "Are the numbers converged? Time step, tolerance and coupling over the whole domain of the inputs.",
             ("numerics", "coupling"),
             supply=(
-                "for a device of your own: `sprain-cosim check`, and `run --check-coupling` at the corners of your study",
+                "for a device of your own: `sprain-cosim check`, and `run --check-coupling` at the corners of your "
+                "study",
                 "that inputs were typed as meant: read the table of inputs in the study's folder",
             ),
         ),
@@ -99,7 +116,8 @@ def sections(report: Report) -> Sequence[Section]:
             ("plant",),
             missing=(
                 "this compares one implementation of the model with another; it is no comparison with people",
-                "the published pose starts 28 to 35 mm inside the floor; its first milliseconds are an artefact of the records",
+                "the published pose starts 28 to 35 mm inside the floor; its first milliseconds are an artefact of "
+                "the records",
             ),
         ),
         _evidence(
@@ -119,15 +137,25 @@ def sections(report: Report) -> Sequence[Section]:
             ("custom",),
             supply=(
                 "torque-angle measurements of the brace, with repeatability and the condition of the samples",
-                "measured landings or a rig's landings under the inputs that the model was given, with their uncertainty",
+                "measured landings or a rig's landings under the inputs that the model was given, with their "
+                "uncertainty",
             ),
         ),
         Section(
             "6 Uncertainty",
             "How sure is an answer, given what is not known of the inputs?",
-            shown=("intervals of every percentile, correlation and sensitivity in a study's summary.json, failed trials counted and bounded",),
-            supply=("distributions of the inputs for your population and brace, and where they come from", "correlations between inputs, if there are any"),
-            missing=("uncertainty of the model's form (one subject's anatomy, rigid foot, straight muscle paths) is in no interval",),
+            shown=(
+                "intervals of every percentile, correlation and sensitivity in a study's summary.json, failed trials "
+                "counted and bounded",
+            ),
+            supply=(
+                "distributions of the inputs for your population and brace, and where they come from",
+                "correlations between inputs, if there are any",
+            ),
+            missing=(
+                "uncertainty of the model's form (one subject's anatomy, rigid foot, straight muscle paths) is in no "
+                "interval",
+            ),
         ),
         Section(
             "7 Applicability",
@@ -137,24 +165,36 @@ def sections(report: Report) -> Sequence[Section]:
                 "a comparison of your context with that domain: posture, slope, drop, surface, brace, person",
                 "why evidence from one subject may be used for others",
             ),
-            missing=("one subject (67.5 kg), one landing movement; braces that act beyond ankle and subtalar joint are outside",),
+            missing=(
+                "one subject (67.5 kg), one landing movement; braces that act beyond ankle and subtalar joint are "
+                "outside",
+            ),
         ),
         Section("8 What falls short", "Everything in this run that did not pass.", missing=short),
     ]
 
 
 DOMAIN = (
-    "the domain in which the numerics were checked (numerics-01): talocrural -49...-19°, subtalar ±15°, drop 0.1...0.45 m, dissipation 2...8 s/m, "
+    "the domain in which the numerics were checked (numerics-01): talocrural -49...-19°, subtalar ±15°, drop "
+    "0.1...0.45 m, dissipation 2...8 s/m, "
     "modulus 35...65 MPa/m, incline 0...30°"
 )
 LABELS = (("shown", "Shown automatically"), ("supply", "To be supplied by you"), ("missing", "Missing"))
-NOTE = "No score is given: how much evidence is enough follows from the model's risk (section 3), which only its user can judge."
+NOTE = (
+    "No score is given: how much evidence is enough follows from the model's risk (section 3), which only its user "
+    "can judge."
+)
 
 
 def markdown(report: Report) -> str:
     """The report as a text to fill in."""
     counts = ", ".join(f"{n} {status}" for status, n in report.counts.items())
-    lines = ["# Credibility report", "", f"sprain-cosim {report.environment.get('sprain-cosim', '')}, {report.created}. {counts}. {NOTE}", ""]
+    lines = [
+        "# Credibility report",
+        "",
+        f"sprain-cosim {report.environment.get('sprain-cosim', '')}, {report.created}. {counts}. {NOTE}",
+        "",
+    ]
     for section in sections(report):
         lines += [f"## {section.title}", "", section.intro, ""]
         for name, label in LABELS:

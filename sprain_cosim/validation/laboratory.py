@@ -1,4 +1,5 @@
-"""What checks measure with: landings and studies that are run once and shared, the summary figures, and what this machine has."""
+"""What checks measure with: landings and studies that are run once and shared, the summary figures, and what this
+machine has."""
 
 from __future__ import annotations
 
@@ -32,11 +33,14 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
 class Laboratory:
-    """`quick`: smaller studies; `workers` processes for studies; `reference` the folder of trajectories and trials that users do not have."""
+    """`quick`: smaller studies; `workers` processes for studies; `reference` the folder of trajectories and trials that
+    users do not have."""
 
     def __init__(self, quick: bool = False, workers: int | None = None, reference: Path | None = None) -> None:
         self.quick, self.workers = quick, workers
-        self.reference = reference or Path(os.environ.get("SPRAIN_REFERENCE", PACKAGE.parent.parent / "shared" / "reference"))
+        self.reference = reference or Path(
+            os.environ.get("SPRAIN_REFERENCE", PACKAGE.parent.parent / "shared" / "reference")
+        )
         self._runs: dict[Any, Result] = {}
         self._campaigns: dict[str, Campaign] = {}
 
@@ -46,9 +50,15 @@ class Laboratory:
         return tomllib.loads((Path(__file__).parent / "figures.toml").read_text("utf-8"))
 
     def run(
-        self, name: str, overrides: Mapping[str, Value] | None = None, step: str | None = None, scheme: str | None = None, stop: str | None = None
+        self,
+        name: str,
+        overrides: Mapping[str, Value] | None = None,
+        step: str | None = None,
+        scheme: str | None = None,
+        stop: str | None = None,
     ) -> Result:
-        """A shipped scenario with other parameters; the same request is answered from memory. Raises SimulationError when it fails."""
+        """A shipped scenario with other parameters; the same request is answered from memory. Raises SimulationError
+        when it fails."""
         key = name, tuple(sorted((overrides or {}).items())), step, scheme, stop
         if key not in self._runs:
             self._runs[key] = self.land(scenario(name, overrides), step, scheme, stop)
@@ -86,7 +96,8 @@ class Laboratory:
 
 
 def scenario(name: str, overrides: Mapping[str, Value] | None = None) -> Scenario:
-    """A shipped scenario with other parameters; one for the brace adds the paper's brace where the scenario has none."""
+    """A shipped scenario with other parameters; one for the brace adds the paper's brace where the scenario has
+    none."""
     chosen = load_scenario(name)
     if any(key.startswith("brace.") for key in overrides or {}) and "brace" not in chosen.fmus:
         chosen = chosen.replace_fmu("brace", FMUS / "brace_bushing.fmu")
@@ -124,11 +135,15 @@ def _reference(laboratory: Laboratory) -> str:
 
 
 def _clone(_: Laboratory) -> str:
-    return "" if (SOURCES / "plant" / "interface.py").is_file() else "needs a clone: the FMUs' sources are not installed"
+    return (
+        "" if (SOURCES / "plant" / "interface.py").is_file() else "needs a clone: the FMUs' sources are not installed"
+    )
 
 
 def _module(name: str, extra: str) -> Callable[[Laboratory], str]:
-    return lambda _: "" if importlib.util.find_spec(name) else f"{name} is not installed; pip install 'sprain-cosim[{extra}]'"
+    return lambda _: (
+        "" if importlib.util.find_spec(name) else f"{name} is not installed; pip install 'sprain-cosim[{extra}]'"
+    )
 
 
 NEEDS: dict[str, Callable[[Laboratory], str]] = {

@@ -1,4 +1,5 @@
-"""A foot (inertia I) and a spring-damper that hold each other, as two components of the master: a split oscillator whose motion is known.
+"""A foot (inertia I) and a spring-damper that hold each other, as two components of the master: a split oscillator
+whose motion is known.
 
 I dw/dt = -k x - kappa x³ - c w - d w, the terms in k, kappa and c from the device, d in the foot.
 """
@@ -43,7 +44,8 @@ class Device:
 
 @dataclass(frozen=True)
 class Part(Component):
-    """A component that lives in this process: `advance(state, inputs, step)` and `output(state, inputs)` in place of a library."""
+    """A component that lives in this process: `advance(state, inputs, step)` and `output(state, inputs)` in place of a
+    library."""
 
     advance: Callable[[np.ndarray, Numbers, float], np.ndarray] = lambda state, inputs, step: state
     output: Callable[[np.ndarray, Numbers], Sequence[float]] = lambda state, inputs: state.tolist()
@@ -55,7 +57,10 @@ class Part(Component):
 def _part(name: str, inputs: Sequence[str], outputs: Sequence[str], direct: bool, **laws: Any) -> Part:
     """`direct`: the outputs follow the inputs at once."""
     connectors = {n: Connector(n, 0, "input", "real", unit(UNITS[n.rpartition("_")[2]])) for n in inputs}
-    connectors |= {n: Connector(n, 0, "output", "real", unit(UNITS[n.rpartition("_")[2]]), depends_on=None if direct else ()) for n in outputs}
+    connectors |= {
+        n: Connector(n, 0, "output", "real", unit(UNITS[n.rpartition("_")[2]]), depends_on=None if direct else ())
+        for n in outputs
+    }
     return Part(name, Path(), "", connectors, Capabilities("2.0", state=True, reusable=True), "", "", "", **laws)
 
 
@@ -66,9 +71,20 @@ class Running:
         self.part = part
         self.reset()
 
-    def bind(self, bus: np.ndarray, inputs: Sequence[str], first_input: int, outputs: Sequence[str], first_output: int, echoing: int) -> None:
+    def bind(
+        self,
+        bus: np.ndarray,
+        inputs: Sequence[str],
+        first_input: int,
+        outputs: Sequence[str],
+        first_output: int,
+        echoing: int,
+    ) -> None:
         self.bus, self.names, self.wanted = bus, list(inputs), list(outputs)
-        self.given, self.gives = slice(first_input, first_input + len(inputs)), slice(first_output, first_output + len(outputs))
+        self.given, self.gives = (
+            slice(first_input, first_input + len(inputs)),
+            slice(first_output, first_output + len(outputs)),
+        )
 
     def set(self, values: Mapping[str, float]) -> None: ...
     def start(self, time: float, stop: float) -> None: ...
@@ -105,7 +121,9 @@ class Running:
 def _transition(k: float, c: float, step: float) -> np.ndarray:
     """(2, 3): angle, velocity and a constant torque to angle and velocity one step later."""
     matrix, total = step * np.array([[0, 1, 0], [-k / INERTIA, -c / INERTIA, 1 / INERTIA], [0, 0, 0]]), UNIT
-    for n in range(TERMS, 0, -1):  # the exponential's series; a library's general one takes a hundred times as long for so small a matrix
+    for n in range(
+        TERMS, 0, -1
+    ):  # the exponential's series; a library's general one takes a hundred times as long for so small a matrix
         total = UNIT + matrix @ total / n
     return total[:2]
 
@@ -134,22 +152,34 @@ def _device(device: Device) -> Part:
 def swing(scheme: str, step: float, device: Device, damping: float = DAMPING, stop: float = 0.1) -> Result:
     """The coupled motion. Raises SimulationError when the run fails."""
     parts = (_foot(damping), _device(device))
-    result = Master(communication_step=step, stop=stop, scheme=scheme).run(System(parts, connect(parts, {})[0]).open(), {})
+    result = Master(communication_step=step, stop=stop, scheme=scheme).run(
+        System(parts, connect(parts, {})[0]).open(), {}
+    )
     if result.status != "completed":
         raise SimulationError(result.message)
     return result
 
 
 def exact(times: np.ndarray, device: Device, damping: float = DAMPING) -> np.ndarray:
-    """(n,) angle [rad] at the evenly spaced `times`: matrix exponential for a linear device, else an integration with tolerance 1e-11."""
+    """(n,) angle [rad] at the evenly spaced `times`: matrix exponential for a linear device, else an integration with
+    tolerance 1e-11."""
     if not device.cubic:
-        onward, state, angles = _transition(device.stiffness, device.damping + damping, times[1])[:, :2], START, [START[0]]
+        onward, state, angles = (
+            _transition(device.stiffness, device.damping + damping, times[1])[:, :2],
+            START,
+            [START[0]],
+        )
         for _ in times[1:]:
             state = onward @ state
             angles.append(state[0])
         return np.array(angles)
     return solve_ivp(
-        lambda t, y: [y[1], (device.torque(y[0], y[1]) - damping * y[1]) / INERTIA], (0, times[-1]), START, t_eval=times, rtol=1e-11, atol=1e-13
+        lambda t, y: [y[1], (device.torque(y[0], y[1]) - damping * y[1]) / INERTIA],
+        (0, times[-1]),
+        START,
+        t_eval=times,
+        rtol=1e-11,
+        atol=1e-13,
     ).y[0]
 
 

@@ -1,8 +1,7 @@
 """The suite: our checks and a user's own, run one after the other; what came of them.
 
-Exit code: a failed check is 1. Known gaps and checks that could not run do not fail a run, are never counted as passed, and stand in every
-output with their reason; `strict` lets them fail it too.
-"""
+Exit code: a failed check is 1. Known gaps and checks that could not run do not fail a run, are never counted as passed,
+and stand in every output with their reason; `strict` lets them fail it too."""
 
 from __future__ import annotations
 
@@ -61,20 +60,25 @@ class Report:
 
 
 def suite(folder: Path | None = None) -> list[Check]:
-    """All checks in the order of their ids' groups; those of a user's `folder` last. Raises InputError for the folder's files."""
+    """All checks in the order of their ids' groups; those of a user's `folder` last. Raises InputError for the folder's
+    files."""
     found = [*code.checks(), *plant.checks(), *uncertainty.checks(), *fmi.checks(), *pages.checks(), *paper.checks()]
     return found + (custom.read(folder) if folder is not None else [])
 
 
 def select(checks: Sequence[Check], only: Sequence[str]) -> list[Check]:
-    """Those named: an id, a group such as `paper`, or a pattern such as `uq-0*`. Raises InputError for a name that names none."""
+    """Those named: an id, a group such as `paper`, or a pattern such as `uq-0*`. Raises InputError for a name that
+    names none."""
     if not only:
         return list(checks)
     chosen = set()
     for name in only:
         matching = {c.id for c in checks if c.group == name or fnmatch.fnmatchcase(c.id, name)}
         if not matching:
-            raise InputError(f"--only {name}: no check of that id or group{nearest(name, [*(c.id for c in checks), *(c.group for c in checks)])}")
+            raise InputError(
+                f"--only {name}: no check of that id or "
+                f"group{nearest(name, [*(c.id for c in checks), *(c.group for c in checks)])}"
+            )
         chosen |= matching
     return [c for c in checks if c.id in chosen]
 
@@ -87,13 +91,20 @@ def run(
     keep: Callable[[Report], None] | None = None,
     interrupted: Callable[[], bool] = lambda: False,
 ) -> Report:
-    """Runs the checks; `told` hears every outcome at once. A quick run leaves long checks out unless their id is among the `named`. When the run is
-    interrupted `keep` gets what is known, the checks that are left are not run, and the interrupt goes on. `interrupted` tells of a signal that a
-    Python FMU has swallowed: such an FMU reports it as an error of its own."""
+    """Runs the checks; `told` hears every outcome at once. A quick run leaves long checks out unless their id is among
+    the `named`. When the run is interrupted `keep` gets what is known, the checks that are left are not run, and the
+    interrupt goes on. `interrupted` tells of a signal that a Python FMU has swallowed: such an FMU reports it as an
+    error of its own."""
     began, outcomes = perf_counter(), list[Outcome]()
 
     def report() -> Report:
-        return Report(tuple(outcomes), laboratory.quick, perf_counter() - began, datetime.now(UTC).isoformat(timespec="seconds"), environment())
+        return Report(
+            tuple(outcomes),
+            laboratory.quick,
+            perf_counter() - began,
+            datetime.now(UTC).isoformat(timespec="seconds"),
+            environment(),
+        )
 
     try:
         for check in checks:
@@ -123,7 +134,12 @@ def _outcome(check: Check, laboratory: Laboratory, named: bool) -> Outcome:
     except SprainError as problem:
         return Outcome(check, FAIL, reason=f"could not be measured: {problem}", seconds=perf_counter() - began)
     except Exception as problem:  # one broken check must not hide the others
-        return Outcome(check, FAIL, reason=f"could not be measured: {type(problem).__name__}: {problem}", seconds=perf_counter() - began)
+        return Outcome(
+            check,
+            FAIL,
+            reason=f"could not be measured: {type(problem).__name__}: {problem}",
+            seconds=perf_counter() - began,
+        )
     return judge(check, rows, perf_counter() - began)
 
 
@@ -146,8 +162,13 @@ def line(outcome: Outcome) -> str:
     """One line of a listing."""
     worst, figure = outcome.worst, ""
     if worst is not None:
-        figure = f"  {worst.label}: {worst.value:.5g} against {worst.expected:.5g} ± {worst.tolerance:.2g} {worst.unit}".rstrip()
-    text = f"{outcome.status:10} {outcome.check.id:13} {outcome.check.title}  [{outcome.seconds:.1f} s, {len(outcome.rows)} numbers]"
+        figure = (
+            f"  {worst.label}: {worst.value:.5g} against {worst.expected:.5g} ± {worst.tolerance:.2g} {worst.unit}"
+        ).rstrip()
+    text = (
+        f"{outcome.status:10} {outcome.check.id:13} {outcome.check.title}  [{outcome.seconds:.1f} s, "
+        f"{len(outcome.rows)} numbers]"
+    )
     detail = outcome.reason if outcome.status != PASS else f"closest to its bound:{figure}"
     return f"{text}\n{'':25}{detail}"
 

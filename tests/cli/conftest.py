@@ -18,7 +18,16 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert call("run", "incline30_brace", "--out", str(folder / "run")).returncode == 0
     assert call(*STUDY, str(folder / "study")).returncode == 0
     assert call(*STUDY, str(folder / "touching"), "--set", "plant.initial_pose=touching").returncode == 0
-    compared = ("compare", "incline30", "--brace", "soft=brace_linear", "--brace", "stiff=brace_bushing", "--out", str(folder / "compared"))
+    compared = (
+        "compare",
+        "incline30",
+        "--brace",
+        "soft=brace_linear",
+        "--brace",
+        "stiff=brace_bushing",
+        "--out",
+        str(folder / "compared"),
+    )
     assert call(*compared).returncode == 0
     assert call("study", "amv6", "--workers", "1", "--progress", "none", "--out", str(folder / "amv")).returncode == 0
     return folder

@@ -1,4 +1,5 @@
-"""The report in a headless Chromium: it draws, complains about nothing, and fits a phone. `make browser` installs one on Debian and runs these tests."""
+"""The report in a headless Chromium: it draws, complains about nothing, and fits a phone. `make browser` installs one
+on Debian and runs these tests."""
 
 from __future__ import annotations
 
@@ -19,7 +20,10 @@ from sprain_cosim.report import page as report
 
 CHROMIUM = next((p for n in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(n))), None)
 REQUIRED = os.environ.get("SPRAIN_BROWSER") == "required"
-pytestmark = pytest.mark.skipif(CHROMIUM is None and not REQUIRED, reason="no Chromium on this machine; `make browser` installs it and runs these tests")
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None and not REQUIRED,
+    reason="no Chromium on this machine; `make browser` installs it and runs these tests",
+)
 
 # shows the report in a frame of a width that a phone or a desk has, and says what it finds there
 LOOK = """<!doctype html><body style="margin:0"><iframe src="r.html" style="width:%dpx;height:3000px;border:0"></iframe><pre id="found"></pre><script>

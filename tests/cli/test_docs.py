@@ -16,9 +16,15 @@ HEAVY = [page for page in WITH_COMMANDS if any(b.mark == "long" and b.commands f
 
 
 @pytest.fixture(scope="module")
-def played(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[Path, Future[int]]]:
+def played(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[dict[Path, Future[int]]]:
     """The pages under test, two at a time: each is a story of its own in a folder of its own."""
-    pages = [item.callspec.params["page"] for item in request.session.items if getattr(item, "function", None) is test_commands_of_a_page]
+    pages = [
+        item.callspec.params["page"]
+        for item in request.session.items
+        if getattr(item, "function", None) is test_commands_of_a_page
+    ]
     with ThreadPoolExecutor(2) as pool:
         yield {page: pool.submit(play, page, tmp_path_factory.mktemp(page.stem)) for page in pages}
 
@@ -42,7 +48,10 @@ def test_marks_and_failures(tmp_path: Path) -> None:
     """A wrong exit code, an unknown program and a mark without a reason are seen."""
     page = tmp_path / "page.md"
     fence = "`" * 3
-    page.write_text(f"<!-- file: a.txt -->\n{fence}\nhello\n{fence}\n\n<!-- exit 2 -->\n{fence}sh\nsprain-cosim run \\\n  a.txt   # no scenario\n{fence}\n")
+    page.write_text(
+        f"<!-- file: a.txt -->\n{fence}\nhello\n{fence}\n\n<!-- exit 2 -->\n{fence}sh\nsprain-cosim run \\\n  a.txt   "
+        f"# no scenario\n{fence}\n"
+    )
     assert play(page, tmp_path) == 1
     assert (tmp_path / "a.txt").read_text() == "hello\n"
     page.write_text(f"{fence}sh\nsprain-cosim run a.txt\n{fence}\n")

@@ -1,4 +1,5 @@
-"""The public names that scripts, CI and users rely on: commands and options of the command line, names of the package. Changing one breaks users."""
+"""The public names that scripts, CI and users rely on: commands and options of the command line, names of the package.
+Changing one breaks users."""
 
 from __future__ import annotations
 
@@ -11,7 +12,8 @@ from sprain_cosim.cli import cli
 
 COMMANDS = {
     "run": "--fmu --map --set --scheme --step --check-coupling --isolate --out --json",
-    "study": "--method --trials --seed --inputs --fmu --map --set --workers --scheduler --resume --shard --max-failed --progress --out --json",
+    "study": "--method --trials --seed --inputs --fmu --map --set --workers --scheduler --resume --shard --max-failed "
+    "--progress --out --json",
     "merge": "",
     "trial": "",
     "reproduce": "",

@@ -19,8 +19,14 @@ from sprain_cosim.scenario import load_scenario
 from sprain_cosim.shipped import fmu_path
 from tests.cli.test_run import call, refused
 
-SHORT = 'base = "incline30"\n[components.brace]\nfmu = "brace_bushing"\n[parameters]\n"brace.angle_scale" = 2.4\n[master]\nstop = "30 ms"\n'
-STUDY = 'scenario = "short.toml"\n[marginals]\n"plant.drop_height" = { normal = { mean = "0.30 m", sd = "0.02 m" } }\n[study]\ntrials = 5\nseed = 3\n'
+SHORT = (
+    'base = "incline30"\n[components.brace]\nfmu = "brace_bushing"\n[parameters]\n"brace.angle_scale" = '
+    '2.4\n[master]\nstop = "30 ms"\n'
+)
+STUDY = (
+    'scenario = "short.toml"\n[marginals]\n"plant.drop_height" = { normal = { mean = "0.30 m", sd = "0.02 m" } '
+    "}\n[study]\ntrials = 5\nseed = 3\n"
+)
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +36,19 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "short.toml").write_text(SHORT)
     (folder / "study.toml").write_text(STUDY)
     assert call("run", "short.toml", "--out", "run", cwd=folder).returncode == 0
-    made = call("study", "study.toml", "--out", "many", "--workers", "1", "--progress", "none", "--set", "brace.angle_scale=1.5", cwd=folder)
+    made = call(
+        "study",
+        "study.toml",
+        "--out",
+        "many",
+        "--workers",
+        "1",
+        "--progress",
+        "none",
+        "--set",
+        "brace.angle_scale=1.5",
+        cwd=folder,
+    )
     assert made.returncode == 0, made.stderr
     return folder
 
@@ -58,14 +76,30 @@ def test_trials_of_a_study(place: Path) -> None:
     assert made.stderr == f"many, trial {peaks.idxmax()}, largest peak_subtalar_angle_deg\n"
     made = call("export", "many", "--trial", "2", "-o", "two.csv", cwd=place)
     assert made.returncode == 0, made.stderr
-    assert pd.read_csv(place / "two.csv")["plant.subtalar_angle [rad]"].max() * 57.29577951308232 == pytest.approx(peaks[2], rel=1e-8)
+    assert pd.read_csv(place / "two.csv")["plant.subtalar_angle [rad]"].max() * 57.29577951308232 == pytest.approx(
+        peaks[2], rel=1e-8
+    )
 
 
 def test_another_fmu_is_named(place: Path, tmp_path: Path) -> None:
     device = tmp_path / "mine.fmu"
     shutil.copy(fmu_path("brace_bushing", tmp_path, "brace"), device)
     study = str(place / "study.toml")
-    made = call("study", study, "--fmu", f"brace={device}", "--out", "s", "--trials", "2", "--workers", "1", "--progress", "none", cwd=tmp_path)
+    made = call(
+        "study",
+        study,
+        "--fmu",
+        f"brace={device}",
+        "--out",
+        "s",
+        "--trials",
+        "2",
+        "--workers",
+        "1",
+        "--progress",
+        "none",
+        cwd=tmp_path,
+    )
     assert made.returncode == 0, made.stderr
     with zipfile.ZipFile(device, "a") as archive:
         archive.writestr("extra/note.txt", "the same device in another archive")
@@ -81,9 +115,27 @@ def test_another_fmu_is_named(place: Path, tmp_path: Path) -> None:
 def test_reproduce_identical_and_the_first_that_differs(place: Path, tmp_path: Path) -> None:
     many = tmp_path / "many"
     shutil.copytree(place / "many", many)
-    again = call("reproduce", str(many / "manifest.json"), "--workers", "1", "--progress", "none", "--json", "--out", "again", cwd=tmp_path)
+    again = call(
+        "reproduce",
+        str(many / "manifest.json"),
+        "--workers",
+        "1",
+        "--progress",
+        "none",
+        "--json",
+        "--out",
+        "again",
+        cwd=tmp_path,
+    )
     assert again.returncode == 0, again.stderr
-    assert json.loads(again.stdout) == {"identical": True, "trials": 5, "different": 0, "first": None, "differences": [], "out": "again"}
+    assert json.loads(again.stdout) == {
+        "identical": True,
+        "trials": 5,
+        "different": 0,
+        "first": None,
+        "differences": [],
+        "out": "again",
+    }
     assert (tmp_path / "again" / "trials.csv").read_bytes() == (many / "trials.csv").read_bytes()
 
     trials = pd.read_csv(many / "trials.csv", dtype=str, keep_default_na=False)
@@ -98,7 +150,8 @@ def test_reproduce_identical_and_the_first_that_differs(place: Path, tmp_path: P
     assert again.returncode == 1, again.stderr
     assert "differs: numpy 1.0 then, " in again.stdout
     assert (
-        f"2 of 5 trials differ; the first is trial 3: peak_subtalar_angle_deg = {trials.loc[3, 'peak_subtalar_angle_deg']} then, {before} now" in again.stdout
+        "2 of 5 trials differ; the first is trial 3: peak_subtalar_angle_deg = "
+        f"{trials.loc[3, 'peak_subtalar_angle_deg']} then, {before} now" in again.stdout
     )
     assert (tmp_path / "many-again" / "trials.csv").is_file()
 
@@ -112,7 +165,22 @@ def test_reproduce_without_a_ledger(place: Path, tmp_path: Path) -> None:
     outcome = call("reproduce", "many/manifest.json", cwd=tmp_path)
     refused(outcome, 2, "parameters differ", "--set brace.angle_scale=1.5")
     plain = tmp_path / "plain"
-    assert call("study", str(place / "study.toml"), "--trials", "3", "--seed", "8", "--workers", "1", "--out", "plain", cwd=tmp_path).returncode == 0
+    assert (
+        call(
+            "study",
+            str(place / "study.toml"),
+            "--trials",
+            "3",
+            "--seed",
+            "8",
+            "--workers",
+            "1",
+            "--out",
+            "plain",
+            cwd=tmp_path,
+        ).returncode
+        == 0
+    )
     (plain / "ledger.sqlite").unlink()
     shutil.copy(place / "short.toml", plain)
     again = call("reproduce", "plain/manifest.json", "--workers", "1", cwd=tmp_path)
@@ -135,7 +203,11 @@ BAD = [
 
 @pytest.mark.parametrize(("arguments", "words"), BAD, ids=lambda v: " ".join(v) if isinstance(v, list) else str(v))
 def test_bad_input_is_one_line_and_exit_2(
-    arguments: list[str], words: list[str], place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    arguments: list[str],
+    words: list[str],
+    place: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(place)
     before = sorted(p.name for p in place.iterdir())
@@ -152,7 +224,9 @@ def test_landings_of_a_comparison(place: Path, tmp_path: Path) -> None:
     bare = load_scenario("incline30").with_master(stop="5 ms")
     braced = load_scenario("incline30_brace").with_master(stop="5 ms")
     assert {land(bare, tmp_path / "none")["status"], land(braced, tmp_path / "soft")["status"]} == {"completed"}
-    entries = {name: {"folder": name, "status": "completed"} for name in ("none", "soft")} | {"bad": {"folder": "bad", "status": "failed"}}
+    entries = {name: {"folder": name, "status": "completed"} for name in ("none", "soft")} | {
+        "bad": {"folder": "bad", "status": "failed"}
+    }
     (tmp_path / "compare.json").write_text(json.dumps({"braces": entries}))
     runs = load_all(tmp_path)
     assert [run.title for run in runs] == ["none", "soft"]

@@ -16,7 +16,19 @@ def test_figures_of_all_kinds_together(results: Path, tmp_path: Path) -> None:
     outcome = call("plot", *(str(results / n) for n in ("study", "touching", "amv", "run")), "--out", str(tmp_path))
     assert outcome.returncode == 0, outcome.stderr
     names = {p.stem for p in (tmp_path / "figures").iterdir()}
-    assert {"landing", "moment_angle", "cdf", "percentiles", "poses", "amv", "tornado_study", "tornado_touching", "phase", "sharing", "torque_angle"} <= names
+    assert {
+        "landing",
+        "moment_angle",
+        "cdf",
+        "percentiles",
+        "poses",
+        "amv",
+        "tornado_study",
+        "tornado_touching",
+        "phase",
+        "sharing",
+        "torque_angle",
+    } <= names
     assert all((tmp_path / "figures" / f"{n}.{kind}").stat().st_size > 3000 for n in names for kind in ("png", "svg"))
     assert {p: p.stat().st_mtime_ns for p in results.rglob("*") if p.is_file()} == before
     shown = (tmp_path / "figures" / "amv.svg").read_text("utf-8")
@@ -50,10 +62,14 @@ def spoil(folder: Path, kind: str) -> list[str]:
         (folder / "summary.json").write_text("{}")
         return ["not a folder of `sprain-cosim study`"]
     if kind == "a run without signals":
-        (folder / "summary.json").write_text(json.dumps({"status": "completed", "message": "", "scheme": "jacobi", "title": "x"}))
+        (folder / "summary.json").write_text(
+            json.dumps({"status": "completed", "message": "", "scheme": "jacobi", "title": "x"})
+        )
         return ["signals.csv", "no such file"]
     if kind == "broken signals":
-        (folder / "summary.json").write_text(json.dumps({"status": "completed", "message": "", "scheme": "jacobi", "title": "x"}))
+        (folder / "summary.json").write_text(
+            json.dumps({"status": "completed", "message": "", "scheme": "jacobi", "title": "x"})
+        )
         (folder / "signals.csv").write_text("time [s],plant.a\n0,x\n")
         return ["signals.csv", "cannot be read"]
     (folder / "compare.json").write_text('{"braces": {"soft": {}}}')
@@ -62,7 +78,17 @@ def spoil(folder: Path, kind: str) -> list[str]:
 
 @pytest.mark.parametrize("command", ["plot", "report"])
 @pytest.mark.parametrize(
-    "kind", ["empty", "unfinished", "not JSON", "a list", "something else", "a run without signals", "broken signals", "comparison without members"]
+    "kind",
+    [
+        "empty",
+        "unfinished",
+        "not JSON",
+        "a list",
+        "something else",
+        "a run without signals",
+        "broken signals",
+        "comparison without members",
+    ],
 )
 def test_wrong_folders_end_in_one_line(command: str, kind: str, tmp_path: Path) -> None:
     words = spoil(tmp_path / "x", kind)

@@ -102,7 +102,16 @@ def test_a_landing_a_search_and_two_poses(results: Path) -> None:
 
 
 def test_a_grid_is_no_sample(tmp_path: Path) -> None:
-    head = {"title": "g", "method": "grid", "n_requested": 6, "n_completed": 6, "n_failed": 0, "initial_pose": "touching", "study": "g", "responses": {}}
+    head = {
+        "title": "g",
+        "method": "grid",
+        "n_requested": 6,
+        "n_completed": 6,
+        "n_failed": 0,
+        "initial_pose": "touching",
+        "study": "g",
+        "responses": {},
+    }
     (tmp_path / "summary.json").write_text(json.dumps(head))
     grid = '"controller.coactivation" = [0, 1, 2]\n"brace.angle_scale" = [1, 2]'
     (tmp_path / "study.toml").write_text(f'scenario = "x"\n[grid]\n{grid}\n[study]\nmethod = "grid"')
@@ -121,7 +130,9 @@ def test_a_grid_is_no_sample(tmp_path: Path) -> None:
 def test_a_comparison(results: Path) -> None:
     _, page = made(results / "compared")
     data = json.loads((results / "compared" / "compare.json").read_text())
-    change = {n: b["difference_to_none"]["peak_subtalar_angle_deg"]["value"] for n, b in data["braces"].items() if n != "none"}
+    change = {
+        n: b["difference_to_none"]["peak_subtalar_angle_deg"]["value"] for n, b in data["braces"].items() if n != "none"
+    }
     best = min(change, key=lambda n: change[n])
     verdict = " ".join(page.sections["verdict"].split())
     assert f"{best} lowered the peak of supination most of all: by {-change[best]:.1f}°" in verdict
@@ -143,7 +154,9 @@ def test_where_it_goes(results: Path, tmp_path: Path) -> None:
     assert call("report", str(tmp_path / "a")).returncode == 0
     assert (tmp_path / "a" / "report.html").is_file()
     assert call("report", str(tmp_path / "a"), "--out", str(tmp_path / "new" / "b")).returncode == 0
-    assert (tmp_path / "new" / "b" / "report.html").read_bytes() == (tmp_path / "a" / "report.html").read_bytes(), "the same folder, the same bytes"
+    assert (tmp_path / "new" / "b" / "report.html").read_bytes() == (tmp_path / "a" / "report.html").read_bytes(), (
+        "the same folder, the same bytes"
+    )
 
 
 def test_texts_from_the_folder_are_escaped(results: Path, tmp_path: Path) -> None:
@@ -194,7 +207,10 @@ def test_a_thousand_trials_in_ten_seconds_and_five_megabytes(results: Path, tmp_
     table["trial"] = range(1000)
     table.to_csv(tmp_path / "s" / "trials.csv", index=False)
     for trial in range(24, 100):
-        shutil.copy(tmp_path / "s" / "trajectories" / f"{trial % 24:06d}.csv.gz", tmp_path / "s" / "trajectories" / f"{trial:06d}.csv.gz")
+        shutil.copy(
+            tmp_path / "s" / "trajectories" / f"{trial % 24:06d}.csv.gz",
+            tmp_path / "s" / "trajectories" / f"{trial:06d}.csv.gz",
+        )
     head = json.loads((tmp_path / "s" / "summary.json").read_text())
     head["trajectories"]["first"] = 100
     (tmp_path / "s" / "summary.json").write_text(json.dumps(head))

@@ -1,4 +1,5 @@
-"""The command line as a user meets it, in processes of its own: output, exit codes, one line per error, nothing half-written."""
+"""The command line as a user meets it, in processes of its own: output, exit codes, one line per error, nothing
+half-written."""
 
 from __future__ import annotations
 
@@ -20,7 +21,14 @@ def call(*arguments: str, cwd: Path | None = None, **environment: str) -> subpro
     import os
 
     env = {**os.environ, "PYTHONPATH": str(ROOT), **environment}
-    return subprocess.run([sys.executable, "-m", "sprain_cosim", *arguments], capture_output=True, text=True, cwd=cwd, env=env, timeout=120)
+    return subprocess.run(
+        [sys.executable, "-m", "sprain_cosim", *arguments],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        env=env,
+        timeout=120,
+    )
 
 
 def refused(outcome: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
@@ -47,7 +55,9 @@ def test_table_and_folder(tmp_path: Path) -> None:
     signals = pd.read_csv(out / "signals.csv")
     assert len(signals) == 301
     assert signals.columns[0] == "time [s]"
-    assert signals["plant.subtalar_angle [rad]"].max() == pytest.approx(summary["metrics"]["peak_subtalar_angle_deg"] * 0.017453292519943295, rel=1e-8)
+    assert signals["plant.subtalar_angle [rad]"].max() == pytest.approx(
+        summary["metrics"]["peak_subtalar_angle_deg"] * 0.017453292519943295, rel=1e-8
+    )
     assert (out / "landing.png").read_bytes().startswith(b"\x89PNG")
     again = call("run", "incline30_brace", "--out", str(out), "--set", "brace.angle_scale=1.5")
     assert again.returncode == 0
@@ -59,7 +69,19 @@ def test_table_and_folder(tmp_path: Path) -> None:
 
 def test_an_adaptive_step_reports_on_the_regular_grid(tmp_path: Path) -> None:
     out = tmp_path / "run"
-    outcome = call("run", "incline30_brace", "--scheme", "gauss-seidel", "--adaptive", "1 %", "--identify", "5", "--out", str(out), "--json")
+    outcome = call(
+        "run",
+        "incline30_brace",
+        "--scheme",
+        "gauss-seidel",
+        "--adaptive",
+        "1 %",
+        "--identify",
+        "5",
+        "--out",
+        str(out),
+        "--json",
+    )
     assert outcome.returncode == 0, outcome.stderr
     summary = json.loads(outcome.stdout)
     assert summary["exchanges"] > 300
@@ -91,7 +113,10 @@ BAD = [
     (["run", "incline30", "--set", "plnt.drop_height=0.3m"], ["no component 'plnt'", "did you mean plant?"]),
     (["run", "incline30", "--set", "plant.drop_height=0.3"], ["plant.drop_height", "needs a unit"]),
     (["run", "incline30", "--set", "plant.drop_height=3 deg"], ["plant.drop_height", "expected m"]),
-    (["run", "incline30", "--set", "plant.drop_height=-1 m"], ["plant.drop_height = -1 m", "outside its range 0 ... 5 m"]),
+    (
+        ["run", "incline30", "--set", "plant.drop_height=-1 m"],
+        ["plant.drop_height = -1 m", "outside its range 0 ... 5 m"],
+    ),
     (["run", "incline30", "--set", "plant.drop_height"], ["--set", "COMPONENT.PARAMETER=VALUE"]),
     (["run", "incline30", "--set", "plant.initial_pose=sitting"], ["must be one of touching, published"]),
     (["run", "incline30", "--set", "plant.ground_force=1 N"], ["is an output, not a parameter"]),
@@ -120,12 +145,18 @@ FILES = [
     ('base = "incline30"\n[parameters]\n"plant.drop_height" = 0.3\n', ['needs a unit, for example "0.3 m"']),
     ('base = "incline30_brace"\n', None),
     ('base = "second"\n', ["one level is allowed"]),
-    ('base = "incline30"\n[connections]\n"plant.ext_dig_excitation" = "controller.ext_dig_excitatio"\n', ["did you mean ext_dig_excitation?"]),
+    (
+        'base = "incline30"\n[connections]\n"plant.ext_dig_excitation" = "controller.ext_dig_excitatio"\n',
+        ["did you mean ext_dig_excitation?"],
+    ),
     (
         'base = "incline30"\n[connections]\n"plant.ext_dig_excitation" = "controller.ext_dig_stretch_velocity"\n',
         ["is an input; only an output can feed an input"],
     ),
-    ('base = "incline30"\n[connections]\n"plant.ext_dig_excitation" = "plant.ground_force"\n', ["the units do not match"]),
+    (
+        'base = "incline30"\n[connections]\n"plant.ext_dig_excitation" = "plant.ground_force"\n',
+        ["the units do not match"],
+    ),
     ('base = "incline30"\n[connections]\n"a" = "b"\n"a" = "c"\n', ["not valid TOML"]),
     ('base = "incline30"\n[master]\ncommunication_step = 0.5\n', ["master.communication_step", "needs a unit"]),
     ('base = "incline30"\n[master]\nstep = "0.5 ms"\n', ["unknown key 'step'"]),
@@ -152,9 +183,17 @@ def test_bad_scenario_files(text: str, words: list[str] | None, tmp_path: Path) 
 
 def test_all_problems_of_a_file_at_once(tmp_path: Path) -> None:
     (tmp_path / "case.toml").write_text(
-        'base = "incline30"\n[parameters]\n"plant.drop_height" = 0.3\n"plant.platform_incline" = "30 m"\n"plant.gravity" = 9.81\n'
+        'base = "incline30"\n[parameters]\n"plant.drop_height" = 0.3\n"plant.platform_incline" = "30 '
+        'm"\n"plant.gravity" = 9.81\n'
     )
-    refused(call("run", "case.toml", cwd=tmp_path), 2, "3 problems", "plant.drop_height", "plant.platform_incline", "plant.gravity")
+    refused(
+        call("run", "case.toml", cwd=tmp_path),
+        2,
+        "3 problems",
+        "plant.drop_height",
+        "plant.platform_incline",
+        "plant.gravity",
+    )
 
 
 FAULTS = {
@@ -166,7 +205,10 @@ FAULTS = {
         'def step(self, time, step):\n    if time > 0.01:\n        raise RuntimeError("the strap broke")',
         ["brace: reported an error in the step from 0.0105 s", "RuntimeError: the strap broke"],
     ),
-    "at the start": ('def initialise(self):\n    raise RuntimeError("no strap")', ["brace: reported an error", "RuntimeError: no strap"]),
+    "at the start": (
+        'def initialise(self):\n    raise RuntimeError("no strap")',
+        ["brace: reported an error", "RuntimeError: no strap"],
+    ),
 }
 
 
@@ -194,24 +236,43 @@ def test_a_run_that_a_device_ends_is_stopped(tmp_path: Path) -> None:
 
 def test_a_step_the_device_cannot_take(tmp_path: Path) -> None:
     fmu = make_fmu(tmp_path, "slow", brace_variables(), "def step(self, time, step):\n    pass", "FIXED_STEP = 0.001")
-    refused(call("run", "incline30", "--fmu", f"brace={fmu}"), 2, "brace takes only whole multiples of its own 1 ms", "use 1 ms or 2 ms")
+    refused(
+        call("run", "incline30", "--fmu", f"brace={fmu}"),
+        2,
+        "brace takes only whole multiples of its own 1 ms",
+        "use 1 ms or 2 ms",
+    )
     assert call("run", "incline30", "--fmu", f"brace={fmu}", "--step", "1 ms").returncode == 0
 
 
 def test_an_input_fed_twice(tmp_path: Path) -> None:
     (tmp_path / "case.toml").write_text('base = "incline30_brace"\n')
-    (tmp_path / "case.toml").write_text('base = "incline30"\n[components.brace]\nfmu = "brace_bushing"\n[components.second]\nfmu = "brace_bushing"\n')
-    refused(call("run", "case.toml", cwd=tmp_path), 2, "plant.brace_rotation_x_torque: fed by brace.rotation_x_torque and by second.rotation_x_torque")
+    (tmp_path / "case.toml").write_text(
+        'base = "incline30"\n[components.brace]\nfmu = "brace_bushing"\n[components.second]\nfmu = "brace_bushing"\n'
+    )
+    refused(
+        call("run", "case.toml", cwd=tmp_path),
+        2,
+        "plant.brace_rotation_x_torque: fed by brace.rotation_x_torque and by second.rotation_x_torque",
+    )
 
 
 def test_a_device_that_lacks_a_parameter_gets_one_warning(tmp_path: Path) -> None:
-    fmu = make_fmu(tmp_path, "spring", brace_variables(), 'def refresh(self):\n    self["subtalar_torque"] = -self["k"] * self["subtalar_angle"]\n\n'
-                   "def initialise(self):\n    self.refresh()\n\ndef step(self, time, step):\n    self.refresh()")  # fmt: skip
+    fmu = make_fmu(tmp_path, "spring", brace_variables(), 'def refresh(self):\n    self["subtalar_torque"] = '
+                                                          '-self["k"] * self["subtalar_angle"]\n\n'
+                   "def initialise(self):\n    self.refresh()\n\ndef step(self, time, step):\n    "
+                   "self.refresh()")  # fmt: skip
     outcome = call("run", "incline30_brace", "--fmu", f"brace={fmu}", "--json")
     assert outcome.returncode == 0
-    assert outcome.stderr.splitlines() == ["warning: brace: spring.fmu has no angle_scale; the scenario's value is dropped"]
+    assert outcome.stderr.splitlines() == [
+        "warning: brace: spring.fmu has no angle_scale; the scenario's value is dropped"
+    ]
     assert json.loads(outcome.stdout)["dropped"] == ["brace.angle_scale"]
-    refused(call("run", "incline30_brace", "--fmu", f"brace={fmu}", "--set", "brace.angle_scale=2"), 2, "brace has no variable 'angle_scale'")
+    refused(
+        call("run", "incline30_brace", "--fmu", f"brace={fmu}", "--set", "brace.angle_scale=2"),
+        2,
+        "brace has no variable 'angle_scale'",
+    )
 
 
 def test_a_folder_in_use_is_left_alone(tmp_path: Path) -> None:
@@ -260,7 +321,20 @@ def test_study_prints_its_table_and_resumes(tmp_path: Path) -> None:
     assert "24 of 24 trials completed" in outcome.stdout
     assert "29.35" in outcome.stdout, "the published mean stands beside ours"
     before = (out / "trials.csv").read_bytes()
-    again = call("study", "study6", "--trials", "24", "--workers", "1", "--out", str(out), "--resume", "--json", "--progress", "json")
+    again = call(
+        "study",
+        "study6",
+        "--trials",
+        "24",
+        "--workers",
+        "1",
+        "--out",
+        str(out),
+        "--resume",
+        "--json",
+        "--progress",
+        "json",
+    )
     assert again.returncode == 0, again.stderr
     assert json.loads(again.stdout)["n_completed"] == 24
     assert json.loads(again.stderr.splitlines()[-1])["finished"] == 24
@@ -273,10 +347,23 @@ def test_study_prints_its_table_and_resumes(tmp_path: Path) -> None:
     [
         ('scenario = "incline31"', ["incline31", "incline30"]),
         ('scenario = "incline30"\n[marginals]\n"plant.drop_hight" = { fixed = "0.3 m" }', ["drop_height"]),
-        ('scenario = "incline30"\n[marginals]\n"plant.drop_height" = { normal = { mean = 0.3, sd = 0.05 } }', ["needs a unit"]),
-        ('scenario = "incline30"\n[marginals]\n"plant.drop_height" = { normal = { mean = "0.1 m", sd = "0.1 m" } }', ["% of the trials", "lognormal"]),
-        ('scenario = "incline30"\n[marginals]\n"plant.subtalar_angle_at_contact" = { normal = { mean = "0 rad", sd = "5 rad" } }', ["% of the trials"]),
-        ('scenario = "incline30"\n[marginals]\n"plant.drop_height" = { lognormal = { mean = "0 m", sd = "0 m" } }', ["fixed"]),
+        (
+            'scenario = "incline30"\n[marginals]\n"plant.drop_height" = { normal = { mean = 0.3, sd = 0.05 } }',
+            ["needs a unit"],
+        ),
+        (
+            'scenario = "incline30"\n[marginals]\n"plant.drop_height" = { normal = { mean = "0.1 m", sd = "0.1 m" } }',
+            ["% of the trials", "lognormal"],
+        ),
+        (
+            'scenario = "incline30"\n[marginals]\n"plant.subtalar_angle_at_contact" = { normal = { mean = "0 rad", sd '
+            '= "5 rad" } }',
+            ["% of the trials"],
+        ),
+        (
+            'scenario = "incline30"\n[marginals]\n"plant.drop_height" = { lognormal = { mean = "0 m", sd = "0 m" } }',
+            ["fixed"],
+        ),
         ('scenario = "incline30"\n[study]\nmethod = "monte-carl"', ["monte-carlo"]),
         ('scenario = "incline30"\n[marginal]\n', ["marginals"]),
     ],
@@ -289,8 +376,17 @@ def test_study_file_that_cannot_be_used(tmp_path: Path, content: str, words: lis
 
 def test_compare_prints_its_table_and_ends_with_3_where_a_brace_failed(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    bad = make_fmu(tmp_path, "bad", brace_variables(), 'def step(self, time, step):\n    raise RuntimeError("the strap broke")')
-    braces = ["--brace", "linear=brace_linear", "--brace", f"bad={bad}", "--set", "linear.subtalar_stiffness_coefficient=60 N.m/rad"]
+    bad = make_fmu(
+        tmp_path, "bad", brace_variables(), 'def step(self, time, step):\n    raise RuntimeError("the strap broke")'
+    )
+    braces = [
+        "--brace",
+        "linear=brace_linear",
+        "--brace",
+        f"bad={bad}",
+        "--set",
+        "linear.subtalar_stiffness_coefficient=60 N.m/rad",
+    ]
     outcome = call("compare", "incline30", *braces, "--out", str(out), "--progress", "none")
     refused_after_work = [line for line in outcome.stderr.splitlines() if line.startswith("error: ")]
     assert outcome.returncode == 3
@@ -298,7 +394,11 @@ def test_compare_prints_its_table_and_ends_with_3_where_a_brace_failed(tmp_path:
     assert "1 of 3 failed: bad: " in refused_after_work[0]
     assert "the strap broke" in refused_after_work[0]
     data = json.loads((out / "compare.json").read_text())
-    assert f"{data['braces']['linear']['difference_to_none']['peak_subtalar_angle_deg']['value']:+.2f}" in outcome.stdout
-    assert data["braces"]["linear"]["resistance_Nm"]["supination_10deg"] == pytest.approx(60 * 0.17453292519943295, rel=1e-9)
+    assert (
+        f"{data['braces']['linear']['difference_to_none']['peak_subtalar_angle_deg']['value']:+.2f}" in outcome.stdout
+    )
+    assert data["braces"]["linear"]["resistance_Nm"]["supination_10deg"] == pytest.approx(
+        60 * 0.17453292519943295, rel=1e-9
+    )
     refused(call("compare", "incline30", "--brace", "linear"), 2, "--brace linear: must read NAME=FILE")
     refused(call("compare", "incline30", "--brace", "a=brace_linear", "--map", "b=x.toml"), 2, "there is no --brace b=")

@@ -1,4 +1,5 @@
-"""The documentation site builds without a warning, asks no other server for anything, and holds every command and equation."""
+"""The documentation site builds without a warning, asks no other server for anything, and holds every command and
+equation."""
 
 from __future__ import annotations
 
@@ -20,7 +21,15 @@ pytest.importorskip("mkdocs", reason="the extra [docs] is not installed")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
-    built = subprocess.run(command, cwd=ROOT, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True, timeout=300, check=False)
+    built = subprocess.run(
+        command,
+        cwd=ROOT,
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
     assert built.returncode == 0, built.stderr
     assert "WARNING" not in built.stderr
     return folder

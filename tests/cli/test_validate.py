@@ -23,7 +23,18 @@ def test_list_runs_nothing() -> None:
 
 
 def test_quick_checks_pass_and_are_written(tmp_path: Path) -> None:
-    result = call("--only", "uq-0[1-8]", "--only", "code-03", "--quick", "--json", "--out", str(tmp_path / "v"), "--junit", str(tmp_path / "j.xml"))
+    result = call(
+        "--only",
+        "uq-0[1-8]",
+        "--only",
+        "code-03",
+        "--quick",
+        "--json",
+        "--out",
+        str(tmp_path / "v"),
+        "--junit",
+        str(tmp_path / "j.xml"),
+    )
     assert result.return_value == 0
     data = json.loads(result.stdout)
     assert data["counts"] == {"pass": 9, "known gap": 0, "fail": 0, "not run": 0}
@@ -42,7 +53,8 @@ def test_a_known_gap_is_shown_and_fails_only_a_strict_run() -> None:
 
 def test_a_failing_check_of_a_user_exits_1(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(
-        '[[check]]\nid = "hopeless"\ntitle = "No brace holds this"\nscenario = "incline30"\nmetric = "peak_subtalar_angle_deg"\n'
+        '[[check]]\nid = "hopeless"\ntitle = "No brace holds this"\nscenario = "incline30"\nmetric = '
+        '"peak_subtalar_angle_deg"\n'
         'expected = 5\ntolerance = 1\nwhy = "hope"\nsource = "none"\n'
     )
     result = call("--checks", str(tmp_path), "--only", "custom")

@@ -1,4 +1,5 @@
-"""Run by test_libcosim.py with the Python of an environment that has libcosimpy: the task on stdin, the series on stdout, both JSON."""
+"""Run by test_libcosim.py with the Python of an environment that has libcosimpy: the task on stdin, the series on
+stdout, both JSON."""
 
 import json
 import sys

@@ -42,10 +42,14 @@ ALL = [(f, a, t) for f in (2, 3) for a in ("rad", "deg") for t in ("N.m", "N.mm"
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize(("fmi", "angle", "torque"), [c if c in QUICK else pytest.param(*c, marks=pytest.mark.long) for c in ALL])
+@pytest.mark.parametrize(
+    ("fmi", "angle", "torque"), [c if c in QUICK else pytest.param(*c, marks=pytest.mark.long) for c in ALL]
+)
 def test_wrong_sign_in_a_mapping(sign: float, fmi: int, angle: str, torque: str, tmp_path: Path) -> None:
     fmu = device(tmp_path / "device.fmu", fmi, sign=-1.0, angle=angle, torque=torque, names=("In1_InvAngle", "M_out"))
-    (tmp_path / "map.toml").write_text(f'[inputs]\nsubtalar_angle = "In1_InvAngle"\n[outputs]\nsubtalar_torque = {{ from = "M_out", factor = {sign} }}')
+    (tmp_path / "map.toml").write_text(
+        f'[inputs]\nsubtalar_angle = "In1_InvAngle"\n[outputs]\nsubtalar_torque = {{ from = "M_out", factor = {sign} }}'
+    )
     report = check_brace(fmu, tmp_path / "map.toml")
     assert report.fits == (sign < 0), report.text()
     assert sign < 0 or "change that of factor in outputs.subtalar_torque" in report.problems[0]
@@ -90,7 +94,10 @@ def test_a_library_that_hangs_when_loaded(tmp_path: Path, monkeypatch: pytest.Mo
 HABITS = {  # quirk: (verdict, a word of the report)
     "plain": ("fits", "symmetric"),
     "late": ("fits", "one communication step late"),
-    "refuses": ("fits with warnings", "fixed step of its own that it does not declare: takes 1, 2, 5 ms, refuses 0.1, 0.2, 0.5 ms"),
+    "refuses": (
+        "fits with warnings",
+        "fixed step of its own that it does not declare: takes 1, 2, 5 ms, refuses 0.1, 0.2, 0.5 ms",
+    ),
     "silent": ("does not fit", "whatever step it is asked for"),
     "stale_reset": ("fits with warnings", "every run takes a fresh instance"),
     "stale_state": ("does not fit", "withdraw the claim"),
@@ -136,7 +143,8 @@ def test_every_wrong_sign_is_caught(fmi: int, angle: str, torque: str, tmp_path:
 
 
 def test_its_own_step(tmp_path: Path) -> None:
-    """Found by the probes, written into the mapping, kept to by every run: other communication steps are refused, naming the nearest."""
+    """Found by the probes, written into the mapping, kept to by every run: other communication steps are refused,
+    naming the nearest."""
     fmu = quirk(tmp_path / "device.fmu", "refuses")
     mapping = tmp_path / "map.toml"
     mapping.write_text(check_brace(fmu).proposal)
@@ -144,7 +152,10 @@ def test_its_own_step(tmp_path: Path) -> None:
     assert report.verdict == "fits"
     assert report.next_step.endswith('--step "1 ms"')
     scenario = load_scenario("incline30").replace_fmu("brace", fmu, mapping)
-    with pytest.raises(InputError, match=r"communication step 0\.5 ms: brace takes only whole multiples of its own 1 ms; use 1 ms or 2 ms"):
+    with pytest.raises(
+        InputError,
+        match=r"communication step 0\.5 ms: brace takes only whole multiples of its own 1 ms; use 1 ms or 2 ms",
+    ):
         scenario.run()
     assert scenario.with_master("gauss-seidel", "1 ms").run().status == "completed"
     study = load_study("study2").replace_fmu("brace", fmu, mapping)
@@ -161,8 +172,13 @@ def test_a_reset_that_is_said_to_work(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["stale_reset", "plain"])
 def test_runs_repeat_whatever_the_reset_does(name: str, tmp_path: Path) -> None:
-    """Without a word on its reset every run has a fresh instance: three runs on open instances are the same to the bit."""
-    scenario = load_scenario("incline30").replace_fmu("brace", quirk(tmp_path / "device.fmu", name)).with_master("gauss-seidel", stop="60 ms")
+    """Without a word on its reset every run has a fresh instance: three runs on open instances are the same to the
+    bit."""
+    scenario = (
+        load_scenario("incline30")
+        .replace_fmu("brace", quirk(tmp_path / "device.fmu", name))
+        .with_master("gauss-seidel", stop="60 ms")
+    )
     with scenario.open() as session:
         first, *others = (session.run().signals for _ in range(3))
     assert all(other.equals(first) for other in others)
@@ -180,7 +196,10 @@ def test_proposal_for_a_joint_coordinate_system() -> None:
     from sprain_cosim.brace.check import propose
 
     names = [f"{axis}_{kind}" for axis in ("DorsiFlex", "Inv", "IntRot") for kind in ("Ang", "Mom")]
-    connectors = {n: connector(n, "output" if n.endswith("Mom") else "input", "N.m" if n.endswith("Mom") else "deg") for n in names}
+    connectors = {
+        n: connector(n, "output" if n.endswith("Mom") else "input", "N.m" if n.endswith("Mom") else "deg")
+        for n in names
+    }
     text = propose(FakeComponent("brace", connectors))  # type: ignore[arg-type]
     parsed = parse(text, "proposal")
     assert {k: v.variable for k, v in parsed.inputs.items()} == {
@@ -195,7 +214,8 @@ def test_proposal_for_a_joint_coordinate_system() -> None:
 def test_a_unit_that_is_declared_wrong(torque: str, factor: float, tmp_path: Path) -> None:
     """Newton metres declared as millimetres, and the other way round: the size gives it away."""
     (tmp_path / "map.toml").write_text(
-        f'[outputs]\nsubtalar_torque = {{ from = "subtalar_torque", factor = {factor if torque == "N.m" else 1.0}, unit = "{torque}" }}'
+        f'[outputs]\nsubtalar_torque = {{ from = "subtalar_torque", factor = {factor if torque == "N.m" else 1.0}, '
+        f'unit = "{torque}" }}'
     )
     report = check_brace(device(tmp_path / "device.fmu"), tmp_path / "map.toml")
     assert report.verdict == "fits with warnings"
@@ -213,7 +233,9 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_no_brace(tmp_path: Path) -> None:
     """A model without angles and torques is told so."""
-    variables = SUBTALAR.replace("subtalar_angle", "u").replace("subtalar_torque", "h").replace('unit="N.m"', 'unit="rad"')
+    variables = (
+        SUBTALAR.replace("subtalar_angle", "u").replace("subtalar_torque", "h").replace('unit="N.m"', 'unit="rad"')
+    )
     report = check_brace(compile_fmu(tmp_path / "ball.fmu", variables=variables))
     assert not report.fits
     assert "no brace" in report.problems[0]

@@ -1,4 +1,5 @@
-"""Braces side by side: the numbers are those of the single runs, rows of a study are the same landings, a crash costs one column."""
+"""Braces side by side: the numbers are those of the single runs, rows of a study are the same landings, a crash costs
+one column."""
 
 from __future__ import annotations
 
@@ -26,14 +27,24 @@ def landing(tmp_path_factory: pytest.TempPathFactory):
     folder = tmp_path_factory.mktemp("landing")
     bad = compile_fmu(folder / "bad.fmu", fault="segfault")
     return compare_braces(
-        "incline30", {"stiff": "brace_bushing", "bad": bad, "linear": "brace_linear"}, settings={"stiff.angle_scale": 2.4}, out=folder / "out"
+        "incline30",
+        {"stiff": "brace_bushing", "bad": bad, "linear": "brace_linear"},
+        settings={"stiff.angle_scale": 2.4},
+        out=folder / "out",
     )
 
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory):
     out = tmp_path_factory.mktemp("study") / "out"
-    return compare_braces("study6", {"paper": "brace_bushing", "linear": "brace_linear"}, settings={"paper.angle_scale": 2.4}, out=out, trials=8, workers=1)
+    return compare_braces(
+        "study6",
+        {"paper": "brace_bushing", "linear": "brace_linear"},
+        settings={"paper.angle_scale": 2.4},
+        out=out,
+        trials=8,
+        workers=1,
+    )
 
 
 def test_a_landing_is_that_of_run(landing) -> None:
@@ -47,25 +58,32 @@ def test_a_landing_is_that_of_run(landing) -> None:
         stiff["peak_subtalar_angle_deg"]["value"] - none["peak_subtalar_angle_deg"]["value"], abs=1e-12
     )
     assert "brace_work_J" not in none
-    assert stiff["anatomy_share"]["value"] == pytest.approx(1 / (1 + stiff["brace_subtalar_moment_Nm"]["value"] / stiff["anatomy_subtalar_moment_Nm"]["value"]))
+    assert stiff["anatomy_share"]["value"] == pytest.approx(
+        1 / (1 + stiff["brace_subtalar_moment_Nm"]["value"] / stiff["anatomy_subtalar_moment_Nm"]["value"])
+    )
     pair = landing.data["pairs"]["linear - stiff"]["peak_subtalar_angle_deg"]["value"]
-    assert pair == pytest.approx(braces["linear"]["metrics"]["peak_subtalar_angle_deg"]["value"] - stiff["peak_subtalar_angle_deg"]["value"], abs=1e-12)
+    assert pair == pytest.approx(
+        braces["linear"]["metrics"]["peak_subtalar_angle_deg"]["value"] - stiff["peak_subtalar_angle_deg"]["value"],
+        abs=1e-12,
+    )
 
 
 def test_work_of_the_torques_is_work_of_the_moments(landing) -> None:
-    """The foot has two degrees of freedom under the shank: torque times Euler angle on three axes is moment times angle on those two."""
+    """The foot has two degrees of freedom under the shank: torque times Euler angle on three axes is moment times angle
+    on those two."""
     for name in ("stiff", "linear"):
         signals = pd.read_csv(landing.out / name / "signals.csv")
         work = sum(
-            np.trapezoid(signals[f"plant.brace_{axis}_moment [N.m]"], signals[f"plant.{axis}_angle [rad]"]) for axis in ("talocrural", "subtalar")
+            np.trapezoid(signals[f"plant.brace_{axis}_moment "
+                                 "[N.m]"], signals[f"plant.{axis}_angle [rad]"]) for axis in ("talocrural", "subtalar")
         )  # fmt: skip
         value = landing.data["braces"][name]["metrics"]["brace_work_J"]["value"]
         assert value == pytest.approx(work, abs=0.02)
 
 
 def test_ordinary_motion(landing) -> None:
-    """A linear brace: stiffness times angle about its axis, nothing about the other. The bushing: its torques projected on the axis, the Euler
-    angles taken from the plant at two neighbouring postures."""
+    """A linear brace: stiffness times angle about its axis, nothing about the other. The bushing: its torques projected
+    on the axis, the Euler angles taken from the plant at two neighbouring postures."""
     linear, stiff = (landing.data["braces"][n]["resistance_Nm"] for n in ("linear", "stiff"))
     assert linear["supination_10deg"] == pytest.approx(30 * math.radians(10), rel=1e-9)
     assert linear["supination_5deg"] == pytest.approx(30 * math.radians(5), rel=1e-9)
@@ -80,14 +98,21 @@ def test_ordinary_motion(landing) -> None:
                 scenario = scenario.override(f"plant.{a}_angle_at_contact", f"{value} deg")
             result = scenario.run()
             angles.append(np.array([result[f"plant.rotation_{k}_angle"][0] for k in "xyz"]))
-        torque = np.array([-np.polyval([c, b, a, 0.0], 2.4 * t) for t, (a, b, c) in zip(angles[1], POLYNOMIALS, strict=True)])
+        torque = np.array(
+            [-np.polyval([c, b, a, 0.0], 2.4 * t) for t, (a, b, c) in zip(angles[1], POLYNOMIALS, strict=True)]
+        )
         projected = torque @ (angles[2] - angles[0]) / math.radians(0.02)
         assert stiff[posture] == pytest.approx(-math.copysign(1, degrees) * projected, rel=1e-4)
 
 
 def test_the_tutorial_shows_what_comes_out(landing) -> None:
     """Its columns of one landing that this one has too, number by number."""
-    page = (ROOT / "docs" / "vendor-tutorial.md").read_text().partition("incline30  ·  ")[2].partition("landings completed")[0]
+    page = (
+        (ROOT / "docs" / "vendor-tutorial.md")
+        .read_text()
+        .partition("incline30  ·  ")[2]
+        .partition("landings completed")[0]
+    )
     shown = {line[:44].strip(): line[44:] for line in page.splitlines() if line.strip()}
     columns = shown[""].split()
     for label, key, factor in LINES:
@@ -140,7 +165,12 @@ def test_a_hang_ends_with_its_child(tmp_path: Path) -> None:
 
 def test_what_the_guard_refuses_is_a_failed_brace(tmp_path: Path) -> None:
     scenario = load_scenario("incline30").with_master(scheme="jacobi")
-    found = compare_braces(scenario, {"steep": "brace_linear"}, settings={"steep.subtalar_stiffness_coefficient": "9000 N.m/rad"}, out=tmp_path / "jacobi")
+    found = compare_braces(
+        scenario,
+        {"steep": "brace_linear"},
+        settings={"steep.subtalar_stiffness_coefficient": "9000 N.m/rad"},
+        out=tmp_path / "jacobi",
+    )
     assert "jacobi" in found.failed[0].message
 
 
@@ -168,7 +198,10 @@ def test_differences_of_a_study_are_paired(study) -> None:
         test = stats.ttest_rel(tables[name], tables[other])
         interval = test.confidence_interval(0.95)
         assert found["value"] == pytest.approx((tables[name] - tables[other]).mean(), rel=1e-9)
-        assert (found["ci_low"], found["ci_high"]) == (pytest.approx(interval.low, rel=1e-9), pytest.approx(interval.high, rel=1e-9))
+        assert (found["ci_low"], found["ci_high"]) == (
+            pytest.approx(interval.low, rel=1e-9),
+            pytest.approx(interval.high, rel=1e-9),
+        )
         assert found["n"] == 8
     apart = stats.ttest_ind(tables["paper"], tables["none"]).confidence_interval(0.95)
     paired = study.data["braces"]["paper"]["difference_to_none"][key]
@@ -187,9 +220,22 @@ def test_a_study_goes_on(study) -> None:
     with pytest.raises(InputError, match="--resume"):
         compare_braces("study6", {"paper": "brace_bushing", "linear": "brace_linear"}, out=study.out, trials=8)
     with pytest.raises(InputError, match="differ"):  # other parameters than the folder was made with
-        compare_braces("study6", {"paper": "brace_bushing", "linear": "brace_linear"}, out=study.out, trials=8, workers=1, resume=True)
+        compare_braces(
+            "study6",
+            {"paper": "brace_bushing", "linear": "brace_linear"},
+            out=study.out,
+            trials=8,
+            workers=1,
+            resume=True,
+        )
     again = compare_braces(
-        "study6", {"paper": "brace_bushing", "linear": "brace_linear"}, settings={"paper.angle_scale": 2.4}, out=study.out, trials=8, workers=1, resume=True
+        "study6",
+        {"paper": "brace_bushing", "linear": "brace_linear"},
+        settings={"paper.angle_scale": 2.4},
+        out=study.out,
+        trials=8,
+        workers=1,
+        resume=True,
     )
     assert again.data == study.data
 
@@ -201,7 +247,12 @@ def test_a_study_goes_on(study) -> None:
         ("incline30", {"none": "brace_bushing"}, {}, "--brace none=.*none of none, plant"),
         ("incline30", {"a-b": "brace_bushing"}, {}, "letters, digits and _"),
         ("incline30", {"soft": "brace_bushin"}, {}, "--brace soft=brace_bushin: .*did you mean brace_bushing"),
-        ("incline30", {"soft": "brace_bushing"}, {"soft.angle_scal": 2.0}, r"--set soft\.angle_scal: .*did you mean angle_scale"),
+        (
+            "incline30",
+            {"soft": "brace_bushing"},
+            {"soft.angle_scal": 2.0},
+            r"--set soft\.angle_scal: .*did you mean angle_scale",
+        ),
         ("incline30", {"soft": "brace_bushing"}, {"brace.angle_scale": 2.0}, r"say whose, such as soft\.angle_scale"),
         ("incline30", {"soft": "brace_bushing"}, {"plant.drop_hight": "0.3 m"}, "did you mean drop_height"),
         ("incline30", {"soft": "plant"}, {}, "soft: "),
@@ -230,7 +281,9 @@ def test_other_files_are_left_alone(tmp_path: Path) -> None:
 
 def test_scenario_or_study_by_what_the_file_says(tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text('base = "incline30"\n')
-    (tmp_path / "b.toml").write_text('scenario = "incline30"\n[marginals]\n"plant.drop_height" = { normal = { mean = "0.3 m", sd = "0.01 m" } }\n')
+    (tmp_path / "b.toml").write_text(
+        'scenario = "incline30"\n[marginals]\n"plant.drop_height" = { normal = { mean = "0.3 m", sd = "0.01 m" } }\n'
+    )
     assert type(load(str(tmp_path / "a.toml"))).__name__ == "Scenario"
     assert type(load(str(tmp_path / "b.toml"))).__name__ == "Study"
     assert type(load("study2")).__name__ == "Study"

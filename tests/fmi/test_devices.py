@@ -56,8 +56,15 @@ def test_declared_stiffness_and_damping(name: str) -> None:
                 device._place(a, v)
                 device.instance.push()
                 device.instance.pull()
-                sides = [-(torques[0] - torques[1]) / 1e-6, -(torques[1] - torques[2]) / 1e-6]  # they differ where a hysteresis turns
-                assert any(said[f"{axis}_{kind}"] == pytest.approx(side, rel=2e-4, abs=1e-5) for side in sides), (k, axis, kind)
+                sides = [
+                    -(torques[0] - torques[1]) / 1e-6,
+                    -(torques[1] - torques[2]) / 1e-6,
+                ]  # they differ where a hysteresis turns
+                assert any(said[f"{axis}_{kind}"] == pytest.approx(side, rel=2e-4, abs=1e-5) for side in sides), (
+                    k,
+                    axis,
+                    kind,
+                )
                 seen += 1
     assert seen
     device.close()
@@ -65,9 +72,20 @@ def test_declared_stiffness_and_damping(name: str) -> None:
 
 def test_linear() -> None:
     device = bench(
-        "brace_linear", "subtalar", subtalar_slack=0.1, subtalar_rest_angle=0.05, subtalar_stiffness_coefficient=40.0, subtalar_damping_coefficient=0.5
+        "brace_linear",
+        "subtalar",
+        subtalar_slack=0.1,
+        subtalar_rest_angle=0.05,
+        subtalar_stiffness_coefficient=40.0,
+        subtalar_damping_coefficient=0.5,
     )
-    for angle, velocity, expected in ((0.1, 3.0, 0.0), (0.25, 0.0, -4.0), (0.25, 2.0, -5.0), (0.25, -20.0, 0.0), (-0.15, -1.0, 4.5)):
+    for angle, velocity, expected in (
+        (0.1, 3.0, 0.0),
+        (0.25, 0.0, -4.0),
+        (0.25, 2.0, -5.0),
+        (0.25, -20.0, 0.0),
+        (-0.15, -1.0, 4.5),
+    ):
         assert device.step(np.array([angle]), np.array([velocity]), 1e-3)[0] == pytest.approx(expected, abs=1e-12)
     device.close()
 
@@ -76,7 +94,9 @@ def test_semi_rigid() -> None:
     """Liner between the stops, shell beyond; torque is minus the slope of the stored energy."""
     device = bench("brace_semi_rigid", "subtalar")
     assert device.step(np.array([0.1]), np.zeros(1), 1e-3)[0] == pytest.approx(-0.8, abs=1e-12)
-    assert device.step(np.array([0.4]), np.zeros(1), 1e-3)[0] == pytest.approx(-(3.2 + 300 * (0.4 - math.radians(15))), abs=1e-9)
+    assert device.step(np.array([0.4]), np.zeros(1), 1e-3)[0] == pytest.approx(
+        -(3.2 + 300 * (0.4 - math.radians(15))), abs=1e-9
+    )
     reference = device.component.connectors["stored_energy"].reference
     for angle in (-0.4, -0.27, 0.05, 0.25, 0.28, 0.5):
         energies = []
@@ -103,7 +123,8 @@ def test_rate_dependent() -> None:
 
 
 def test_active() -> None:
-    """No trigger when slow; after it, the actuator approaches its limit with its lag; below the threshold it lets go."""
+    """No trigger when slow; after it, the actuator approaches its limit with its lag; below the threshold it lets
+    go."""
     device = bench("brace_active", "subtalar", passive_stiffness=0.0)
     assert device.step(np.array([0.5]), np.array([1.0]), 1e-3)[0] == 0.0
     for k in range(1, 9):
@@ -125,7 +146,8 @@ TABLE = """angle [deg],subtalar_resistance_loading [lbf.in],subtalar_resistance_
 
 
 def test_from_csv(tmp_path: Path) -> None:
-    """Loading on the way out, unloading on the way back, in another unit; straight on outside; fits, runs, and is its own FMU."""
+    """Loading on the way out, unloading on the way back, in another unit; straight on outside; fits, runs, and is its
+    own FMU."""
     (tmp_path / "cuff.csv").write_text(TABLE)
     told = CliRunner().invoke(cli, ["brace", "from-csv", str(tmp_path / "cuff.csv")], standalone_mode=False)
     assert told.exception is None, told.exception
@@ -134,13 +156,17 @@ def test_from_csv(tmp_path: Path) -> None:
     report = check_brace(fmu)
     assert report.fits, report.text()
     assert not report.warnings
-    x, loading, unloading = np.array([[-30, -10, 0, 10, 20, 40], [-60, -15, 0, 12, 30, 120], [-40, -10, 0, 8, 24, 90]], float)
+    x, loading, unloading = np.array(
+        [[-30, -10, 0, 10, 20, 40], [-60, -15, 0, 12, 30, 120], [-40, -10, 0, 8, 24, 90]], float
+    )
     factor = 0.45359237 * 9.80665 * 0.0254
     device = bench(fmu, "subtalar")
     for turned, values in ((1, loading), (-1, unloading)):
         curve = PchipInterpolator(x, -factor * values)
         for angle in sorted((4.0, 15.0, 33.0), reverse=turned < 0):
-            assert device.step(np.deg2rad([angle]), np.zeros(1), 1e-3)[0] == pytest.approx(float(curve(angle)), rel=1e-9)
+            assert device.step(np.deg2rad([angle]), np.zeros(1), 1e-3)[0] == pytest.approx(
+                float(curve(angle)), rel=1e-9
+            )
         if turned > 0:
             at = device.step(np.deg2rad([50.0]), np.zeros(1), 1e-3)[0]
             assert at == pytest.approx(float(curve(40) + 10 * curve.derivative()(40)), rel=1e-9)
@@ -151,8 +177,16 @@ def test_from_csv(tmp_path: Path) -> None:
 
 
 def test_from_csv_gives_back_what_was_measured(tmp_path: Path) -> None:
-    """Two axes in other units, each with its own angles, blank lines between: every measured torque comes out of the FMU, in the contract's sign."""
-    rows = [(-0.5, 9000.0, None), (-0.2, 2000.0, 2.5), (0.0, 0.0, 0.1), (0.15, None, -2.0), (0.4, -5000.0, -9.5), (0.6, -9000.0, None)]
+    """Two axes in other units, each with its own angles, blank lines between: every measured torque comes out of the
+    FMU, in the contract's sign."""
+    rows = [
+        (-0.5, 9000.0, None),
+        (-0.2, 2000.0, 2.5),
+        (0.0, 0.0, 0.1),
+        (0.15, None, -2.0),
+        (0.4, -5000.0, -9.5),
+        (0.6, -9000.0, None),
+    ]
     text = "\n\n".join(f"{x},{'' if t is None else t},{'' if s is None else s}" for x, t, s in rows)
     (tmp_path / "shell.csv").write_text(f"angle [rad], talocrural_torque [N.mm], subtalar_torque [N.m]\n{text}\n")
     spans = from_csv(tmp_path / "shell.csv", tmp_path / "shell.fmu", fmu_path("brace_table", Path.cwd(), ""))
@@ -173,13 +207,19 @@ def test_from_csv_gives_back_what_was_measured(tmp_path: Path) -> None:
         ((",", ";"), "separated by semicolons; save it with commas"),
         (("\n10,12,8", "\n\n\n10,zwölf,8"), r"row 7, column 2 .*'zwölf' is not a number"),
         (("0,0,0", ",0,0"), r"row 4, column 1 \(angle \[deg\]\): '' is not a number"),
-        (("10,12,8", "10,zwölf,8"), r"row 5, column 2 \(subtalar_resistance_loading \[lbf.in\]\): 'zwölf' is not a number"),
+        (
+            ("10,12,8", "10,zwölf,8"),
+            r"row 5, column 2 \(subtalar_resistance_loading \[lbf.in\]\): 'zwölf' is not a number",
+        ),
         (("10,12,8", "-12,12,8"), r"row 5, column 1 \(angle\): -12 does not rise \(row 4 has 0\)"),
         (("10,12,8", "10,12"), r"row 5: 2 cells, the header has 3"),
         (("10,12,8", "10,nan,8"), r"row 5, column 2 .*not finite"),
         (("angle [deg]", "angle"), r"column 1 'angle': must read name \[unit\]"),
         (("loading [lbf.in]", "loading [deg]"), r"deg is not a unit of torque"),
-        (("subtalar_resistance_unloading", "subtaler_resistance_unloading"), r"did you mean subtalar_resistance_unloading"),
+        (
+            ("subtalar_resistance_unloading", "subtaler_resistance_unloading"),
+            r"did you mean subtalar_resistance_unloading",
+        ),
         (("subtalar_resistance_unloading", "talocrural_resistance"), r"give one column, or both"),
         (("_resistance_", "_torque_"), r"pushes the foot further.*subtalar_resistance_loading"),
         (("40,120,90", "40,120,290"), r"unloading resists more than loading"),

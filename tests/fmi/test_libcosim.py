@@ -1,5 +1,6 @@
-"""The same FMU pair under libcosim's fixed-step algorithm and under scheme jacobi: equal to 1e-12. libcosim needs an environment of its own:
-python -m venv DIR; DIR/bin/pip install libcosimpy; SPRAIN_LIBCOSIM=DIR/bin/python (found without it where `make bench` has made one)."""
+"""The same FMU pair under libcosim's fixed-step algorithm and under scheme jacobi: equal to 1e-12. libcosim needs an
+environment of its own: python -m venv DIR; DIR/bin/pip install libcosimpy; SPRAIN_LIBCOSIM=DIR/bin/python (found
+without it where `make bench` has made one)."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ STEPS, STEP_NS = 300, 500_000
 
 
 def pair(folder: Path) -> tuple[Component, Component]:
-    """A foot and a viscoelastic, stiffening brace, both in C; neither answers in its own step to what the other one does in it."""
+    """A foot and a viscoelastic, stiffening brace, both in C; neither answers in its own step to what the other one
+    does in it."""
     foot = device(
         folder / "foot.fmu",
         names=("brace_subtalar_torque", "subtalar_angle"),
@@ -33,7 +35,10 @@ def pair(folder: Path) -> tuple[Component, Component]:
     return Component.read("plant", foot), Component.read("brace", device(folder / "brace.fmu"))
 
 
-@pytest.mark.skipif(not PYTHON.exists(), reason=f"no environment with libcosimpy ({PYTHON}); make one and set SPRAIN_LIBCOSIM to its Python")
+@pytest.mark.skipif(
+    not PYTHON.exists(),
+    reason=f"no environment with libcosimpy ({PYTHON}); make one and set SPRAIN_LIBCOSIM to its Python",
+)
 def test_jacobi_is_libcosim_s_fixed_step_algorithm(tmp_path: Path) -> None:
     parts = pair(tmp_path)
     system = System(parts, connect(parts, {})[0])
@@ -54,7 +59,13 @@ def test_jacobi_is_libcosim_s_fixed_step_algorithm(tmp_path: Path) -> None:
         "connections": [(end(source), end(target)) for target, source in system.connections.items()],
         "watch": [end(name) for name in watch],
     }
-    outcome = subprocess.run([PYTHON, Path(__file__).with_name("libcosim_run.py")], input=json.dumps(task), capture_output=True, text=True, timeout=120)
+    outcome = subprocess.run(
+        [PYTHON, Path(__file__).with_name("libcosim_run.py")],
+        input=json.dumps(task),
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
     assert outcome.returncode == 0, outcome.stderr
     theirs = np.array(json.loads(outcome.stdout))
     for k, name in enumerate(watch):

@@ -39,11 +39,21 @@ def text(sign: float, angle: str = "", torque: str = "") -> str:
 @pytest.mark.parametrize("angle", ["rad", "deg"])
 @pytest.mark.parametrize("torque", ["N.m", "N.mm", "lbf.in"])
 @pytest.mark.parametrize("declared", [True, False])
-def test_same_trajectory(fmi: int, sign: float, angle: str, torque: str, declared: bool, baseline: np.ndarray, tmp_path: Path) -> None:  # noqa: F811
+def test_same_trajectory(
+    fmi: int,
+    sign: float,
+    angle: str,
+    torque: str,
+    declared: bool,
+    baseline: np.ndarray,  # noqa: F811
+    tmp_path: Path,
+) -> None:
     """Other names, both signs, any units, declared in the FMU or in the mapping: the landing of the SI brace."""
     fmu = device(tmp_path / "vendor.fmu", fmi, sign=sign, angle=angle, torque=torque, names=NAMES, declared=declared)
     (tmp_path / "vendor.map.toml").write_text(text(sign) if declared else text(sign, angle, torque))
-    scenario = load_scenario("incline30").replace_fmu("brace", fmu, tmp_path / "vendor.map.toml").with_master("gauss-seidel")
+    scenario = (
+        load_scenario("incline30").replace_fmu("brace", fmu, tmp_path / "vendor.map.toml").with_master("gauss-seidel")
+    )
     result = scenario.run()
     assert result.status == "completed", result.message
     assert np.abs(np.asarray(result.signals["plant.subtalar_angle"]) - baseline).max() < 1e-9
@@ -58,14 +68,16 @@ def test_in_a_scenario_file(baseline: np.ndarray, tmp_path: Path) -> None:  # no
     device(tmp_path / "vendor.fmu", sign=-1.0, names=NAMES)
     (tmp_path / "vendor.map.toml").write_text(text(-1.0))
     (tmp_path / "mine.toml").write_text(
-        'base = "incline30"\n[components.brace]\nfmu = "vendor.fmu"\nmap = "vendor.map.toml"\n[master]\nscheme = "gauss-seidel"\n'
+        'base = "incline30"\n[components.brace]\nfmu = "vendor.fmu"\nmap = "vendor.map.toml"\n[master]\nscheme = '
+        '"gauss-seidel"\n'
     )
     result = load_scenario(tmp_path / "mine.toml").run()
     assert np.abs(np.asarray(result.signals["plant.subtalar_angle"]) - baseline).max() < 1e-9
 
 
 def test_offset(tmp_path: Path) -> None:
-    """Factor and offset act in the FMU's unit: subtalar 0.1 rad arrives as -5.7296 + 3 deg; 20 N.mm leave as 20 * 0.5 + 4 = 14 N.mm."""
+    """Factor and offset act in the FMU's unit: subtalar 0.1 rad arrives as -5.7296 + 3 deg; 20 N.mm leave as 20 * 0.5 +
+    4 = 14 N.mm."""
     mapping = parse(
         '[inputs]\nsubtalar_angle = { to = "subtalar_angle", factor = -1, offset = 3 }\n'
         '[outputs]\nsubtalar_torque = { from = "subtalar_torque", factor = 0.5, offset = 4 }',
@@ -89,7 +101,10 @@ def test_offset(tmp_path: Path) -> None:
         ('[inputs]\nsubtalar_angle = { to = "In1_InvAngle", unit = "N.m" }', r"dimension"),
         ('[inputs]\nsubtalar_angle = { to = "In1_InvAngle", gain = 2 }', r"unknown key 'gain'"),
         ('[inputs]\nsubtalar_angle = { to = "In1_InvAngle", factor = 0 }', r"factor must not be 0"),
-        ('[inputs]\nsubtalar_angle = { to = "In1_InvAngle" }\ninversion_angle = { to = "In1_InvAngle" }', r"mapped to subtalar_angle already"),
+        (
+            '[inputs]\nsubtalar_angle = { to = "In1_InvAngle" }\ninversion_angle = { to = "In1_InvAngle" }',
+            r"mapped to subtalar_angle already",
+        ),
         ("inputs = 3", r"must be a table"),
         ("[inputs", r"not valid TOML"),
     ],
@@ -106,15 +121,28 @@ def test_nothing_is_dropped_in_silence(tmp_path: Path, capsys: pytest.CaptureFix
     """A torque that no name connects, undeclared units, a mapping that replaces another: refused or said."""
     fmu = device(tmp_path / "half.fmu", names=("subtalar_angle", "M_out"))
     assert _run(["run", "incline30", "--fmu", f"brace={fmu}"], []) == 2
-    assert re.search(r"error: .*brace: is moved by the plant but gives nothing back: .*M_out.* mapping file", capsys.readouterr().err)
+    assert re.search(
+        r"error: .*brace: is moved by the plant but gives nothing back: .*M_out.* mapping file", capsys.readouterr().err
+    )
 
     fmu = device(tmp_path / "silent.fmu", declared=False)
     assert _run(["run", "incline30", "--fmu", f"brace={fmu}", "--scheme", "gauss-seidel"], []) == 0
-    assert "warning: brace: silent.fmu declares no unit for subtalar_angle, subtalar_torque; SI is assumed" in capsys.readouterr().err
+    assert (
+        "warning: brace: silent.fmu declares no unit for subtalar_angle, subtalar_torque; SI is assumed"
+        in capsys.readouterr().err
+    )
 
     fmu = device(tmp_path / "vendor.fmu", sign=-1.0, names=NAMES, extra={INSIDE: text(-1.0)})
     (tmp_path / "own.toml").write_text(text(-1.0))
-    options = ["incline30", "--fmu", f"brace={fmu}", "--map", f"brace={tmp_path / 'own.toml'}", "--scheme", "gauss-seidel"]
+    options = [
+        "incline30",
+        "--fmu",
+        f"brace={fmu}",
+        "--map",
+        f"brace={tmp_path / 'own.toml'}",
+        "--scheme",
+        "gauss-seidel",
+    ]
     assert _run(["run", *options], []) == 0
     assert "the mapping inside vendor.fmu is not used" in capsys.readouterr().err
     assert "is not used" in check_brace(fmu, tmp_path / "own.toml").text()
@@ -181,7 +209,9 @@ def test_schema() -> None:
     assert SCHEMA["properties"]["inputs"]["propertyNames"]["enum"] == list(INPUTS)
     assert SCHEMA["properties"]["outputs"]["propertyNames"]["enum"] == list(OUTPUTS)
     root = PACKAGE.parent
-    examples = [b.text for b in blocks(root / "docs" / "brace-contract.md") if b.language == "toml" and "base" not in b.text]
+    examples = [
+        b.text for b in blocks(root / "docs" / "brace-contract.md") if b.language == "toml" and "base" not in b.text
+    ]
     examples.append((root / "fmus" / "brace_active" / "extra" / "sprain-cosim" / "map.toml").read_text())
     assert len(examples) == 4
     for example in examples:

@@ -1,4 +1,5 @@
-"""`brace new` and `brace build`: projects that build, fit and run as they are, in both languages; what is at fault in one line."""
+"""`brace new` and `brace build`: projects that build, fit and run as they are, in both languages; what is at fault in
+one line."""
 
 from __future__ import annotations
 
@@ -35,7 +36,9 @@ def test_fits_as_it_is(built: Path, language: str) -> None:
     assert report.verdict == "fits", report.text()
     assert fmpy.validation.validate_fmu(str(fmu)) == []
     assert fmpy.read_model_description(str(fmu)).modelName == language
-    assert not [p for p in (built / language).rglob("*") if p.is_file() and b"brace_template" in p.read_bytes()], "its own name everywhere"
+    assert not [p for p in (built / language).rglob("*") if p.is_file() and b"brace_template" in p.read_bytes()], (
+        "its own name everywhere"
+    )
     again = project.build(built / language, built / "again.fmu")
     assert again.read_bytes() == fmu.read_bytes()
 
@@ -47,14 +50,17 @@ def test_the_commands_of_its_readme(language: str, tmp_path: Path) -> None:
 
 
 def test_one_bushing_three_ways(built: Path) -> None:
-    """The paper's brace as Python FMU, as C FMU from the template, and evaluated inside the plant: the same peak within 0.05 degrees."""
+    """The paper's brace as Python FMU, as C FMU from the template, and evaluated inside the plant: the same peak within
+    0.05 degrees."""
     braced = load_scenario("incline30_brace")
     for scale in (1.5, 2.4):
         python = braced.override("brace.angle_scale", scale)
         results = {
             "python": python.run(),
             "c": python.replace_fmu("brace", built / "c.fmu").run(),
-            "inside": python.override("brace.torque_scale", 0.0).override("plant.internal_brace_angle_scale", scale).run(),
+            "inside": python.override("brace.torque_scale", 0.0)
+            .override("plant.internal_brace_angle_scale", scale)
+            .run(),
         }
         peaks = {name: r.metrics["peak_subtalar_angle_deg"] for name, r in results.items()}
         assert peaks["c"] == pytest.approx(peaks["python"], abs=1e-6)
@@ -71,13 +77,17 @@ def test_law_of_the_python_template(built: Path) -> None:
     bench.close()
 
 
-def test_with_cmake_where_no_compiler_is_called_by_name(built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_with_cmake_where_no_compiler_is_called_by_name(
+    built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(project, "COMPILERS", ())
     monkeypatch.delenv("CC", raising=False)
     fmu = project.build(built / "c", tmp_path / "by_cmake.fmu")
     assert fmpy.validation.validate_fmu(str(fmu)) == []
     results = [load_scenario("incline30").replace_fmu("brace", f).run() for f in (fmu, built / "c.fmu")]
-    assert results[0].metrics["peak_subtalar_angle_deg"] == pytest.approx(results[1].metrics["peak_subtalar_angle_deg"], abs=1e-6)
+    assert results[0].metrics["peak_subtalar_angle_deg"] == pytest.approx(
+        results[1].metrics["peak_subtalar_angle_deg"], abs=1e-6
+    )
 
 
 def test_no_compiler_is_an_environment_problem(built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -108,7 +118,12 @@ def test_cmake_without_a_compiler(built: Path, tmp_path: Path, monkeypatch: pyte
     [
         ("c", "brace.c", ("double f = v[", "double f = w["), r"does not compile: brace\.c:\d+:\d+: error: .*w"),
         ("c", "modelDescription.xml", ('modelIdentifier="cuff"', ""), "no modelIdentifier"),
-        ("python", "slave.py", ("def step(self, time: float", "def step(self time: float"), r"slave\.py: .* in line \d+"),
+        (
+            "python",
+            "slave.py",
+            ("def step(self, time: float", "def step(self time: float"),
+            r"slave\.py: .* in line \d+",
+        ),
         ("python", "interface.py", ("N.m/rad", "N.m/deg"), r"interface\.py: .*'N.m/deg'"),
         ("python", "interface.py", ("import annotations", "import annotation"), r"interface\.py: "),
         ("python", "interface.py", ("def variables", "def variable"), r"interface\.py: AttributeError"),
@@ -132,7 +147,11 @@ def test_a_project_at_fault(language: str, file: str, change: tuple[str, str], m
 def test_a_folder_in_use_or_without_a_name(tmp_path: Path) -> None:
     (tmp_path / "used").mkdir()
     (tmp_path / "used" / "thesis.tex").write_text("precious")
-    for folder, words in (("used", "is not empty"), ("used/thesis.tex", "letters, digits and _"), ("my-brace", "letters, digits and _")):
+    for folder, words in (
+        ("used", "is not empty"),
+        ("used/thesis.tex", "letters, digits and _"),
+        ("my-brace", "letters, digits and _"),
+    ):
         with pytest.raises(InputError, match=words):
             project.new(tmp_path / folder, "c")
     (tmp_path / "file").write_text("")

@@ -68,7 +68,12 @@ def test_fmpy_finds_nothing_to_complain_about(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_fmpy_simulates_it_alone(name: str) -> None:
-    outcome = subprocess.run([sys.executable, "-m", "fmpy", "simulate", str(FMUS / f"{name}.fmu")], capture_output=True, text=True, timeout=120)
+    outcome = subprocess.run(
+        [sys.executable, "-m", "fmpy", "simulate", str(FMUS / f"{name}.fmu")],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
     assert outcome.returncode == 0, outcome.stderr
 
 
@@ -88,19 +93,40 @@ def test_everything_has_unit_start_and_a_name_of_its_own(name: str) -> None:
         assert c.unit is not None or c.items, c.name
         assert c.description, c.name
         assert c.causality in ("output", "local") or c.start is not None, c.name
-    modules = {Path(n).parts[1] for n in zipfile.ZipFile(described.fmu).namelist() if n.startswith("resources/") and n.endswith("/_fmi.py")}
+    modules = {
+        Path(n).parts[1]
+        for n in zipfile.ZipFile(described.fmu).namelist()
+        if n.startswith("resources/") and n.endswith("/_fmi.py")
+    }
     assert len(modules) == 1
     assert next(iter(modules)).startswith(f"{name}_")
 
 
 def test_contract_signals_of_the_plant() -> None:
     plant = component("plant")
-    axes = ("talocrural", "subtalar", "dorsiflexion", "inversion", "internal_rotation", "rotation_x", "rotation_y", "rotation_z")
+    axes = (
+        "talocrural",
+        "subtalar",
+        "dorsiflexion",
+        "inversion",
+        "internal_rotation",
+        "rotation_x",
+        "rotation_y",
+        "rotation_z",
+    )
     for axis in axes:
-        assert {f"{axis}_angle", f"{axis}_velocity", f"{axis}_effective_inertia", f"anatomy_{axis}_moment", f"brace_{axis}_moment"} <= set(plant.outputs)
+        assert {
+            f"{axis}_angle",
+            f"{axis}_velocity",
+            f"{axis}_effective_inertia",
+            f"anatomy_{axis}_moment",
+            f"brace_{axis}_moment",
+        } <= set(plant.outputs)
         assert {f"brace_{axis}_torque", f"brace_{axis}_stiffness", f"brace_{axis}_damping"} <= set(plant.inputs)
     assert {"brace_inversion_dorsiflexion_stiffness", "brace_rotation_x_rotation_y_damping"} <= set(plant.inputs)
-    assert {"ground_force_x", "ground_force", "in_contact", "evertor_activation", "jcs_inversion_raw_angle"} <= set(plant.outputs)
+    assert {"ground_force_x", "ground_force", "in_contact", "evertor_activation", "jcs_inversion_raw_angle"} <= set(
+        plant.outputs
+    )
 
 
 def test_reset_equals_a_fresh_instance() -> None:
@@ -132,9 +158,13 @@ def test_plant_rolls_back_to_the_bit() -> None:
     for k in range(100):
         bench.step(k * 5e-4, 5e-4, brace_subtalar_torque=-0.1 * k)
     state = bench.instance.save()
-    first = [bench.step(0.05 + k * 5e-4, 5e-4, brace_subtalar_torque=-20.0, brace_subtalar_stiffness=50.0) for k in range(20)]
+    first = [
+        bench.step(0.05 + k * 5e-4, 5e-4, brace_subtalar_torque=-20.0, brace_subtalar_stiffness=50.0) for k in range(20)
+    ]
     bench.instance.restore(state)
-    second = [bench.step(0.05 + k * 5e-4, 5e-4, brace_subtalar_torque=-20.0, brace_subtalar_stiffness=50.0) for k in range(20)]
+    second = [
+        bench.step(0.05 + k * 5e-4, 5e-4, brace_subtalar_torque=-20.0, brace_subtalar_stiffness=50.0) for k in range(20)
+    ]
     assert (np.array(first) == np.array(second)).all()
 
 
@@ -157,7 +187,11 @@ def test_every_own_fmu_rolls_back_to_the_bit(name: str) -> None:
     bench = Bench(component(name), **parameters)
     size = {"angle": 0.3, "velocity": 3.0, "torque": 5.0, "stiffness": 20.0, "damping": 0.2, "excitation": 0.3}
     rng = np.random.default_rng(8)
-    signals = {n: size.get(n.rpartition("_")[2], 1.0) * rng.normal(size=60) for n in bench.instance.component.inputs if "_" in n}
+    signals = {
+        n: size.get(n.rpartition("_")[2], 1.0) * rng.normal(size=60)
+        for n in bench.instance.component.inputs
+        if "_" in n
+    }
     steps = [(k * 5e-4, 5e-4, {n: float(v[k]) for n, v in signals.items()}) for k in range(60)]
     for time, step, inputs in steps[:30]:
         bench.step(time, step, **inputs)
@@ -205,7 +239,8 @@ def test_a_run_whose_every_step_is_taken_twice_is_the_same_to_the_bit(scheme: st
 @pytest.mark.parametrize("h", [1e-4, 5e-4, 7e-4, 1e-3])
 @pytest.mark.parametrize("delay", [0.0101, 0.06])
 def test_reflex_is_the_stretch_one_delay_ago(h: float, delay: float) -> None:
-    """excitation = c + gain * max(0, stretch velocity one delay before the middle of the coming step); exact for a signal linear in time."""
+    """excitation = c + gain * max(0, stretch velocity one delay before the middle of the coming step); exact for a
+    signal linear in time."""
     gain, ratio, c = 2.0, 0.9322, 0.1
     bench = Bench(component("reflex_controller"), coactivation=c, reflex_gain=gain, reflex_delay=delay)
     assert bench[f"{EVERTOR}_excitation"] == pytest.approx(c)
@@ -243,7 +278,9 @@ def test_bushing_brace_torque_stiffness_and_energy() -> None:
 def test_a_parameter_cannot_change_during_a_run() -> None:
     bench = Bench(component("plant"))
     bench.step(0.0, 5e-4)
-    with pytest.raises(SimulationError, match=r"plant: .* setting drop_height = 0.4: .*can only be set before initialisation"):
+    with pytest.raises(
+        SimulationError, match=r"plant: .* setting drop_height = 0.4: .*can only be set before initialisation"
+    ):
         bench.instance.set({"drop_height": 0.4})
 
 
@@ -301,7 +338,11 @@ def test_a_host_without_python_is_told_so(tmp_path: Path) -> None:
     subprocess.run(["gcc", "-o", tmp_path / "host", SOURCES / "host.c", "-ldl"], check=True)
     outcome = subprocess.run([tmp_path / "host", library], capture_output=True, text=True)
     assert outcome.returncode == 0
-    assert outcome.stdout == "brace, status 3: this FMU is written in Python and runs inside a Python process only (fmpy, libcosimpy, ...)"
+    assert (
+        outcome.stdout
+        == "brace, status 3: this FMU is written in Python and runs inside a Python process only (fmpy, libcosimpy, "
+        "...)"
+    )
 
 
 def test_a_process_with_python_fmus_ends_quietly(built_without_compiler: Path) -> None:
@@ -313,7 +354,9 @@ for _ in range(2):
     load_scenario('incline30_brace').replace_fmu('brace', {str(built_without_compiler)!r}).run()
 print('done')"""
     for _ in range(3):
-        outcome = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=FMUS.parent, timeout=120)
+        outcome = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, cwd=FMUS.parent, timeout=120
+        )
         assert (outcome.returncode, outcome.stdout.strip(), outcome.stderr) == (0, "done", "")
 
 
@@ -326,7 +369,9 @@ def test_locals_are_recorded_on_request_and_change_nothing() -> None:
     assert np.array_equal(full.values[:, : len(plain.names)], plain.values)
     assert np.array_equal(full["plant.subtalar_angle_r"], full["plant.subtalar_angle"])
     assert np.allclose(full["plant.ankle_angle_r_speed"], full["plant.talocrural_velocity"], rtol=1e-12, atol=0)
-    evertors = np.mean([full[f"plant.{m}_r_activation"] for m in ("ext_dig", "per_brev", "per_long", "per_tert")], axis=0)
+    evertors = np.mean(
+        [full[f"plant.{m}_r_activation"] for m in ("ext_dig", "per_brev", "per_long", "per_tert")], axis=0
+    )
     assert np.allclose(np.maximum(evertors, 0.01), full["plant.evertor_activation"], rtol=0, atol=1e-15)
     # the centre of pressure lies in the platform, under the foot's 30 cm
     touching = full["plant.in_contact"] == 1

@@ -1,4 +1,5 @@
-"""Steps that an FMU refuses, ends early, ends the run in, or computes in the background: as FMI says, with C FMUs of our own."""
+"""Steps that an FMU refuses, ends early, ends the run in, or computes in the background: as FMI says, with C FMUs of
+our own."""
 
 from __future__ import annotations
 
@@ -70,7 +71,9 @@ def test_a_refused_step_in_a_process_of_its_own(plain: Result, tmp_path: Path) -
 
 
 def test_a_refused_step_under_iteration(tmp_path: Path) -> None:
-    refused, free = (run(device(tmp_path / f"{k}.fmu", behaviour=b), "iterative") for k, b in enumerate(({"REFUSES": 3e-4}, {})))
+    refused, free = (
+        run(device(tmp_path / f"{k}.fmu", behaviour=b), "iterative") for k, b in enumerate(({"REFUSES": 3e-4}, {}))
+    )
     assert refused.status == "completed", refused.message
     assert refused["brace.subtalar_torque"] == pytest.approx(free["brace.subtalar_torque"], rel=1e-12, abs=1e-14)
 
@@ -79,22 +82,31 @@ def test_a_refused_step_without_saved_states_says_how_far_it_came_and_what_to_do
     result = run(device(tmp_path / "device.fmu", behaviour={"REFUSES": 3e-4}, saves=False))
     assert (result.status, len(result.time)) == ("failed", 1)
     assert result.message == (
-        "brace: discarded the call in the step from 0 s to 0.001 s; it got to 0.0003 s; it cannot save its state, so the step cannot be taken in parts; "
+        "brace: discarded the call in the step from 0 s to 0.001 s; it got to 0.0003 s; it cannot save its state, so "
+        "the step cannot be taken in parts; "
         "take a smaller communication step"
     )
-    assert run(device(tmp_path / "other.fmu", behaviour={"REFUSES": 3e-4}, saves=False), step=2.5e-4).status == "completed"
+    assert (
+        run(device(tmp_path / "other.fmu", behaviour={"REFUSES": 3e-4}, saves=False), step=2.5e-4).status == "completed"
+    )
 
 
 def test_an_fmu_without_saved_states_runs_under_every_scheme_that_needs_none(tmp_path: Path) -> None:
     """On the real plant, its stiffness found from its direct answer; the iteration names it."""
-    scenario = load_scenario("incline30").replace_fmu("brace", device(tmp_path / "device.fmu", saves=False)).with_master(stop="60 ms")
+    scenario = (
+        load_scenario("incline30")
+        .replace_fmu("brace", device(tmp_path / "device.fmu", saves=False))
+        .with_master(stop="60 ms")
+    )
     for scheme in SCHEMES:
         if scheme == "iterative":
             with pytest.raises(InputError, match="iterative: brace cannot save and restore its state"):
                 scenario.with_master(scheme).run()
         else:
             assert scenario.with_master(scheme).run().status == "completed"
-    assert scenario.run().scheme_reason.startswith("found by finite differences: stiffness of brace about subtalar from its direct answer")
+    assert scenario.run().scheme_reason.startswith(
+        "found by finite differences: stiffness of brace about subtalar from its direct answer"
+    )
 
 
 def test_a_device_that_refuses_every_step_ends_the_run(tmp_path: Path) -> None:
@@ -131,7 +143,9 @@ def test_early_returns_and_events(behaviour: dict[str, float], attributes: str, 
 
 def test_early_returns_under_iteration(tmp_path: Path) -> None:
     """The time of the next event is rolled back with the state."""
-    result = run(device(tmp_path / "device.fmu", 3, behaviour={"RETURNS": 7e-4, "NAMES": 1}, attributes=EVENTS), "iterative")
+    result = run(
+        device(tmp_path / "device.fmu", 3, behaviour={"RETURNS": 7e-4, "NAMES": 1}, attributes=EVENTS), "iterative"
+    )
     assert result.status == "completed", result.message
 
 

@@ -85,7 +85,9 @@ def test_mass_and_centre_of_mass(pose: str, angles: dict[str, float]) -> None:
     bodies = read("model/bodies.csv").set_index("body")
     platform = bodies.loc["platform"]
     frames = read("elementary/e_body_frames.csv.gz").set_index(["pose", "body"]).loc[(pose, "platform")]
-    at = frames[["x_m", "y_m", "z_m"]].to_numpy(float) + platform[[c for c in bodies.columns if c.startswith("com_")][:3]].to_numpy(float)
+    at = frames[["x_m", "y_m", "z_m"]].to_numpy(float) + platform[
+        [c for c in bodies.columns if c.startswith("com_")][:3]
+    ].to_numpy(float)
     total = row["total_mass_kg_incl_0.1_platform"]
     mass = float(platform[next(c for c in bodies.columns if c.startswith("mass"))])
     close(p._mj_model.body_mass.sum(), total - mass)
@@ -133,7 +135,8 @@ def test_lengths_and_moment_arms_over_the_ankle() -> None:
 
 
 def test_lengths_and_moment_arms_of_knee_hip_and_back() -> None:
-    """The reference's knee arms leave the conditional points where they are; a difference across a switch is skipped."""
+    """The reference's knee arms leave the conditional points where they are; a difference across a switch is
+    skipped."""
     p = plant()
     table = read("elementary/b_moment_arms_knee_hip_back.csv.gz")
     lengths, arms = [], []
@@ -159,20 +162,31 @@ def test_knee_and_patella() -> None:
             angle = math.degrees(math.atan2(*(turn.T @ own_turn)[[1, 0], [0, 0]]))
             assert angle == pytest.approx(getattr(row, f"{name}_rotz_deg"), abs=1e-4)
         for muscle in ("rect_fem", "vas_int", "vas_med", "vas_lat"):
-            assert p.state["mtu"][0, p.muscles.names.index(f"{muscle}_r")] == pytest.approx(getattr(row, f"{muscle}_mtu_m"), rel=1e-6)
+            assert p.state["mtu"][0, p.muscles.names.index(f"{muscle}_r")] == pytest.approx(
+                getattr(row, f"{muscle}_mtu_m"), rel=1e-6
+            )
 
 
-@pytest.mark.parametrize(("file", "scale", "who"), [("anatomy", 1.0, "anatomy"), ("brace150", 1.5, "brace"), ("brace240", 2.4, "brace")])
+@pytest.mark.parametrize(
+    ("file", "scale", "who"), [("anatomy", 1.0, "anatomy"), ("brace150", 1.5, "brace"), ("brace240", 2.4, "brace")]
+)
 def test_bushing_torques(file: str, scale: float, who: str) -> None:
     p = plant()
     p.start(Landing(internal_brace_angle_scale=scale if who == "brace" else 0.0))
-    axes = {"talocrural": "gen_torque_talocrural_Nm", "subtalar": "gen_torque_subtalar_Nm", "dorsiflexion": "proj_jcs_e1_Nm"}
+    axes = {
+        "talocrural": "gen_torque_talocrural_Nm",
+        "subtalar": "gen_torque_subtalar_Nm",
+        "dorsiflexion": "proj_jcs_e1_Nm",
+    }
     axes |= {"inversion": "proj_jcs_e2_Nm", "internal_rotation": "proj_jcs_e3_Nm"}
     table = read(f"elementary/c_bushing_torque_{file}.csv.gz")
     ours = []
     for row in table.itertuples():
         out = put(p, ankle_angle_r=row.ankle_angle_deg, subtalar_angle_r=row.subtalar_angle_deg)
-        ours.append([-out[COLUMN[f"{who}_{axis}_moment"]] for axis in axes] + [math.degrees(out[COLUMN[f"rotation_{c}_angle"]]) for c in "xyz"])
+        ours.append(
+            [-out[COLUMN[f"{who}_{axis}_moment"]] for axis in axes]
+            + [math.degrees(out[COLUMN[f"rotation_{c}_angle"]]) for c in "xyz"]
+        )
     close(np.array(ours)[:, :5], table[list(axes.values())])
     close(np.array(ours)[:, 5:], table[["theta_x_deg", "theta_y_deg", "theta_z_deg"]])
 
@@ -181,7 +195,10 @@ def test_limit_forces() -> None:
     limits = own()._model[0]["limit"]
     table = read("elementary/c_limit_forces.csv.gz")
     which = {"LumbarExtensionLimit": 0, "KneeLimit_r": 1}
-    ours = [kernels.limit_force(limits[which[r.force]], math.radians(r.angle_deg), math.radians(r.velocity_deg_s)) for r in table.itertuples()]
+    ours = [
+        kernels.limit_force(limits[which[r.force]], math.radians(r.angle_deg), math.radians(r.velocity_deg_s))
+        for r in table.itertuples()
+    ]
     close(ours, table.torque_Nm)
 
 
@@ -211,10 +228,16 @@ def test_joint_coordinate_system() -> None:
     for row in table.to_dict("records"):
         out = put(p, ankle_angle_r=row["talocrural_deg"], subtalar_angle_r=row["subtalar_deg"])
         for axis, short in names.items():
-            assert math.degrees(out[COLUMN[f"jcs_{axis}_raw_angle"]]) == pytest.approx(row[f"jcs_tc_{short}_deg_raw"], abs=5e-6)
-            assert math.degrees(out[COLUMN[f"{axis}_angle"]]) == pytest.approx(row[f"jcs_tc_{short}_deg_zeroed"], abs=5e-6)
+            assert math.degrees(out[COLUMN[f"jcs_{axis}_raw_angle"]]) == pytest.approx(
+                row[f"jcs_tc_{short}_deg_raw"], abs=5e-6
+            )
+            assert math.degrees(out[COLUMN[f"{axis}_angle"]]) == pytest.approx(
+                row[f"jcs_tc_{short}_deg_zeroed"], abs=5e-6
+            )
         for axis in "xyz":
-            assert math.degrees(out[COLUMN[f"rotation_{axis}_angle"]]) == pytest.approx(row[f"bushing_euler_{axis}_deg"], abs=5e-6)
+            assert math.degrees(out[COLUMN[f"rotation_{axis}_angle"]]) == pytest.approx(
+                row[f"bushing_euler_{axis}_deg"], abs=5e-6
+            )
 
 
 def test_axes_are_consistent_in_power() -> None:
@@ -228,7 +251,10 @@ def test_axes_are_consistent_in_power() -> None:
         p.state["valid"] = 0
         out = p.observe()
         jcs, anatomic = ("dorsiflexion", "inversion", "internal_rotation"), ("talocrural", "subtalar")
-        power = [sum(out[COLUMN[f"brace_{a}_moment"]] * out[COLUMN[f"{a}_velocity"]] for a in axes) for axes in (jcs, anatomic)]
+        power = [
+            sum(out[COLUMN[f"brace_{a}_moment"]] * out[COLUMN[f"{a}_velocity"]] for a in axes)
+            for axes in (jcs, anatomic)
+        ]
         assert power[0] == pytest.approx(power[1], rel=1e-9)
 
 
@@ -236,7 +262,10 @@ def test_initial_penetration() -> None:
     p = own()
     for row in read("elementary/initial_penetration.csv.gz").itertuples():
         p.state["excitation"] = 0.0
-        angles = {"talocrural_angle_at_contact": math.radians(row.talocrural_deg), "subtalar_angle_at_contact": math.radians(row.subtalar_deg)}
+        angles = {
+            "talocrural_angle_at_contact": math.radians(row.talocrural_deg),
+            "subtalar_angle_at_contact": math.radians(row.subtalar_deg),
+        }
         p.start(Landing(platform_incline=math.radians(row.incline_deg), initial_pose=Landing.PUBLISHED, **angles))
         assert p.penetration == pytest.approx(row[4], abs=1e-7)
 
@@ -248,7 +277,8 @@ def contact_alone(model, state, facets, blocks):
 
 
 def pressed(p: Plant, row: pd.Series) -> tuple[np.ndarray, np.ndarray]:
-    """Force [N] and moment [N m] about the calcaneus origin on a foot of given orientation, depth and velocity over the level floor."""
+    """Force [N] and moment [N m] about the calcaneus origin on a foot of given orientation, depth and velocity over the
+    level floor."""
     surface = foot_surface()
     turn = Rotation.from_euler("XYZ", [row.foot_rx_deg, 0.0, row.foot_rz_deg], degrees=True).as_matrix()
     pivot = p._model[0]["pivot"]
@@ -302,7 +332,10 @@ def test_own_sole_against_the_reference_facets() -> None:
         force, moment = pressed(p, row)
         expected = row[["closed_Fx_N", "closed_Fy_N", "closed_Fz_N"]].to_numpy(float)
         assert np.linalg.norm(force - expected) <= 0.01 * np.linalg.norm(expected)
-        ours, theirs = np.array([moment[2], -moment[0]]) / force[1], np.array([row.closed_Mz_Nm, -row.closed_Mx_Nm]) / expected[1]
+        ours, theirs = (
+            np.array([moment[2], -moment[0]]) / force[1],
+            np.array([row.closed_Mz_Nm, -row.closed_Mx_Nm]) / expected[1],
+        )
         assert np.linalg.norm(ours - theirs) <= 1e-3
 
 
@@ -345,7 +378,13 @@ class SingleMuscle:
         p, n = self.plant, kernels.NM
         full = p._model[0]["l_opt"].copy()
         full[self.k] = length
-        muscles_alone(p._model, p._state, np.where(np.arange(n) == self.k, mtu, p._model[0]["l_opt"] + p._model[0]["l_slack"]), np.full(n, a), full)
+        muscles_alone(
+            p._model,
+            p._state,
+            np.where(np.arange(n) == self.k, mtu, p._model[0]["l_opt"] + p._model[0]["l_slack"]),
+            np.full(n, a),
+            full,
+        )
         return p.state["l_rate"][0, self.k], p.state["a_rate"][0, self.k], p.state["tendon_force"][0, self.k]
 
     def follow(self, times: np.ndarray, mtu: np.ndarray, excitation: np.ndarray, a: float, length: float) -> np.ndarray:
@@ -371,7 +410,9 @@ def test_isometric_force() -> None:
         muscle = SingleMuscle(name)
         for row in rows.itertuples():
             length = equilibrium_alone(muscle.plant._model, muscle.k, row.mtu_length_m, row.activation)
-            assert muscle.rates(row.mtu_length_m, row.activation, length)[2] == pytest.approx(row.tendon_force_N, abs=1e-6 * muscle.peak)
+            assert muscle.rates(row.mtu_length_m, row.activation, length)[2] == pytest.approx(
+                row.tendon_force_N, abs=1e-6 * muscle.peak
+            )
 
 
 def test_force_velocity() -> None:
@@ -391,15 +432,23 @@ def test_activation_transients() -> None:
         muscle = SingleMuscle(name)
         rows = rows.iloc[::3]
         force = muscle.follow(
-            *(rows[c].to_numpy() for c in ("time_s", "mtu_length_m_constant", "excitation")), rows.activation.iloc[0], rows.fiber_length_m.iloc[0]
+            *(rows[c].to_numpy() for c in ("time_s", "mtu_length_m_constant", "excitation")),
+            rows.activation.iloc[0],
+            rows.fiber_length_m.iloc[0],
         )
         assert np.abs(force - rows.tendon_force_N).max() <= 0.005 * rows.tendon_force_N.max()
 
 
 def test_ramp_stretches() -> None:
-    for (name, _, _), rows in read("elementary/d_ramp_stretch.csv.gz").groupby(["muscle", "stretch_rate_m_s", "excitation"]):
+    for (name, _, _), rows in read("elementary/d_ramp_stretch.csv.gz").groupby(
+        ["muscle", "stretch_rate_m_s", "excitation"]
+    ):
         muscle = SingleMuscle(name)
-        force = muscle.follow(*(rows[c].to_numpy() for c in ("time_s", "mtu_length_m", "excitation")), rows.activation.iloc[0], rows.fiber_length_m.iloc[0])
+        force = muscle.follow(
+            *(rows[c].to_numpy() for c in ("time_s", "mtu_length_m", "excitation")),
+            rows.activation.iloc[0],
+            rows.fiber_length_m.iloc[0],
+        )
         assert np.abs(force - rows.tendon_force_N).max() <= 0.005 * rows.tendon_force_N.max()
 
 
@@ -416,7 +465,11 @@ def fly(case: str) -> tuple[np.ndarray, pd.DataFrame, Plant]:
         p.state["passive_scale"] = 0.0
         p._model["lumbar_bushing"], p._model["limit"][0, :, 2:5] = 0.0, 0.0
     p.state["excitation_floor"] = 0.0  # no controls: activations drain from 0.05, below their least effective value
-    p.state["q"], p.state["u"], p.state["a"] = table[[f"{n}_rad_or_m" for n in names]].iloc[0], table[[f"{n}_speed" for n in names]].iloc[0], 0.05
+    p.state["q"], p.state["u"], p.state["a"] = (
+        table[[f"{n}_rad_or_m" for n in names]].iloc[0],
+        table[[f"{n}_speed" for n in names]].iloc[0],
+        0.05,
+    )
     kernels.initialise(p._model, p._state, p._facets, p._blocks, False, False)
     history = [p.state["q"].copy()]
     for t in table.time_s.to_numpy()[1:]:
@@ -425,7 +478,9 @@ def fly(case: str) -> tuple[np.ndarray, pd.DataFrame, Plant]:
     return np.array(history), table, p
 
 
-@pytest.mark.parametrize("case", ["a_flight_no_forces", "a_flight_passive_bushing_limits", "a_flight_muscles_act0.05_no_reflex"])
+@pytest.mark.parametrize(
+    "case", ["a_flight_no_forces", "a_flight_passive_bushing_limits", "a_flight_muscles_act0.05_no_reflex"]
+)
 def test_flight(case: str) -> None:
     """Every free coordinate within 1e-4 rad (or m) after 150 ms."""
     ours, table, p = fly(case)

@@ -1,5 +1,5 @@
-"""Whole landings against OpenSim 4.6 (the paper's own model) and against the trajectories of DeMers, Hicks & Delp 2017 (doi
-10.1016/j.jbiomech.2016.11.002), the plant driven in one process with the project's own sole."""
+"""Whole landings against OpenSim 4.6 (the paper's own model) and against the trajectories of DeMers, Hicks & Delp 2017
+(doi 10.1016/j.jbiomech.2016.11.002), the plant driven in one process with the project's own sole."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ MUSCLES = [case for case in CASES if (FOLDER / "landing" / f"{case}_muscles.csv.
 DEMERS = list(pd.read_csv(FOLDER / "demers2017" / "index.csv").case) if FOLDER.is_dir() else []
 COARSE = {"conv_h1e-3": 1e-3}  # this reference holds its controls for 1 ms
 # its body reflexes are held as well, which the plant's are not: half a millisecond of delay
-HELD = pytest.mark.xfail(strict=True, reason="conv_h1e-3 delays the body reflexes by half a millisecond; subtalar 0.153 deg RMS, 0.15 asked")
+HELD = pytest.mark.xfail(
+    strict=True, reason="conv_h1e-3 delays the body reflexes by half a millisecond; subtalar 0.153 deg RMS, 0.15 asked"
+)
 
 
 def number(value: float, default: float = 0.0) -> float:
@@ -31,7 +33,8 @@ def number(value: float, default: float = 0.0) -> float:
 
 @cache
 def simulated(case: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Outputs (n, k), coordinates (n, 15) [rad, m], tendon forces (n, 49) [N] and the ground reaction at t = 0 [N], every 1 ms."""
+    """Outputs (n, k), coordinates (n, 15) [rad, m], tendon forces (n, 49) [N] and the ground reaction at t = 0 [N],
+    every 1 ms."""
     row = read("landing/index.csv").set_index("case").loc[case]
     landing = Landing(
         platform_incline=math.radians(row.incline_deg),
@@ -99,7 +102,8 @@ def test_ground_reaction(case: str) -> None:
 
 @pytest.mark.parametrize("case", CASES)
 def test_moments_at_the_peaks(case: str) -> None:
-    """What the anatomy bears at each axis' own peak, within 2 % (of the largest of the three axes where one is near zero)."""
+    """What the anatomy bears at each axis' own peak, within 2 % (of the largest of the three axes where one is near
+    zero)."""
     row = read("landing/index.csv").set_index("case").loc[case]
     out = simulated(case)[0]
     braced = not math.isnan(row.brace)
@@ -143,7 +147,15 @@ def test_trajectories_of_2017(case: str) -> None:
         initial_ankle_activation=0.05 if row.reflex_gain > 0 or "gain" in case else 0.0,
     )
     steps = round(row.t_end_s / HOLD)
-    out = land(landing, number(row.coactivation), number(row.reflex_gain), number(row.reflex_delay_s, 0.06), stop=steps * HOLD, step=HOLD, on=plant())
+    out = land(
+        landing,
+        number(row.coactivation),
+        number(row.reflex_gain),
+        number(row.reflex_delay_s, 0.06),
+        stop=steps * HOLD,
+        step=HOLD,
+        on=plant(),
+    )
     times = HOLD * np.arange(len(out))
     ours = np.interp(reference.time_s, times, np.degrees(out[:, COLUMN["subtalar_angle"]]))
     assert rms(ours, reference.subtalar_angle_deg) <= 0.3

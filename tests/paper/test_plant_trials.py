@@ -1,4 +1,5 @@
-"""The published Monte Carlo trials of Yoder, Petrella & Farrokhi 2021 (doi 10.3389/fbioe.2021.765331), each with its own inputs."""
+"""The published Monte Carlo trials of Yoder, Petrella & Farrokhi 2021 (doi 10.3389/fbioe.2021.765331), each with its
+own inputs."""
 
 from __future__ import annotations
 
@@ -40,12 +41,16 @@ def errors(study: int, trials: pd.DataFrame) -> np.ndarray:
 
 
 def bounds(found: np.ndarray, study: int) -> str:
-    return f"study {study}: n {len(found)}, bias {found.mean():+.3f}, RMS {np.sqrt(np.mean(found**2)):.3f}, largest {np.abs(found).max():.2f} deg"
+    return (
+        f"study {study}: n {len(found)}, bias {found.mean():+.3f}, RMS {np.sqrt(np.mean(found**2)):.3f}, largest "
+        f"{np.abs(found).max():.2f} deg"
+    )
 
 
 @pytest.mark.parametrize("study", range(1, 7))
 def test_a_seeded_sample(study: int) -> None:
-    """Forty trials; the bounds are those of the whole set plus two standard errors of so small a sample (trial SD 0.12°)."""
+    """Forty trials; the bounds are those of the whole set plus two standard errors of so small a sample (trial SD
+    0.12°)."""
     trials = read(f"paper/study{study}_trials.csv").sample(SAMPLE, random_state=20211208 + study)
     found = errors(study, trials)
     assert abs(found.mean()) <= 0.05 + 2 * 0.12 / math.sqrt(SAMPLE), bounds(found, study)

@@ -1,5 +1,6 @@
-"""The six scenarios against the paper's study means (Yoder, Petrella & Farrokhi 2021, doi 10.3389/fbioe.2021.765331; the published base
-cases, and the same landings with the foot just touching simulated with OpenSim 4.6), and their numerical convergence."""
+"""The six scenarios against the paper's study means (Yoder, Petrella & Farrokhi 2021, doi 10.3389/fbioe.2021.765331;
+the published base cases, and the same landings with the foot just touching simulated with OpenSim 4.6), and their
+numerical convergence."""
 
 from __future__ import annotations
 
@@ -26,7 +27,11 @@ TOUCHING = {
     "incline30_brace": 29.8,
     "incline30_mixed": 28.3,
 }
-CASES = [(name, pose, peak) for pose, peaks in (("published", PUBLISHED), ("touching", TOUCHING)) for name, peak in peaks.items()]
+CASES = [
+    (name, pose, peak)
+    for pose, peaks in (("published", PUBLISHED), ("touching", TOUCHING))
+    for name, peak in peaks.items()
+]
 
 # mean and standard deviation of the inputs (Table 1 of the paper; angles in rad)
 PLANT = {
@@ -38,7 +43,12 @@ PLANT = {
     "plant.passive_angle_scale": (1.0, 0.0625),
     "plant.ankle_strength_scale": (1.0, 0.05),
 }
-MIXED = {**PLANT, "brace.angle_scale": (1.5, 0.0625), "controller.coactivation": (0.20, 0.05), "controller.reflex_gain": (5.0, 1.0)}
+MIXED = {
+    **PLANT,
+    "brace.angle_scale": (1.5, 0.0625),
+    "controller.coactivation": (0.20, 0.05),
+    "controller.reflex_gain": (5.0, 1.0),
+}
 
 
 def peak(name: str, pose: str, step: str | None = None, tolerance: float | None = None, **_: object) -> float:
@@ -63,7 +73,10 @@ def corners(inputs: dict[str, tuple[float, float]]) -> list[dict[str, float]]:
     rng = np.random.default_rng(20211208)
     signs = [np.ones(len(inputs)), -np.ones(len(inputs)), *rng.choice([-1.0, 1.0], (20, len(inputs)))]
     return [
-        {name: max(mean + 3 * s * sd, 0.0) if mean > 0 else mean + 3 * s * sd for s, (name, (mean, sd)) in zip(sign, inputs.items(), strict=True)}
+        {
+            name: max(mean + 3 * s * sd, 0.0) if mean > 0 else mean + 3 * s * sd
+            for s, (name, (mean, sd)) in zip(sign, inputs.items(), strict=True)
+        }
         for sign in signs
     ]
 
@@ -78,5 +91,7 @@ def test_corners_are_as_converged_as_the_mean(name: str, inputs: dict[str, tuple
         for corner in corners(inputs):
             results = usual.run(corner), better.run(corner)
             assert [r.status for r in results] == ["completed", "completed"], [r.message for r in results]
-            changes.append(results[0].metrics["peak_subtalar_angle_deg"] - results[1].metrics["peak_subtalar_angle_deg"])
+            changes.append(
+                results[0].metrics["peak_subtalar_angle_deg"] - results[1].metrics["peak_subtalar_angle_deg"]
+            )
     assert max(map(abs, changes)) < 0.2

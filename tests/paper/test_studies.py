@@ -1,4 +1,5 @@
-"""The studies of Yoder, Petrella & Farrokhi 2021 (doi 10.3389/fbioe.2021.765331) through study files, FMUs and runner."""
+"""The studies of Yoder, Petrella & Farrokhi 2021 (doi 10.3389/fbioe.2021.765331) through study files, FMUs and
+runner."""
 
 from __future__ import annotations
 
@@ -56,7 +57,11 @@ def test_published_inputs_give_the_published_statistics(study: int, tmp_path: Pa
     assert (trials["status"] == "completed").all()
     ours, theirs = trials[PEAK].to_numpy(), records["peak_subtalar_deg"].to_numpy()
     misses = {}
-    for name, bound, of in (("mean", 0.05, np.mean), ("sd", 0.05, np.std), *((f"{p} %", 0.15, lambda v, p=p: np.percentile(v, p)) for p in (5, 50, 95))):
+    for name, bound, of in (
+        ("mean", 0.05, np.mean),
+        ("sd", 0.05, np.std),
+        *((f"{p} %", 0.15, lambda v, p=p: np.percentile(v, p)) for p in (5, 50, 95)),
+    ):
         if abs(of(ours) - of(theirs)) > bound:
             misses[name] = of(ours) - of(theirs)
     for heading in chosen.headings:
@@ -71,11 +76,14 @@ def test_published_inputs_give_the_published_statistics(study: int, tmp_path: Pa
 @pytest.mark.long
 @pytest.mark.parametrize("study", range(1, 7))
 def test_fresh_sample_agrees_with_the_published_statistics(study: int) -> None:
-    """Mean, SD, percentiles and r of 1000 trials within three standard errors of the difference (and the published figures' own rounding);
-    means of Table 3 within a tenth of the published SD, or what rounding and two samples of 1000 explain. The seed stands in the study file."""
+    """Mean, SD, percentiles and r of 1000 trials within three standard errors of the difference (and the published
+    figures' own rounding); means of Table 3 within a tenth of the published SD, or what rounding and two samples of
+    1000 explain. The seed stands in the study file."""
     campaign = sc.load_study(f"study{study}").run(workers=2)
     published, y = campaign.study.published, campaign.trials[PEAK].to_numpy()
-    estimates = {"mean": statistics.mean(y), "sd": statistics.standard_deviation(y)} | {f"{p} %": statistics.percentile(y, p / 100) for p in (5, 50, 95)}
+    estimates = {"mean": statistics.mean(y), "sd": statistics.standard_deviation(y)} | {
+        f"{p} %": statistics.percentile(y, p / 100) for p in (5, 50, 95)
+    }
     misses = {}
     for name, e in estimates.items():
         gap = abs(e.value - published[f"{name} [deg]"])
@@ -110,7 +118,8 @@ def amv6():
 
 
 def test_amv_of_study_6(amv6) -> None:
-    """14 landings. The authors' levels are 25.2, 30.7, 34.3°; at 5 % true gradients lead 0.5° lower, see the next test."""
+    """14 landings. The authors' levels are 25.2, 30.7, 34.3°; at 5 % true gradients lead 0.5° lower, see the next
+    test."""
     study, peak = amv6
     found = amv(peak, tuple(study.marginals.values()))
     assert found.evaluations.requested == 14
@@ -130,24 +139,34 @@ def test_amv_of_study_6(amv6) -> None:
 
 @needs_reference
 def test_amv_from_the_authors_gradients_is_theirs(amv6) -> None:
-    """Their gradients are differences of outputs with one decimal, six of ten zero. From those recorded outputs our AMV comes to their design
-    points, and our landings there to their levels: the whole gap at 5 % is the rounding of their gradients."""
+    """Their gradients are differences of outputs with one decimal, six of ten zero. From those recorded outputs our AMV
+    comes to their design points, and our landings there to their levels: the whole gap at 5 % is the rounding of their
+    gradients."""
     study, peak = amv6
     records = read("paper/amv_trials.csv")
     marginals = tuple(study.marginals.values())
     means = np.array([m.mean for m in marginals])
     columns = {  # the record's trial that moved each input
-        "plant.drop_height": 2, "plant.contact_modulus": 3, "plant.contact_dissipation": 4, "plant.passive_angle_scale": 5,
-        "controller.coactivation": 6, "controller.reflex_gain": 7, "plant.talocrural_angle_at_contact": 8,
-        "plant.subtalar_angle_at_contact": 9, "plant.ankle_strength_scale": 10, "brace.angle_scale": 11,
-    }  # fmt: skip
+        "plant.drop_height": 2,
+        "plant.contact_modulus": 3,
+        "plant.contact_dissipation": 4,
+        "plant.passive_angle_scale": 5,
+        "controller.coactivation": 6,
+        "controller.reflex_gain": 7,
+        "plant.talocrural_angle_at_contact": 8,
+        "plant.subtalar_angle_at_contact": 9,
+        "plant.ankle_strength_scale": 10,
+        "brace.angle_scale": 11,
+    }
     published = records.set_index("trial")["peak_subtalar_deg"]
 
     def recorded(x: np.ndarray) -> np.ndarray:
         moved = [np.flatnonzero(~np.isclose(row, means, rtol=1e-9, atol=1e-12)) for row in x]
         return np.array(
             [
-                peak(row[np.newaxis])[0] if len(where) > 1 else published[columns[study.names[where[0]]] if len(where) else 1]
+                peak(row[np.newaxis])[0]
+                if len(where) > 1
+                else published[columns[study.names[where[0]]] if len(where) else 1]
                 for row, where in zip(x, moved, strict=True)
             ]
         )
@@ -159,22 +178,28 @@ def test_amv_from_the_authors_gradients_is_theirs(amv6) -> None:
         record = records.set_index("trial").loc[trial]
         assert design["plant.drop_height"] == pytest.approx(record["drop_height_m"], abs=0.003)
         assert design["controller.coactivation"] == pytest.approx(record["coactivation"], abs=0.003)
-        assert math.degrees(design["plant.talocrural_angle_at_contact"]) == pytest.approx(record["talocrural_deg"], abs=0.2)
+        assert math.degrees(design["plant.talocrural_angle_at_contact"]) == pytest.approx(
+            record["talocrural_deg"], abs=0.2
+        )
         assert math.degrees(design["plant.subtalar_angle_at_contact"]) == pytest.approx(record["subtalar_deg"], abs=0.2)
 
 
 def test_relatives_of_amv_reach_the_monte_carlo_interval_at_5_percent(amv6) -> None:
-    """AMV+ comes to 23.9°, inside the records' 22.7 ... 24.0°, where AMV (24.7°) and the authors' AMV (25.2°) are outside; HMV climbs no lower."""
+    """AMV+ comes to 23.9°, inside the records' 22.7 ... 24.0°, where AMV (24.7°) and the authors' AMV (25.2°) are
+    outside; HMV climbs no lower."""
     study, peak = amv6
     marginals = tuple(study.marginals.values())
-    plus, hybrid = (method(peak, marginals, (0.05,), tolerance=1e-2, difference="forward") for method in (amv_plus, hmv))
+    plus, hybrid = (
+        method(peak, marginals, (0.05,), tolerance=1e-2, difference="forward") for method in (amv_plus, hmv)
+    )
     assert 22.7 <= plus.value[0.05] <= 24.0
     assert plus.value[0.05] == pytest.approx(hybrid.value[0.05], abs=0.03)
     assert plus.evaluations.executed < 120
 
 
 def test_outputs_with_one_decimal_are_named_by_the_gate(amv6) -> None:
-    """With the authors' resolution and steps half of the gradients are exactly zero; their importance levels come in steps."""
+    """With the authors' resolution and steps half of the gradients are exactly zero; their importance levels come in
+    steps."""
     study, peak = amv6
     found = mean_value(lambda x: np.round(peak(x), 1), tuple(study.marginals.values()))
     assert np.sum(found.gradient == 0.0) >= 5
@@ -184,8 +209,8 @@ def test_outputs_with_one_decimal_are_named_by_the_gate(amv6) -> None:
 
 @needs_reference
 def test_grid_of_2017_meets_the_authors_runs() -> None:
-    """Planned co-activation without reflex: peak subtalar angle within 0.15° of the authors' own files; reflexes add little once planned
-    activity is strong, and alone they leave the peak above 40°: they come too late."""
+    """Planned co-activation without reflex: peak subtalar angle within 0.15° of the authors' own files; reflexes add
+    little once planned activity is strong, and alone they leave the peak above 40°: they come too late."""
     study = sc.load_study("demers2017")
     index = read("demers2017/index.csv")
     planned = index[index.case.str.contains("activation")]
@@ -205,7 +230,10 @@ def test_scaling_torque_is_not_scaling_angle() -> None:
     """240 %: the cubic of a scaled angle grows with its cube. Scaled in torque alone the peak stays 9° higher."""
     study = sc.load_study("brace_scaling")
     with study.scenario.open() as session:
-        angle, torque, both = (session.run({"brace.angle_scale": f, "brace.torque_scale": t}).metrics[PEAK] for f, t in ((2.4, 1.0), (1.0, 2.4), (1.0, 13.0)))
+        angle, torque, both = (
+            session.run({"brace.angle_scale": f, "brace.torque_scale": t}).metrics[PEAK]
+            for f, t in ((2.4, 1.0), (1.0, 2.4), (1.0, 13.0))
+        )
     assert angle == pytest.approx(29.98, abs=0.1)
     assert 8.5 < torque - angle < 10.5
     assert both < angle

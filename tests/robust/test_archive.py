@@ -56,10 +56,14 @@ def test_hostile_names_are_refused(attack: str, tmp_path: Path) -> None:
 
 
 def test_bombs_are_refused(tmp_path: Path) -> None:
-    bomb = pack(tmp_path / "ratio.fmu", [("modelDescription.xml", DESCRIPTION), ("x", bytes(50_000_000))], zipfile.ZIP_DEFLATED)
+    bomb = pack(
+        tmp_path / "ratio.fmu", [("modelDescription.xml", DESCRIPTION), ("x", bytes(50_000_000))], zipfile.ZIP_DEFLATED
+    )
     with pytest.raises(InputError, match="times its size"):
         archive.read(bomb)
-    many = pack(tmp_path / "many.fmu", [("modelDescription.xml", DESCRIPTION), *((f"r/{k}", b"") for k in range(10_000))])
+    many = pack(
+        tmp_path / "many.fmu", [("modelDescription.xml", DESCRIPTION), *((f"r/{k}", b"") for k in range(10_000))]
+    )
     with pytest.raises(InputError, match="10001 entries"):
         archive.read(many)
 

@@ -28,7 +28,9 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return (out / "trials.csv").read_bytes()
 
 
-def test_half_a_study_from_here_is_finished_on_dask_though_a_worker_is_killed(whole: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_half_a_study_from_here_is_finished_on_dask_though_a_worker_is_killed(
+    whole: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     out = tmp_path / "study"
     study = sc.load_study("study6")
     study.run(trials=8, workers=1, out=out, trajectories=0)
@@ -47,13 +49,16 @@ def test_half_a_study_from_here_is_finished_on_dask_though_a_worker_is_killed(wh
         backends.append(self)
 
     monkeypatch.setattr(Dask, "__init__", begin)
-    study.run(trials=TRIALS, workers=2, scheduler="local-cluster", out=out, resume=True, trajectories=0, progress=progress)
+    study.run(
+        trials=TRIALS, workers=2, scheduler="local-cluster", out=out, resume=True, trajectories=0, progress=progress
+    )
     assert killed
     assert (out / "trials.csv").read_bytes() == whole
 
 
 def test_files_travel_to_a_worker_that_lacks_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a machine where the scenario's paths do not exist: the batch comes back with what is missing, and with it the worker runs."""
+    """On a machine where the scenario's paths do not exist: the batch comes back with what is missing, and with it the
+    worker runs."""
     import pickle
     from dataclasses import replace
 
@@ -69,7 +74,9 @@ def test_files_travel_to_a_worker_that_lacks_them(tmp_path: Path, monkeypatch: p
     moved = replace(scenario, fmus={name: gone[path] for name, path in scenario.fmus.items()})
     pickled = pickle.dumps((Task(moved, ("plant.drop_height",)), {gone[path]: sha for path, sha in hashes.items()}))
     (tmp_path / "cache").mkdir()
-    (tmp_path / "cache" / "kernels").symlink_to(cache_folder() / "kernels", target_is_directory=True)  # compiling them takes a minute
+    (tmp_path / "cache" / "kernels").symlink_to(
+        cache_folder() / "kernels", target_is_directory=True
+    )  # compiling them takes a minute
     monkeypatch.setenv("SPRAIN_COSIM_CACHE", str(tmp_path / "cache"))
     jobs = pickle.dumps([Job(3, np.array([0.3]))])
     try:
@@ -81,7 +88,9 @@ def test_files_travel_to_a_worker_that_lacks_them(tmp_path: Path, monkeypatch: p
         assert isinstance(rows, bytes)
         assert pickle.loads(rows)[0].outcome.metrics == scenario.override("plant.drop_height", "0.3 m").run().metrics
         asyncio.run(module._release("test"))
-        assert not isinstance(_batch("test", pickled, __version__, jobs, {}), Missing), "the next study finds them in the cache"
+        assert not isinstance(_batch("test", pickled, __version__, jobs, {}), Missing), (
+            "the next study finds them in the cache"
+        )
     finally:
         asyncio.run(module._release("test"))
     with pytest.raises(EnvironmentProblem, match=r"has sprain-cosim .* the study 0\.0"):

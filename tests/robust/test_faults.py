@@ -83,13 +83,16 @@ def test_every_fault_is_classified_and_touches_no_other_trial(study: Study, tmp_
 
 @pytest.mark.long
 def test_a_thousand_trials_with_a_tenth_of_them_faulty(study: Study, tmp_path: Path) -> None:
-    """R4 in full: clean trials as in a fault-free run to the bit, every fault a row with its class and a command that runs it again."""
+    """R4 in full: clean trials as in a fault-free run to the bit, every fault a row with its class and a command that
+    runs it again."""
     rng = np.random.default_rng(11)
     faults = np.zeros(1000, int)
     faults[rng.choice(1000, 100, replace=False)] = rng.integers(1, VARIED, 100)
     (tmp_path / "with").mkdir()
     (tmp_path / "without").mkdir()
-    broken = campaign(study, faults.tolist(), tmp_path / "with", limit=4.0, workers=2).trials  # 100 MB of output take a while
+    broken = campaign(
+        study, faults.tolist(), tmp_path / "with", limit=4.0, workers=2
+    ).trials  # 100 MB of output take a while
     clean = campaign(study, [0] * 1000, tmp_path / "without", limit=4.0, workers=2).trials
     kinds = [FAULTS[code] for code in faults]
     harmless = np.array([kind not in EXPECTED for kind in kinds])
@@ -103,7 +106,10 @@ def test_a_thousand_trials_with_a_tenth_of_them_faulty(study: Study, tmp_path: P
             assert status == "completed"
     listed = json.loads((tmp_path / "with" / "out" / "failures.json").read_text())
     assert [f["trial"] for f in listed] == np.flatnonzero(~harmless).tolist()
-    assert all(f["replay"].startswith("sprain-cosim trial ") and f["attempts"] == (1 if f["status"] == "failed" else 2) for f in listed)
+    assert all(
+        f["replay"].startswith("sprain-cosim trial ") and f["attempts"] == (1 if f["status"] == "failed" else 2)
+        for f in listed
+    )
 
 
 def test_a_failed_trial_is_quarantined_with_what_its_replay_needs(study: Study, tmp_path: Path) -> None:
@@ -153,7 +159,10 @@ def test_too_much_memory_costs_the_trial(study: Study) -> None:
 def test_a_device_that_hangs_when_it_is_loaded_is_one_message(tmp_path: Path) -> None:
     hanging = compile_fmu(tmp_path / "hanging.fmu", fault="hang_load")
     study = sc.load_study("study2").replace_fmu("brace", hanging)
-    with Worker(study.scenario, study.names, Limits(start=4.0)) as worker, pytest.raises(SimulationError, match=r"cannot be opened: .*wall time"):
+    with (
+        Worker(study.scenario, study.names, Limits(start=4.0)) as worker,
+        pytest.raises(SimulationError, match=r"cannot be opened: .*wall time"),
+    ):
         worker.run([m.mean for m in study.marginals.values()])
 
 

@@ -1,4 +1,5 @@
-"""Whatever a file holds, its parser gives an object or one error of ours in one line: scenario, study, mapping, the two kinds of CSV (R3).
+"""Whatever a file holds, its parser gives an object or one error of ours in one line: scenario, study, mapping, the two
+kinds of CSV (R3).
 
 Texts are valid files with random edits: near misses reach deeper than noise. Noise comes too."""
 
@@ -88,8 +89,47 @@ INPUTS = """trial,plant.drop_height [m],controller.coactivation,plant.talocrural
 7,0.35,0.19,-31,
 """
 TOKENS = [
-    *("", "0", "-1", "1e400", "1e-400", "nan", "inf", "-inf", "true", "false", "99999999999999999999999", "0x7fffffffffffffff", "9223372036854775808"),
-    *('""', '"', "'", "'''", '"""', "[", "]", "[[", "{", "}", "{}", "[]", "=", ",", ".", "\n", "\r", "\t", "#", "\\", "\\u0000", "\0", "\ufeff", "\u202e"),
+    *(
+        "",
+        "0",
+        "-1",
+        "1e400",
+        "1e-400",
+        "nan",
+        "inf",
+        "-inf",
+        "true",
+        "false",
+        "99999999999999999999999",
+        "0x7fffffffffffffff",
+        "9223372036854775808",
+    ),
+    *(
+        '""',
+        '"',
+        "'",
+        "'''",
+        '"""',
+        "[",
+        "]",
+        "[[",
+        "{",
+        "}",
+        "{}",
+        "[]",
+        "=",
+        ",",
+        ".",
+        "\n",
+        "\r",
+        "\t",
+        "#",
+        "\\",
+        "\\u0000",
+        "\0",
+        "\ufeff",
+        "\u202e",
+    ),
     *(
         "é",
         "𝔘",
@@ -105,8 +145,36 @@ TOKENS = [
         "[1, [2, [3]]]",
         "{ a = { b = { c = 1 } } }",
     ),
-    *('"../../../etc/passwd"', '"/dev/null"', '"."', '"m"', '"N.m"', '"rad^9999999999"', '"m/m/m"', '"1/0"', "subtalar_angle", "%s", "{0}", "a" * 300),
-    *("brace", "plant", "component", "low", "mean", "unit", "factor", "to", "from", "fmu", "map", "base", "scheme", "subtalar_torque"),
+    *(
+        '"../../../etc/passwd"',
+        '"/dev/null"',
+        '"."',
+        '"m"',
+        '"N.m"',
+        '"rad^9999999999"',
+        '"m/m/m"',
+        '"1/0"',
+        "subtalar_angle",
+        "%s",
+        "{0}",
+        "a" * 300,
+    ),
+    *(
+        "brace",
+        "plant",
+        "component",
+        "low",
+        "mean",
+        "unit",
+        "factor",
+        "to",
+        "from",
+        "fmu",
+        "map",
+        "base",
+        "scheme",
+        "subtalar_torque",
+    ),
 ]
 EDITS = st.lists(
     st.tuples(
@@ -133,7 +201,11 @@ def edited(text: str, edits: list[tuple[str, float, int, str]]) -> str:
         else:  # a value: what stands behind =, or between commas
             start = max(text.rfind("=", 0, at), text.rfind(",", 0, at), text.rfind("\n", 0, at)) + 1
             ends = [k for k in (text.find(c, max(at, start)) for c in ",\n}") if k >= 0]
-            text = text[:start] + (token if kind == "replace" else text[start : start + length][::-1]) + text[min(ends, default=len(text)) :]
+            text = (
+                text[:start]
+                + (token if kind == "replace" else text[start : start + length][::-1])
+                + text[min(ends, default=len(text)) :]
+            )
     return text
 
 

@@ -15,7 +15,8 @@ ROOT = Path(__file__).parent.parent.parent
 
 @pytest.mark.parametrize("wait", ["Loading", "steps"])
 def test_interrupt(wait: str, tmp_path: Path) -> None:
-    """Interrupted while the FMUs are loaded, and in the middle of 150 000 steps: the child says itself when it is there."""
+    """Interrupted while the FMUs are loaded, and in the middle of 150 000 steps: the child says itself when it is
+    there."""
     code = f"""if True:
         import sys
         from sprain_cosim import cli, system
@@ -32,7 +33,11 @@ def test_interrupt(wait: str, tmp_path: Path) -> None:
         cli.main(["run", "incline30", "--step", "0.001 ms", "--out", {str(tmp_path / "out")!r}])
     """
     child = subprocess.Popen(
-        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": str(ROOT)}
+        [sys.executable, "-c", code],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
     )
     assert child.stdout is not None
     assert child.stdout.readline() == "here\n"

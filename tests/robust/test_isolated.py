@@ -1,4 +1,5 @@
-"""An FMU in a process of its own: the same numbers to the bit, its faults end the run with a message, its modules meet no other FMU's."""
+"""An FMU in a process of its own: the same numbers to the bit, its faults end the run with a message, its modules meet
+no other FMU's."""
 
 from __future__ import annotations
 
@@ -59,7 +60,12 @@ def pythonfmu(folder: Path, stiffness: float, axis: str = "subtalar") -> Path:
     folder.mkdir()
     (folder / "slave.py").write_text(SLAVE.format(axis=axis))
     (folder / "law.py").write_text(f"STIFFNESS = {stiffness}\n")
-    subprocess.run([sys.executable, "-m", "pythonfmu", "build", "-f", "slave.py", "law.py", "-d", "."], cwd=folder, check=True, capture_output=True)
+    subprocess.run(
+        [sys.executable, "-m", "pythonfmu", "build", "-f", "slave.py", "law.py", "-d", "."],
+        cwd=folder,
+        check=True,
+        capture_output=True,
+    )
     return folder / "Brace.fmu"
 
 
@@ -74,7 +80,11 @@ def test_own_fmus_give_the_same_to_the_bit(scheme: str) -> None:
 @pytest.mark.parametrize(("fmi", "model_exchange"), [(1, False), (2, False), (3, False), (2, True), (3, True)])
 def test_every_version_gives_the_same_to_the_bit(fmi: int, model_exchange: bool, tmp_path: Path) -> None:
     """Two runs on the same instances: reset goes through as well."""
-    scenario = sc.load_scenario("incline30").replace_fmu("brace", device(tmp_path / "device.fmu", fmi, model_exchange)).with_master(stop="20 ms")
+    scenario = (
+        sc.load_scenario("incline30")
+        .replace_fmu("brace", device(tmp_path / "device.fmu", fmi, model_exchange))
+        .with_master(stop="20 ms")
+    )
     with scenario.open() as here, scenario.isolated("brace").open() as apart:
         for _ in range(2):
             one, other = here.run(), apart.run()
@@ -117,10 +127,17 @@ def test_state(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("fault", [f if f in QUICK else pytest.param(f, marks=pytest.mark.long) for f in EXPECTED])
-def test_a_fault_ends_the_run_and_names_the_component(fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fault_ends_the_run_and_names_the_component(
+    fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(module, "STEP_LIMIT", 1.0)
     monkeypatch.setattr(module, "START_LIMIT", 6.0 if fault == "hang_start" else 60.0)
-    scenario = sc.load_scenario("incline30").replace_fmu("brace", compile_fmu(tmp_path / "device.fmu", fault=fault)).isolated("brace").with_master(stop="15 ms")
+    scenario = (
+        sc.load_scenario("incline30")
+        .replace_fmu("brace", compile_fmu(tmp_path / "device.fmu", fault=fault))
+        .isolated("brace")
+        .with_master(stop="15 ms")
+    )
     with scenario.open() as session:
         proxy = next(m.instance for m in session._assembly.members if m.name == "brace")  # type: ignore[union-attr]
         assert isinstance(proxy, Proxy)
@@ -138,7 +155,10 @@ def test_a_fault_ends_the_run_and_names_the_component(fault: str, tmp_path: Path
 def test_the_command_survives_a_crash(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     fmu = compile_fmu(tmp_path / "device.fmu", fault="segfault")
     assert _run(["run", "incline30", "--fmu", f"brace={fmu}", "--isolate"], []) == 3
-    assert capsys.readouterr().err == "error: brace: in the step from 0.01 s to 0.0105 s: its process was ended by signal SIGSEGV\n"
+    assert (
+        capsys.readouterr().err
+        == "error: brace: in the step from 0.01 s to 0.0105 s: its process was ended by signal SIGSEGV\n"
+    )
 
 
 def test_what_cannot_be_opened_is_one_message(tmp_path: Path) -> None:
@@ -156,9 +176,12 @@ def test_what_cannot_be_opened_is_one_message(tmp_path: Path) -> None:
 
 
 def test_python_fmus_of_others_do_not_mix(tmp_path: Path) -> None:
-    """Two FMUs of `pythonfmu build` whose modules have the same names, in one system: each follows its own law, and neither reaches this process."""
+    """Two FMUs of `pythonfmu build` whose modules have the same names, in one system: each follows its own law, and
+    neither reaches this process."""
     first, second = pythonfmu(tmp_path / "a", 20.0), pythonfmu(tmp_path / "b", 5.0, "inversion")
-    (tmp_path / "two.toml").write_text(f'base = "incline30"\n[components.brace]\nfmu = "{first}"\n[components.insole]\nfmu = "{second}"\n')
+    (tmp_path / "two.toml").write_text(
+        f'base = "incline30"\n[components.brace]\nfmu = "{first}"\n[components.insole]\nfmu = "{second}"\n'
+    )
     scenario = sc.load_scenario(tmp_path / "two.toml").with_master("gauss-seidel")
     result = scenario.run()
     assert result.status == "completed", result.message
@@ -175,14 +198,18 @@ def test_a_python_fmu_of_another_is_the_same_as_in_c(tmp_path: Path) -> None:
     told = CliRunner().invoke(cli, ["check", str(fmu)], standalone_mode=False)
     assert told.return_value == 0, told.output
     assert "process of its own" in told.output
-    runs = [sc.load_scenario("incline30").replace_fmu("brace", f).with_master("gauss-seidel").run() for f in (fmu, compile_fmu(tmp_path / "c.fmu"))]
+    runs = [
+        sc.load_scenario("incline30").replace_fmu("brace", f).with_master("gauss-seidel").run()
+        for f in (fmu, compile_fmu(tmp_path / "c.fmu"))
+    ]
     assert runs[0]["plant.subtalar_angle"] == pytest.approx(runs[1]["plant.subtalar_angle"], abs=1e-12)
 
 
 def test_a_study_in_isolation_is_the_same(tmp_path: Path) -> None:
     study = sc.load_study("study2").replace_fmu("brace", device(tmp_path / "device.fmu"))
     trials = [
-        s.run(trials=3, workers=1, out=tmp_path / str(k)).trials for k, s in enumerate((study, replace(study, scenario=study.scenario.isolated("brace"))))
+        s.run(trials=3, workers=1, out=tmp_path / str(k)).trials
+        for k, s in enumerate((study, replace(study, scenario=study.scenario.isolated("brace"))))
     ]
     assert trials[0].equals(trials[1])
 
@@ -190,7 +217,10 @@ def test_a_study_in_isolation_is_the_same(tmp_path: Path) -> None:
 def test_nothing_stays_behind(tmp_path: Path) -> None:
     """The processes of a session are gone after it, those that a device forked included."""
     scenario = (
-        sc.load_scenario("incline30").replace_fmu("brace", compile_fmu(tmp_path / "device.fmu", fault="fork")).isolated("brace").with_master(stop="20 ms")
+        sc.load_scenario("incline30")
+        .replace_fmu("brace", compile_fmu(tmp_path / "device.fmu", fault="fork"))
+        .isolated("brace")
+        .with_master(stop="20 ms")
     )
     with scenario.open() as session:
         groups = [m.instance._child._process.pid for m in session._assembly.members if m.name == "brace"]  # type: ignore[union-attr]

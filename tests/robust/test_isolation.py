@@ -1,4 +1,5 @@
-"""A worker process survives what a device does to it: crash, exit, hang, error; the trials after it give the same numbers."""
+"""A worker process survives what a device does to it: crash, exit, hang, error; the trials after it give the same
+numbers."""
 
 from __future__ import annotations
 
@@ -79,5 +80,8 @@ def test_kill_ends_the_process_and_the_run() -> None:
 
 
 def test_a_system_that_cannot_open_is_one_message(tmp_path: Path) -> None:
-    with Worker(load_scenario("incline30"), NAMES, Limits(memory=1 << 20)) as worker, pytest.raises(SimulationError, match="cannot be opened"):
+    with (
+        Worker(load_scenario("incline30"), NAMES, Limits(memory=1 << 20)) as worker,
+        pytest.raises(SimulationError, match="cannot be opened"),
+    ):
         worker.run([0.3])

@@ -1,4 +1,5 @@
-"""Files that are no usable FMU, through `check`: exit 2, one `error:` line, no traceback, quick, nothing left behind (R1, R2)."""
+"""Files that are no usable FMU, through `check`: exit 2, one `error:` line, no traceback, quick, nothing left behind
+(R1, R2)."""
 
 from __future__ import annotations
 
@@ -85,7 +86,9 @@ def not_archives() -> Iterator[tuple[str, bytes]]:
         "end record only": b"PK\x05\x06" + bytes(18),
         "no description": pack([(library(), GOOD[library()])]),
         "description in a folder": pack([(f"fmu/{n}", d) for n, d in GOOD.items()]),
-        "description in other case": pack([("modeldescription.xml", GOOD["modelDescription.xml"]), (library(), GOOD[library()])]),
+        "description in other case": pack(
+            [("modeldescription.xml", GOOD["modelDescription.xml"]), (library(), GOOD[library()])]
+        ),
         "description is a folder": pack([("modelDescription.xml/", b""), (library(), GOOD[library()])]),
     }.items()
     for k in range(12):
@@ -107,7 +110,11 @@ def flipped() -> Iterator[tuple[str, bytes]]:
     for packing in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         whole = pack(list(GOOD.items()), packing)
         directory = whole.rindex(b"PK\x01\x02", 0, whole.index(b"PK\x05\x06"))
-        places = [*rng.integers(0, len(whole), 25), *rng.integers(0, 60, 10), *rng.integers(directory - 80, len(whole), 25)]
+        places = [
+            *rng.integers(0, len(whole), 25),
+            *rng.integers(0, 60, 10),
+            *rng.integers(directory - 80, len(whole), 25),
+        ]
         for k, place in enumerate(places):
             damaged = bytearray(whole)
             damaged[place] ^= 1 << int(rng.integers(8))
@@ -159,14 +166,22 @@ def descriptions() -> Iterator[tuple[str, bytes]]:
         "utf-32": (head.replace("UTF-8", "UTF-32") + body).encode("utf-32"),
         "utf-7": head.replace("UTF-8", "UTF-7").encode() + body.encode("utf-7"),
         "ebcdic": head.replace("UTF-8", "cp037").encode() + body.encode(),
-        "doctype in utf-7": head.replace("UTF-8", "UTF-7").encode() + b'+ADwAIQ-DOCTYPE x +AFsAPAAh-ENTITY a "b"+AD4AXQA+-' + body.encode(),
+        "doctype in utf-7": head.replace("UTF-8", "UTF-7").encode()
+        + b'+ADwAIQ-DOCTYPE x +AFsAPAAh-ENTITY a "b"+AD4AXQA+-'
+        + body.encode(),
         "unknown encoding": changed("UTF-8", "klingon"),
         "doctype": (head + "<!DOCTYPE fmiModelDescription>" + body).encode(),
         "external doctype": (head + '<!DOCTYPE x SYSTEM "http://localhost:9/x.dtd">' + body).encode(),
-        "xxe file": (head + '<!DOCTYPE x [<!ENTITY e SYSTEM "file:///etc/passwd">]>' + body.replace("stiffness", "&e;", 1)).encode(),
+        "xxe file": (
+            head + '<!DOCTYPE x [<!ENTITY e SYSTEM "file:///etc/passwd">]>' + body.replace("stiffness", "&e;", 1)
+        ).encode(),
         "xxe parameter": (head + '<!DOCTYPE x [<!ENTITY % e SYSTEM "file:///etc/passwd"> %e;]>' + body).encode(),
-        "entity bomb": (head + f'<!DOCTYPE x [<!ENTITY l0 "ha">{laughs}]>' + body.replace("stiffness", "&l9;", 1)).encode(),
-        "quadratic bomb": (head + f'<!DOCTYPE x [<!ENTITY a "{"a" * 50000}">]>' + body.replace("stiffness", "&a;" * 1000, 1)).encode(),
+        "entity bomb": (
+            head + f'<!DOCTYPE x [<!ENTITY l0 "ha">{laughs}]>' + body.replace("stiffness", "&l9;", 1)
+        ).encode(),
+        "quadratic bomb": (
+            head + f'<!DOCTYPE x [<!ENTITY a "{"a" * 50000}">]>' + body.replace("stiffness", "&a;" * 1000, 1)
+        ).encode(),
         "deeply nested": (head + "<a>" * 20000 + "</a>" * 20000).encode(),
         "no version": re.sub(r' fmiVersion="[^"]*"', "", good).encode(),
         "version 4": changed('fmiVersion="2.0"', 'fmiVersion="4.0"'),
@@ -182,7 +197,9 @@ def descriptions() -> Iterator[tuple[str, bytes]]:
         "empty identifier": changed('modelIdentifier="device"', 'modelIdentifier=""'),
         "another identifier": changed('modelIdentifier="device"', 'modelIdentifier="brace"'),
         "needs its tool": changed("<CoSimulation ", '<CoSimulation needsExecutionTool="true" '),
-        "no variables": re.sub(r"<ModelVariables>.*</ModelVariables>", "<ModelVariables></ModelVariables>", good, flags=re.S).encode(),
+        "no variables": re.sub(
+            r"<ModelVariables>.*</ModelVariables>", "<ModelVariables></ModelVariables>", good, flags=re.S
+        ).encode(),
         "no variables element": re.sub(r"<ModelVariables>.*</ModelVariables>", "", good, flags=re.S).encode(),
         "no structure": re.sub(r"<ModelStructure>.*</ModelStructure>", "", good, flags=re.S).encode(),
         "duplicate variable": changed(variable[0], variable[0] * 2),
@@ -208,7 +225,10 @@ def descriptions() -> Iterator[tuple[str, bytes]]:
         "unknown element": changed("<ModelVariables>", "<Surprise/><ModelVariables>"),
         "unknown attribute": changed("<CoSimulation ", '<CoSimulation surprise="true" '),
         "boolean in words": changed('canGetAndSetFMUstate="true"', 'canGetAndSetFMUstate="perhaps"'),
-        "include": changed("<ModelVariables>", '<xi:include xmlns:xi="http://www.w3.org/2001/XInclude" href="/etc/passwd"/><ModelVariables>'),
+        "include": changed(
+            "<ModelVariables>",
+            '<xi:include xmlns:xi="http://www.w3.org/2001/XInclude" href="/etc/passwd"/><ModelVariables>',
+        ),
         "namespace": changed("<fmiModelDescription", '<fmiModelDescription xmlns="http://nowhere.example/"'),
     }
     for name, data in found.items():
@@ -241,8 +261,14 @@ def libraries() -> Iterator[tuple[str, bytes]]:
     }
     for name, data in found.items():
         yield f"library {name}", with_changed(library=data)
-    yield "library under another name", pack([("modelDescription.xml", GOOD["modelDescription.xml"]), (library().replace("device", "Device"), good)])
-    yield "library of another platform", pack([("modelDescription.xml", GOOD["modelDescription.xml"]), ("binaries/beos/device.so", good)])
+    yield (
+        "library under another name",
+        pack([("modelDescription.xml", GOOD["modelDescription.xml"]), (library().replace("device", "Device"), good)]),
+    )
+    yield (
+        "library of another platform",
+        pack([("modelDescription.xml", GOOD["modelDescription.xml"]), ("binaries/beos/device.so", good)]),
+    )
     yield "library is a folder", pack([("modelDescription.xml", GOOD["modelDescription.xml"]), (f"{library()}/", b"")])
 
 
@@ -259,7 +285,10 @@ def attacks() -> Iterator[tuple[str, bytes]]:
         plain = name.replace("\0", "@")  # zipfile would cut there
         yield f"name {k} {name[:30]!r}", pack([*base, (plain, b"x")]).replace(plain.encode(), name.encode())
     yield "symlink", pack([*base, entry("resources/x", stat.S_IFLNK | 0o777, b"/etc/passwd")])
-    yield "symlink to a folder, then through it", pack([*base, entry("resources/d", stat.S_IFLNK | 0o777, b"/tmp"), ("resources/d/x", b"x")])
+    yield (
+        "symlink to a folder, then through it",
+        pack([*base, entry("resources/d", stat.S_IFLNK | 0o777, b"/tmp"), ("resources/d/x", b"x")]),
+    )
     yield "device file", pack([*base, entry("resources/x", stat.S_IFCHR | 0o666)])
     yield "pipe", pack([*base, entry("resources/x", stat.S_IFIFO | 0o666)])
     yield "case collision", pack([*base, ("resources/a", b"x"), ("resources/A", b"y")])
@@ -267,7 +296,10 @@ def attacks() -> Iterator[tuple[str, bytes]]:
     yield "file and folder", pack([*base, ("resources/a", b"x"), ("resources/a/b", b"y")])
     yield "file and folder in other case", pack([*base, ("resources/A", b"x"), ("resources/a/b", b"y")])
     yield "bomb by ratio", pack([*base, ("resources/zeros", bytes(200_000_000))], zipfile.ZIP_DEFLATED)
-    yield "bomb of the description", pack([("modelDescription.xml", b" " * 100_000_000 + GOOD["modelDescription.xml"])], zipfile.ZIP_DEFLATED)
+    yield (
+        "bomb of the description",
+        pack([("modelDescription.xml", b" " * 100_000_000 + GOOD["modelDescription.xml"])], zipfile.ZIP_DEFLATED),
+    )
     yield "hundred thousand entries", pack([*base, *((f"resources/{k}", b"") for k in range(100_000))])
     yield "says it is small", lying(file_size=10)
     yield "says it is huge", lying(file_size=2**31)
@@ -303,7 +335,9 @@ def overlapping() -> bytes:
     return packed.getvalue()
 
 
-FAMILIES: dict[str, Callable[[], Iterator[tuple[str, bytes]]]] = {f.__name__: f for f in (not_archives, truncated, flipped, descriptions, libraries, attacks)}
+FAMILIES: dict[str, Callable[[], Iterator[tuple[str, bytes]]]] = {
+    f.__name__: f for f in (not_archives, truncated, flipped, descriptions, libraries, attacks)
+}
 
 
 @lru_cache
@@ -407,7 +441,9 @@ def test_through_the_command(fenced: Path) -> None:
                          ("attacks", "bomb by ratio"), ("attacks", "hundred thousand entries")):  # fmt: skip
         Path("x.fmu").write_bytes(dict(cases(family))[name])
         clock = Clock()
-        told = subprocess.run([sys.executable, "-m", "sprain_cosim", "check", "x.fmu"], capture_output=True, text=True, timeout=30)
+        told = subprocess.run(
+            [sys.executable, "-m", "sprain_cosim", "check", "x.fmu"], capture_output=True, text=True, timeout=30
+        )
         assert (told.returncode, told.stdout) == (2, ""), (name, told)
         assert re.fullmatch(r"error: [^\n]+\n", told.stderr), (name, told.stderr)
         assert not clock.slow(), name

@@ -1,4 +1,5 @@
-"""Many trials of a light device: memory, descriptors and temporary files stay as they were. And what a study costs besides its landings."""
+"""Many trials of a light device: memory, descriptors and temporary files stay as they were. And what a study costs
+besides its landings."""
 
 from __future__ import annotations
 
@@ -43,7 +44,16 @@ def soak(folder: Path, trials: int, warm: int) -> None:
         def look(finished: int, total: int, failed: int, seconds: float) -> None:
             if finished >= warm and backend._workers and (child := backend._workers[0]._child) is not None:
                 temporary = len(os.listdir(tempfile.gettempdir()))
-                seen.append((finished, seconds, resident("self"), resident(child._process.pid), len(os.listdir("/proc/self/fd")), temporary))
+                seen.append(
+                    (
+                        finished,
+                        seconds,
+                        resident("self"),
+                        resident(child._process.pid),
+                        len(os.listdir("/proc/self/fd")),
+                        temporary,
+                    )
+                )
 
         dispatch = Dispatch(ledger, backend, progress=look)
         try:
@@ -58,7 +68,11 @@ def soak(folder: Path, trials: int, warm: int) -> None:
     assert last[3] - first[3] < 20 << 20, "the child grew"
     assert last[4] == first[4]
     assert last[5] == first[5]
-    print(f"\n{trials} trials: driver {(last[2] - first[2]) / 2**20:+.1f} MB, child {(last[3] - first[3]) / 2**20:+.1f} MB, ", end="")
+    print(
+        f"\n{trials} trials: driver {(last[2] - first[2]) / 2**20:+.1f} MB, child {(last[3] - first[3]) / 2**20:+.1f} "
+        "MB, ",
+        end="",
+    )
     half = len(seen) // 2
     early, late = ((b[0] - a[0]) / (b[1] - a[1]) for a, b in ((seen[0], seen[half]), (seen[half], seen[-1])))
     print(f"{early:.0f}/s in the first half, {late:.0f}/s in the second")
@@ -81,7 +95,8 @@ def spent(process: int) -> float:
 
 @pytest.mark.long
 def test_isolation_and_ledger_cost_at_most_a_twentieth_of_a_landing(tmp_path: Path) -> None:
-    """Processor time of the same landings, in turn: in this thread; in a child, with all that this process does to drive it and to keep the ledger."""
+    """Processor time of the same landings, in turn: in this thread; in a child, with all that this process does to
+    drive it and to keep the ledger."""
     names, n, turns = ("plant.drop_height",), 100, 5
     x = np.linspace(0.25, 0.35, n)[:, None]
     scenario, shares = sc.load_scenario("incline30_mixed"), []
@@ -106,5 +121,8 @@ def test_isolation_and_ledger_cost_at_most_a_twentieth_of_a_landing(tmp_path: Pa
         finally:
             dispatch.close()
     total, driver, landing = np.median(shares, axis=0)
-    print(f"\nlanding {1e3 * landing:.1f} ms of processor time; isolated and in the ledger {100 * total:+.1f} %, of which {100 * driver:.1f} % in the driver")
+    print(
+        f"\nlanding {1e3 * landing:.1f} ms of processor time; isolated and in the ledger {100 * total:+.1f} %, of "
+        f"which {100 * driver:.1f} % in the driver"
+    )
     assert total < 0.05

@@ -47,18 +47,24 @@ def test_trajectories_are_those_of_the_first_and_of_the_percentiles(whole: Path)
 def test_a_trajectory_is_laid_out_as_the_signals_of_a_run(whole: Path, tmp_path: Path) -> None:
     again = replay(whole, 2)
     assert again.same
-    assert gzip.decompress(again.outcome.trajectory) == gzip.decompress((whole / "trajectories" / "000002.csv.gz").read_bytes())
+    assert gzip.decompress(again.outcome.trajectory) == gzip.decompress(
+        (whole / "trajectories" / "000002.csv.gz").read_bytes()
+    )
     ran = CliRunner().invoke(cli, ["trial", str(whole), "2", "--out", str(tmp_path / "run"), "--json"])
     assert ran.exit_code == 0, ran.output
     assert json.loads(ran.stdout)["reproduced"] is True
-    assert (tmp_path / "run" / "signals.csv").read_bytes() == gzip.decompress((whole / "trajectories" / "000002.csv.gz").read_bytes())
+    assert (tmp_path / "run" / "signals.csv").read_bytes() == gzip.decompress(
+        (whole / "trajectories" / "000002.csv.gz").read_bytes()
+    )
 
 
 def test_a_trial_that_no_longer_gives_its_numbers_is_told(whole: Path, tmp_path: Path) -> None:
     changed = tmp_path / "changed"
     shutil.copytree(whole, changed)
     with Ledger(changed, **_facts(changed)) as ledger:
-        values = np.frombuffer(ledger._database.execute("SELECT metrics FROM trials WHERE trial = 5").fetchone()[0]).copy()
+        values = np.frombuffer(
+            ledger._database.execute("SELECT metrics FROM trials WHERE trial = 5").fetchone()[0]
+        ).copy()
         values[0] = np.nextafter(values[0], 1e9)
         ledger._database.execute("UPDATE trials SET metrics = ? WHERE trial = 5", (values.tobytes(),))
     assert not replay(changed, 5).same
@@ -99,7 +105,11 @@ def test_manifest_says_with_what(whole: Path) -> None:
 
 
 def test_parquet_holds_the_same_table(whole: Path) -> None:
-    pd.testing.assert_frame_equal(pd.read_parquet(whole / "trials.parquet"), pd.read_csv(whole / "trials.csv", keep_default_na=False), check_exact=True)
+    pd.testing.assert_frame_equal(
+        pd.read_parquet(whole / "trials.parquet"),
+        pd.read_csv(whole / "trials.csv", keep_default_na=False),
+        check_exact=True,
+    )
 
 
 def test_shards_merge_into_the_whole(whole: Path, tmp_path: Path) -> None:

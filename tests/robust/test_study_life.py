@@ -1,4 +1,5 @@
-"""The life of a study from the command line: interrupted, killed, locked, out of disk, moved; nothing finished is lost and the table is the same."""
+"""The life of a study from the command line: interrupted, killed, locked, out of disk, moved; nothing finished is lost
+and the table is the same."""
 
 from __future__ import annotations
 
@@ -36,7 +37,9 @@ DRIVER = f"""if True:
 """
 
 
-def start(out: Path, *options: str, trials: int = TRIALS, mark: str = "", limit: int | None = None, **environment: str) -> subprocess.Popen[str]:
+def start(
+    out: Path, *options: str, trials: int = TRIALS, mark: str = "", limit: int | None = None, **environment: str
+) -> subprocess.Popen[str]:
     """`sprain-cosim study study6` with short landings; `limit` [B] the size that its files may have."""
     command = ["study", "study6", "--trials", str(trials), "--trajectories", "none", "--out", str(out), *options]
     return subprocess.Popen(
@@ -71,7 +74,10 @@ def marked(mark: str) -> list[int]:
     found = []
     for entry in os.listdir("/proc"):
         try:
-            if entry.isdigit() and f"SPRAIN_TEST_MARK={mark}\0".encode() in (Path("/proc") / entry / "environ").read_bytes():
+            if (
+                entry.isdigit()
+                and f"SPRAIN_TEST_MARK={mark}\0".encode() in (Path("/proc") / entry / "environ").read_bytes()
+            ):
                 found.append(int(entry))
         except OSError:
             continue
@@ -100,7 +106,9 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_interrupt_keeps_what_is_finished_and_says_how_to_go_on(number: signal.Signals, code: int, whole: bytes, tmp_path: Path) -> None:
+def test_interrupt_keeps_what_is_finished_and_says_how_to_go_on(
+    number: signal.Signals, code: int, whole: bytes, tmp_path: Path
+) -> None:
     out, mark = tmp_path / "out", uuid.uuid4().hex
     process = start(out, "--workers", "2", "--progress", "json", trials=5000, mark=mark)
     until_some_are_finished(process, 1)
@@ -123,7 +131,8 @@ def test_interrupt_keeps_what_is_finished_and_says_how_to_go_on(number: signal.S
 
 
 def kills(out: Path, count: int, trials: int, rng: random.Random) -> bytes:
-    """Kills the driver `count` times at random moments; what had been committed stays as it was and no process outlives it by 2 s."""
+    """Kills the driver `count` times at random moments; what had been committed stays as it was and no process outlives
+    it by 2 s."""
     kept: dict[int, float] = {}
     for _ in range(count):
         mark = uuid.uuid4().hex
@@ -170,7 +179,9 @@ def test_killed_here_and_finished_on_dask(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_killed_a_hundred_times(tmp_path: Path) -> None:
-    assert kills(tmp_path / "out", 100, 4000, random.Random(4)) == finish(tmp_path / "whole", "--workers", "2", trials=4000)
+    assert kills(tmp_path / "out", 100, 4000, random.Random(4)) == finish(
+        tmp_path / "whole", "--workers", "2", trials=4000
+    )
 
 
 def test_second_run_on_a_folder_names_the_first_and_a_stale_lock_is_no_matter(tmp_path: Path) -> None:
@@ -217,7 +228,8 @@ def test_folder_that_cannot_be_made_is_one_line(where: str, tmp_path: Path) -> N
 
 
 def test_same_table_elsewhere(whole: bytes, tmp_path: Path) -> None:
-    """Seven workers, another working directory, locale and hash seed; resumed when complete, it changes nothing and exits 0."""
+    """Seven workers, another working directory, locale and hash seed; resumed when complete, it changes nothing and
+    exits 0."""
     elsewhere = {"PWD": "/", "LC_ALL": "C", "PYTHONHASHSEED": "77", "TZ": "Asia/Kathmandu"}
     assert finish(tmp_path / "out", "--workers", "7", **elsewhere) == whole
     timing = (tmp_path / "out" / "timing.csv").read_bytes()

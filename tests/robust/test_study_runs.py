@@ -93,7 +93,10 @@ def test_another_study_in_the_folder_is_refused(whole: Path) -> None:
 
 def test_a_folder_in_use_names_its_holder(tmp_path: Path) -> None:
     study = sc.load_study("study6")
-    with Ledger(tmp_path / "s", study.digest, study.identity), pytest.raises(InputError, match=f"in use by process {os.getpid()}"):
+    with (
+        Ledger(tmp_path / "s", study.digest, study.identity),
+        pytest.raises(InputError, match=f"in use by process {os.getpid()}"),
+    ):
         Ledger(tmp_path / "s", study.digest, study.identity)
     Ledger(tmp_path / "s", study.digest, study.identity).close()
 
@@ -133,7 +136,9 @@ def test_too_many_failures_stop_the_study(tmp_path: Path) -> None:
 
 def test_failed_trials_are_rows_and_bound_the_percentiles(tmp_path: Path) -> None:
     """Trials that ran out of time stay in the table; with none completed no moment is made up."""
-    campaign = sc.load_study("study2").run(trials=2, workers=1, out=tmp_path / "bad", limits=Limits(trial=1e-4), max_failed=1.0)
+    campaign = sc.load_study("study2").run(
+        trials=2, workers=1, out=tmp_path / "bad", limits=Limits(trial=1e-4), max_failed=1.0
+    )
     assert campaign.trials["status"].tolist() == ["timeout", "timeout"]
     assert campaign.summary["n_failed"] == 2
     assert campaign.summary["failures"] == {"timeout": 2}

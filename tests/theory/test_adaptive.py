@@ -29,20 +29,34 @@ def stop(**more) -> FakeComponent:
         x, w = inputs["subtalar_angle"], inputs["subtalar_velocity"]
         return [torque(x, w), STIFFNESS + (STOP if abs(x) > EDGE else 0.0), DAMPING]
 
-    names = {"subtalar_angle": ("input", "rad"), "subtalar_velocity": ("input", "rad/s"), "subtalar_torque": ("output", "N.m")}
+    names = {
+        "subtalar_angle": ("input", "rad"),
+        "subtalar_velocity": ("input", "rad/s"),
+        "subtalar_torque": ("output", "N.m"),
+    }
     names |= {"subtalar_stiffness": ("output", "N.m/rad"), "subtalar_damping": ("output", "N.m.s/rad")}
     return FakeComponent("brace", {n: connector(n, c, u) for n, (c, u) in names.items()}, output=output, **more)
 
 
 def run(scheme: str, step: float, adaptive: float = 0.0, brace: FakeComponent | None = None) -> Result:
     parts = (foot(0.1), brace or stop())
-    result = Master(communication_step=step, stop=0.1, scheme=scheme, adaptive=adaptive).run(System(parts, connect(parts, {})[0]).open(), {})
+    result = Master(communication_step=step, stop=0.1, scheme=scheme, adaptive=adaptive).run(
+        System(parts, connect(parts, {})[0]).open(), {}
+    )
     assert result.status == "completed", result.message
     return result
 
 
 def error(result: Result) -> float:
-    truth = solve_ivp(lambda t, y: [y[1], (torque(*y) - 0.1 * y[1]) / INERTIA], (0, 0.1), (0.1, 0.0), t_eval=result.time, rtol=1e-8, atol=1e-10, max_step=5e-4)
+    truth = solve_ivp(
+        lambda t, y: [y[1], (torque(*y) - 0.1 * y[1]) / INERTIA],
+        (0, 0.1),
+        (0.1, 0.0),
+        t_eval=result.time,
+        rtol=1e-8,
+        atol=1e-10,
+        max_step=5e-4,
+    )
     return float(np.sqrt(np.mean((result["plant.subtalar_angle"] - truth.y[0]) ** 2)))
 
 
@@ -81,7 +95,12 @@ def test_without_saved_states_the_steps_are_chosen_with_care(scheme: str) -> Non
 
 
 def test_a_device_with_a_step_of_its_own_is_divided_into_whole_multiples() -> None:
-    result = run("gauss-seidel", 1e-3, 1e-4, stop(capabilities=Capabilities("2.0", state=True, fixed_step=1.25e-4, variable_step=False)))
+    result = run(
+        "gauss-seidel",
+        1e-3,
+        1e-4,
+        stop(capabilities=Capabilities("2.0", state=True, fixed_step=1.25e-4, variable_step=False)),
+    )
     assert result.smallest_step == pytest.approx(1.25e-4)
 
 

@@ -1,8 +1,9 @@
-"""Every row of the benchmark table against our numerics, and a summary of it kept here so that any clone tests the same.
+"""Every row of the benchmark table against our numerics, and a summary of it kept here so that any clone tests the
+same.
 
-Closed forms to 1e-9 of the value; 1e-6 where finite differences, an iteration or quadrature stand in between; sampled quantities within 99.99 %
-intervals of their own. A row is (problem, method, quantity, value); `answer` says what ours is and how near it must be.
-"""
+Closed forms to 1e-9 of the value; 1e-6 where finite differences, an iteration or quadrature stand in between; sampled
+quantities within 99.99 % intervals of their own. A row is (problem, method, quantity, value); `answer` says what ours
+is and how near it must be."""
 
 from __future__ import annotations
 
@@ -24,7 +25,14 @@ from sprain_cosim.uq.distributions import JointDistribution, Marginal
 from sprain_cosim.uq.reliability import amv, amv_plus, form, hmv, mean_value, sorm
 from sprain_cosim.uq.sampling import sobol
 from sprain_cosim.uq.sensitivity import _scores, given_data_indices, sensitivity_factors, sobol_indices
-from sprain_cosim.uq.statistics import Estimate, order_statistic_ranks, replicated, replicated_exceedance, replicated_percentile, wilks_size
+from sprain_cosim.uq.statistics import (
+    Estimate,
+    order_statistic_ranks,
+    replicated,
+    replicated_exceedance,
+    replicated_percentile,
+    wilks_size,
+)
 from tests.reference import FOLDER
 
 CLOSED, ITERATED = 1e-9, 1e-6
@@ -43,7 +51,9 @@ class Problem:
     step: float = 1e-2  # of the differences; any is exact for a polynomial of second degree
 
 
-def _linear(weights: Sequence[float], centre: Sequence[float] | None = None, at: float = 0.0) -> Callable[[np.ndarray], np.ndarray]:
+def _linear(
+    weights: Sequence[float], centre: Sequence[float] | None = None, at: float = 0.0
+) -> Callable[[np.ndarray], np.ndarray]:
     a, c = np.array(weights, float), 0.0 if centre is None else np.array(centre, float)
     return lambda x: at + (x - c) @ a
 
@@ -52,7 +62,15 @@ def _four_branch(k: float) -> Callable[[np.ndarray], np.ndarray]:
     def g(x: np.ndarray) -> np.ndarray:
         a, b = x[:, 0], x[:, 1]
         bent = 3 + 0.1 * (a - b) ** 2
-        return np.min([bent - (a + b) / math.sqrt(2), bent + (a + b) / math.sqrt(2), a - b + k / math.sqrt(2), b - a + k / math.sqrt(2)], axis=0)
+        return np.min(
+            [
+                bent - (a + b) / math.sqrt(2),
+                bent + (a + b) / math.sqrt(2),
+                a - b + k / math.sqrt(2),
+                b - a + k / math.sqrt(2),
+            ],
+            axis=0,
+        )
 
     return g
 
@@ -63,40 +81,72 @@ def _column(x: np.ndarray) -> np.ndarray:
 
 
 STUDY6 = {  # name: marginal, slope per unit of the input
-    "brace": (Normal(150.0, 6.0), -0.065), "coact": (LogNormal(20.0, 5.0), -0.216), "reflex": (LogNormal(5.0, 1.0), -0.03),
-    "strength": (Normal(0.0, 5.0), -0.096), "anklestiff": (Normal(100.0, 6.0), -0.015), "talo": (Normal(-34.0, 5.0), 0.096),
-    "subt": (Normal(0.0, 5.0), 0.342), "drop": (LogNormal(0.30, 0.05), 36.6), "modulus": (LogNormal(50.0, 5.0), 0.072),
+    "brace": (Normal(150.0, 6.0), -0.065),
+    "coact": (LogNormal(20.0, 5.0), -0.216),
+    "reflex": (LogNormal(5.0, 1.0), -0.03),
+    "strength": (Normal(0.0, 5.0), -0.096),
+    "anklestiff": (Normal(100.0, 6.0), -0.015),
+    "talo": (Normal(-34.0, 5.0), 0.096),
+    "subt": (Normal(0.0, 5.0), 0.342),
+    "drop": (LogNormal(0.30, 0.05), 36.6),
+    "modulus": (LogNormal(50.0, 5.0), 0.072),
     "dissip": (LogNormal(5.0, 1.0), 0.06),
-}  # fmt: skip
+}
 UNIT = [Normal(0.0, 1.0)] * 2
 PROBLEMS = {
-    "B01_linear_normal_10": Problem(_linear([3, -2, 1, 4, -1, 2, -3, 1, 2, -1]), [Normal(float(i), 0.1 * i) for i in range(1, 11)], additive=True),
-    "B02_lognormal_product": Problem(lambda x: x[:, 0] ** 2 * x[:, 1] / x[:, 2], [LogNormal(10.0, 1.0), LogNormal(5.0, 1.0), LogNormal(2.0, 0.5)], step=1e-4),
+    "B01_linear_normal_10": Problem(
+        _linear([3, -2, 1, 4, -1, 2, -3, 1, 2, -1]), [Normal(float(i), 0.1 * i) for i in range(1, 11)], additive=True
+    ),
+    "B02_lognormal_product": Problem(
+        lambda x: x[:, 0] ** 2 * x[:, 1] / x[:, 2],
+        [LogNormal(10.0, 1.0), LogNormal(5.0, 1.0), LogNormal(2.0, 0.5)],
+        step=1e-4,
+    ),
     "B03_square_normal": Problem(lambda x: x[:, 0] ** 2, [Normal(3.0, 0.5)]),
     "B04_product_normals": Problem(lambda x: x[:, 0] * x[:, 1], [Normal(2.0, 0.3), Normal(5.0, 0.4)]),
-    "B05_noncentral_chi2": Problem(lambda x: np.sum((x + np.array([3.0, 2.0, 1.0])) ** 2, axis=1), [Normal(0.0, 1.0)] * 3),
+    "B05_noncentral_chi2": Problem(
+        lambda x: np.sum((x + np.array([3.0, 2.0, 1.0])) ** 2, axis=1), [Normal(0.0, 1.0)] * 3
+    ),
     "B06_nonmonotonic_square": Problem(lambda x: x[:, 0] ** 2 + 0.1 * x[:, 1], UNIT),
     "B07_quadratic_mild": Problem(lambda x: x[:, 0] + 0.15 * x[:, 0] ** 2 + x[:, 1], UNIT),
-    "B09_ishigami": Problem(lambda x: np.sin(x[:, 0]) + 7 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0]), [Uniform(-math.pi, math.pi)] * 3),
-    "B10_sobol_g": Problem(lambda x: np.prod((np.abs(4 * x - 2) + (a := np.array([0, 1, 4.5, 9, 99, 99, 99, 99]))) / (1 + a), axis=1), [Uniform(0.0, 1.0)] * 8),
+    "B09_ishigami": Problem(
+        lambda x: np.sin(x[:, 0]) + 7 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0]),
+        [Uniform(-math.pi, math.pi)] * 3,
+    ),
+    "B10_sobol_g": Problem(
+        lambda x: np.prod((np.abs(4 * x - 2) + (a := np.array([0, 1, 4.5, 9, 99, 99, 99, 99]))) / (1 + a), axis=1),
+        [Uniform(0.0, 1.0)] * 8,
+    ),
     "H01_HMV_convex": Problem(lambda x: -np.exp(x[:, 0] - 7) - x[:, 1] + 10, [Normal(6.0, 0.8)] * 2, step=1e-4),
-    "H03_HMV_amv_oscillates": Problem(lambda x: 0.3 * x[:, 0] ** 2 * x[:, 1] - x[:, 1] + 0.8 * x[:, 0] + 1, [Normal(1.3, 0.55), Normal(1.0, 0.55)], step=1e-4),
+    "H03_HMV_amv_oscillates": Problem(
+        lambda x: 0.3 * x[:, 0] ** 2 * x[:, 1] - x[:, 1] + 0.8 * x[:, 0] + 1,
+        [Normal(1.3, 0.55), Normal(1.0, 0.55)],
+        step=1e-4,
+    ),
     "R01_short_column": Problem(
-        _column, [Normal(500.0, 100.0), Normal(2000.0, 400.0), LogNormal(5.0, 0.5)], np.array([[1, 0.5, 0], [0.5, 1, 0], [0, 0, 1.0]]), step=1e-4
+        _column,
+        [Normal(500.0, 100.0), Normal(2000.0, 400.0), LogNormal(5.0, 0.5)],
+        np.array([[1, 0.5, 0], [0.5, 1, 0], [0, 0, 1.0]]),
+        step=1e-4,
     ),
     "R04a_cubic_10_9.9": Problem(lambda x: x[:, 0] ** 3 + x[:, 1] ** 3 - 18, [Normal(10.0, 5.0), Normal(9.9, 5.0)]),
     "R04b_quartic": Problem(lambda x: x[:, 0] ** 4 + 2 * x[:, 1] ** 4 - 20, [Normal(10.0, 5.0)] * 2),
-    "R04c_cubic_mix": Problem(lambda x: x[:, 0] ** 3 + x[:, 0] ** 2 * x[:, 1] + x[:, 1] ** 3 - 18, [Normal(10.0, 5.0), Normal(9.9, 5.0)]),
+    "R04c_cubic_mix": Problem(
+        lambda x: x[:, 0] ** 3 + x[:, 0] ** 2 * x[:, 1] + x[:, 1] ** 3 - 18, [Normal(10.0, 5.0), Normal(9.9, 5.0)]
+    ),
     "R05_four_branch_k6": Problem(_four_branch(6.0), UNIT),
     "R05_four_branch_k7": Problem(_four_branch(7.0), UNIT),
     "S01_sprain_linear_study6": Problem(
-        _linear([a for _, a in STUDY6.values()], [m.mean for m, _ in STUDY6.values()], 29.0), [m for m, _ in STUDY6.values()], additive=True
+        _linear([a for _, a in STUDY6.values()], [m.mean for m, _ in STUDY6.values()], 29.0),
+        [m for m, _ in STUDY6.values()],
+        additive=True,
     ),
     "X31_cubic_tail": Problem(lambda x: 2 - x[:, 1] - 0.1 * x[:, 0] ** 2 + 0.06 * x[:, 0] ** 3, UNIT),
 }
 NOT_OFFERED = {"Borgonovo": "moment-independent importance is no part of the package"}
 
-# (problem, method, quantity, value): one or more of every kind of row. Closed forms, and numbers by OpenTURNS 1.27, Dakota and quadrature.
+# (problem, method, quantity, value): one or more of every kind of row. Closed forms, and numbers by OpenTURNS 1.27,
+# Dakota and quadrature.
 FACTS = [
     ("B01_linear_normal_10", "exact", "sd", "3.725587202039432"),
     ("B01_linear_normal_10", "exact=MV=AMV=FORM", "quantile_0.05", "13.87195437820145"),
@@ -151,7 +201,7 @@ FACTS = [
     ("S01_sprain_linear_study6", "AMV+=FORM_PMA", "quantile_0.05", "24.3960757918"),
     ("S01_sprain_linear_study6", "PSF_normalised", "dsigz_dsig_drop*sx/sz", "0.408676551345"),
     ("X31_cubic_tail", "exact", "pf", "0.0344378695937"),
-]  # fmt: skip
+]
 
 
 def _rows() -> list[tuple[str, str, str, str]]:
@@ -192,7 +242,8 @@ def second_order(name: str, threshold: float):
 
 @cache
 def factors_by_quadrature(name: str) -> dict[str, np.ndarray]:
-    """The four factors (not normalised), with our score functions under Gauss-Hermite quadrature instead of a sample."""
+    """The four factors (not normalised), with our score functions under Gauss-Hermite quadrature instead of a
+    sample."""
     p = PROBLEMS[name]
     joint, d = JointDistribution(p.marginals), len(p.marginals)
     nodes, weights = np.polynomial.hermite_e.hermegauss(48)
@@ -201,9 +252,12 @@ def factors_by_quadrature(name: str) -> dict[str, np.ndarray]:
     def expectation(x: np.ndarray, w: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, ...]:
         mean, (by_mean, by_sd) = w @ z, _scores(x, joint)
         variance = w @ (z - mean) ** 2
-        return variance, w @ ((z - mean)[:, None] * by_mean), w @ ((z - mean)[:, None] * by_sd), *(
-            w @ (((z - mean) ** 2 - variance)[:, None] * k) for k in (by_mean, by_sd)
-        )  # fmt: skip
+        return (
+            variance,
+            w @ ((z - mean)[:, None] * by_mean),
+            w @ ((z - mean)[:, None] * by_sd),
+            *(w @ (((z - mean) ** 2 - variance)[:, None] * k) for k in (by_mean, by_sd)),
+        )
 
     if p.additive:  # the other inputs drop out of every expectation
         parts = []
@@ -212,7 +266,9 @@ def factors_by_quadrature(name: str) -> dict[str, np.ndarray]:
             u[:, i] = nodes
             x = joint.means + np.zeros((len(nodes), d))
             x[:, i] = joint.from_standard(u)[:, i]
-            parts.append([np.atleast_1d(v)[-1 if np.ndim(v) == 0 else i] for v in expectation(x, weights, p.function(x))])
+            parts.append(
+                [np.atleast_1d(v)[-1 if np.ndim(v) == 0 else i] for v in expectation(x, weights, p.function(x))]
+            )
         variance = sum(v[0] for v in parts)
         table = np.array(parts)[:, 1:].T
     else:
@@ -223,7 +279,12 @@ def factors_by_quadrature(name: str) -> dict[str, np.ndarray]:
         table = np.array(rest)
     sd = math.sqrt(variance)
     scale = joint.sds / sd
-    raw = {"dmuz_dmu": table[0], "dmuz_dsig": table[1], "dsigz_dmu": table[2] / (2 * sd), "dsigz_dsig": table[3] / (2 * sd)}
+    raw = {
+        "dmuz_dmu": table[0],
+        "dmuz_dsig": table[1],
+        "dsigz_dmu": table[2] / (2 * sd),
+        "dsigz_dsig": table[3] / (2 * sd),
+    }
     return raw | {f"{k} normalised": v * scale for k, v in raw.items()} | {"sd": np.array(sd), "sds": joint.sds}
 
 
@@ -250,7 +311,10 @@ def _factor(name: str, method: str, quantity: str) -> list[tuple[float | Estimat
     found = factors_by_sample(name)
     value, error = (getattr(of, FACTORS[kind])[i] * scale for of in (found, found.standard_error))
     # four standard errors of a plain Monte Carlo sample, which this better one stays inside
-    return [(exact[f"{kind} normalised"][i] * scale, CLOSED), (Estimate(value, value - 4 * error, value + 4 * error), 0.0)]
+    return [
+        (exact[f"{kind} normalised"][i] * scale, CLOSED),
+        (Estimate(value, value - 4 * error, value + 4 * error), 0.0),
+    ]
 
 
 def _index(name: str, quantity: str) -> list[tuple[float | Estimate, float]]:
@@ -266,7 +330,9 @@ def _index(name: str, quantity: str) -> list[tuple[float | Estimate, float]]:
         chaos = given_data_indices(x[:2000], y[:2000], PROBLEMS[name].marginals, 2)
     if len(which) == 2 and which != "10":  # S_12, S_13: an interaction of two, the only one of its first input
         i = int(which[0]) - 1
-        out.append((Estimate(0.0, (found.total_low - found.first_high)[i], (found.total_high - found.first_low)[i]), 0.0))
+        out.append(
+            (Estimate(0.0, (found.total_low - found.first_high)[i], (found.total_high - found.first_low)[i]), 0.0)
+        )
         return [*out, (float((chaos.total - chaos.first)[i]), CLOSED)] if polynomial else out
     i = int(which) - 1
     low, high = (found.first_low, found.first_high) if kind == "S" else (found.total_low, found.total_high)
@@ -277,7 +343,9 @@ def _index(name: str, quantity: str) -> list[tuple[float | Estimate, float]]:
 def _exact(name: str, quantity: str) -> list[tuple[float | Estimate, float]]:
     _, y = sample(name)
     if quantity in ("mean", "sd"):
-        out: list[tuple[float | Estimate, float]] = [(replicated(y, REPLICATES, np.mean if quantity == "mean" else lambda v: np.std(v, ddof=1), SURE), 0.0)]
+        out: list[tuple[float | Estimate, float]] = [
+            (replicated(y, REPLICATES, np.mean if quantity == "mean" else lambda v: np.std(v, ddof=1), SURE), 0.0)
+        ]
         if PROBLEMS[name].additive:
             linear = searched(name, "MV", 0.5)
             out.append((linear.mean if quantity == "mean" else linear.sd, CLOSED))
@@ -287,7 +355,11 @@ def _exact(name: str, quantity: str) -> list[tuple[float | Estimate, float]]:
     if quantity.startswith("pearson"):
         i = int(re.search(r"\d+", quantity)[0]) - 1  # type: ignore[index]
         exact = factors_by_quadrature(name)["dmuz_dmu normalised"][i]
-        return [(searched(name, "AMV", 0.95).importance[0.95][i], CLOSED), (searched(name, "MV", 0.5).linear_importance[i], CLOSED), (exact, CLOSED)]
+        return [
+            (searched(name, "AMV", 0.95).importance[0.95][i], CLOSED),
+            (searched(name, "MV", 0.5).linear_importance[i], CLOSED),
+            (exact, CLOSED),
+        ]
     below = float(re.search(r"<=(-?[\d.]+)\)", quantity)[1]) if quantity != "pf" else 0.0  # type: ignore[index]
     return [(replicated_exceedance(-y, REPLICATES, -below, SURE), 0.0)]
 
@@ -321,7 +393,8 @@ def _hybrid(name: str, method: str, quantity: str) -> list[tuple[float | Estimat
 
 
 def answer(name: str, method: str, quantity: str) -> list[tuple[float | Estimate, float]]:
-    """Ours, one or more ways: (value, how near in units of max(1, |expected|)) or (an interval that must hold the expected value, 0)."""
+    """Ours, one or more ways: (value, how near in units of max(1, |expected|)) or (an interval that must hold the
+    expected value, 0)."""
     if name == "B13_order_stat_CI":
         numbers = [float(v) for v in re.findall(r"=([\d.]+)", quantity)]
         if method == "Wilks":
@@ -343,7 +416,14 @@ def answer(name: str, method: str, quantity: str) -> list[tuple[float | Estimate
         return _index(name, quantity)
     if method == "Shapley":  # with interactions of two at most, half way between first order and total
         i, found = int(quantity[-1]) - 1, indices(name)
-        return [(Estimate(0.0, 0.5 * (found.first_low + found.total_low)[i], 0.5 * (found.first_high + found.total_high)[i]), 0.0)]
+        return [
+            (
+                Estimate(
+                    0.0, 0.5 * (found.first_low + found.total_low)[i], 0.5 * (found.first_high + found.total_high)[i]
+                ),
+                0.0,
+            )
+        ]
     if name[:3] in ("H01", "H03"):
         return _hybrid(name, method, quantity)
     if method == "exact":
@@ -354,13 +434,20 @@ def answer(name: str, method: str, quantity: str) -> list[tuple[float | Estimate
         above = quantity.startswith("P(Z>")
         threshold = float(re.search(r"[=>]([\d.]+)\)", quantity)[1]) if "(" in quantity else PROBLEMS[name].threshold  # type: ignore[index]
         found = second_order(name, threshold)
-        value = getattr(found, {"SORM_Breitung": "breitung", "SORM_HohenBichler": "hohenbichler", "SORM_Tvedt": "tvedt"}[method])
+        value = getattr(
+            found, {"SORM_Breitung": "breitung", "SORM_HohenBichler": "hohenbichler", "SORM_Tvedt": "tvedt"}[method]
+        )
         return [(1 - value if above else value, ITERATED)]
     if method == "MV" and quantity in ("mean", "sd"):
         return [(getattr(searched(name, "MV", 0.5), quantity), CLOSED if quantity == "mean" else ITERATED)]
     level = float(match[1]) if (match := re.search(r"(?:quantile_|p=|at )([\d.]+)", quantity)) else 0.95
     space = "u" if "AMV_u" in method else "x"
-    exact = PROBLEMS[name].additive or name[:3] in ("B03", "B05", "B06", "B07")  # differences of second-degree polynomials are exact
+    exact = PROBLEMS[name].additive or name[:3] in (
+        "B03",
+        "B05",
+        "B06",
+        "B07",
+    )  # differences of second-degree polynomials are exact
     out: list[tuple[float | Estimate, float]] = []
     if match := re.match(r"(?:u\*|alpha)_(\d+)", quantity):
         found = searched(name, "AMV", level, space)
@@ -375,7 +462,9 @@ def answer(name: str, method: str, quantity: str) -> list[tuple[float | Estimate
             out.append((searched(name, "AMV+", level).value[level], ITERATED))
     if method.endswith("=FORM"):
         threshold = float(out[0][0])
-        out.append((threshold + (-first_order(name, threshold).beta - ndtri(level)) * searched(name, "MV", 0.5).sd, ITERATED))
+        out.append(
+            (threshold + (-first_order(name, threshold).beta - ndtri(level)) * searched(name, "MV", 0.5).sd, ITERATED)
+        )
     return out
 
 
@@ -390,14 +479,20 @@ def test_row(row: tuple[str, str, str, str]) -> None:
         return
     if quantity == "x*":
         level = 0.5 * math.erfc(3 / math.sqrt(2))
-        assert searched(name, "HMV", level).design_point[level] == pytest.approx([float(v) for v in text.split(";")], abs=ITERATED)
+        assert searched(name, "HMV", level).design_point[level] == pytest.approx(
+            [float(v) for v in text.split(";")], abs=ITERATED
+        )
         return
     expected = float(text.split(";")[0])
     for ours, near in answer(name, method, quantity):
         if isinstance(ours, Estimate):
             assert ours.low <= expected <= ours.high
         else:
-            assert abs(float(ours) - expected) <= near * max(1.0, abs(expected)) if near < 0.1 else abs(float(ours) - expected) <= near
+            assert (
+                abs(float(ours) - expected) <= near * max(1.0, abs(expected))
+                if near < 0.1
+                else abs(float(ours) - expected) <= near
+            )
 
 
 def test_every_kind_of_row_is_among_the_facts() -> None:
@@ -419,7 +514,8 @@ def test_plain_relinearisation_crawls_where_the_hybrid_does_not() -> None:
 
 
 def test_the_gate_rejects_the_problem_that_is_not_monotonic() -> None:
-    """B06: its gradient at the mean sees the small term alone. Central differences see the curvature; a variance sampled elsewhere is suspicious."""
+    """B06: its gradient at the mean sees the small term alone. Central differences see the curvature; a variance
+    sampled elsewhere is suspicious."""
     p = PROBLEMS["B06_nonmonotonic_square"]
     for method in (mean_value, amv):
         found = method(p.function, p.marginals, difference="central")
@@ -427,12 +523,15 @@ def test_the_gate_rejects_the_problem_that_is_not_monotonic() -> None:
         assert "not monotonic" in found.reasons[0]
     assert amv(p.function, p.marginals).status != "ok", "forward differences meet a gradient that turns away"
     _, y = sample("B06_nonmonotonic_square")
-    assert any("of the sampled variance" in r for r in mean_value(p.function, p.marginals, variance=float(y.var())).reasons)
+    assert any(
+        "of the sampled variance" in r for r in mean_value(p.function, p.marginals, variance=float(y.var())).reasons
+    )
 
 
 @pytest.mark.parametrize("name", ["R01_short_column", "R04a_cubic_10_9.9", "R04b_quartic", "R04c_cubic_mix"])
 def test_design_points_are_stationary(name: str) -> None:
-    """On the limit state and parallel to its gradient, which the table's points (to 1.3e-5 in R04b) are not to more digits."""
+    """On the limit state and parallel to its gradient, which the table's points (to 1.3e-5 in R04b) are not to more
+    digits."""
     p, found = PROBLEMS[name], first_order(name, 0.0)
     joint, u = JointDistribution(p.marginals, p.correlation), found.standard_point
     assert found.status == "ok"

@@ -1,4 +1,5 @@
-"""Coupling schemes on a split oscillator: a foot (inertia I, plant) and a spring-damper (device), against closed forms."""
+"""Coupling schemes on a split oscillator: a foot (inertia I, plant) and a spring-damper (device), against closed
+forms."""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ def transition(k: float, c: float, inertia: float, step: float) -> np.ndarray:
 
 
 def foot(damping: float, inertia: float = INERTIA) -> FakeComponent:
-    """I dw/dt = torque - K (angle - angle at the exchange) - C (w - w at the exchange) - damping w, solved exactly over every step."""
+    """I dw/dt = torque - K (angle - angle at the exchange) - C (w - w at the exchange) - damping w, solved exactly over
+    every step."""
 
     def law(state, inputs, time, step):
         k, c = inputs["brace_subtalar_stiffness"], inputs["brace_subtalar_damping"]
@@ -37,8 +39,14 @@ def foot(damping: float, inertia: float = INERTIA) -> FakeComponent:
         return transition(k, c + damping, inertia, step) @ np.array([*state, force])
 
     names = {"subtalar_angle": ("output", "rad"), "subtalar_velocity": ("output", "rad/s")}
-    names |= {f"brace_subtalar_{kind}": ("input", u) for kind, u in (("torque", "N.m"), ("stiffness", "N.m/rad"), ("damping", "N.m.s/rad"))}
-    connectors = {n: connector(n, causality, u, depends_on=() if causality == "output" else None) for n, (causality, u) in names.items()}
+    names |= {
+        f"brace_subtalar_{kind}": ("input", u)
+        for kind, u in (("torque", "N.m"), ("stiffness", "N.m/rad"), ("damping", "N.m.s/rad"))
+    }
+    connectors = {
+        n: connector(n, causality, u, depends_on=() if causality == "output" else None)
+        for n, (causality, u) in names.items()
+    }
     return FakeComponent("plant", connectors, law=law, output=lambda state, inputs: state, initial=START)
 
 
@@ -47,7 +55,11 @@ def device(stiffness: float, damping: float, cubic: float = 0.0, **more) -> Fake
         t, w = inputs["subtalar_angle"], inputs["subtalar_velocity"]
         return [-stiffness * t - cubic * t**3 - damping * w, stiffness + 3 * cubic * t * t, damping]
 
-    names = {"subtalar_angle": ("input", "rad"), "subtalar_velocity": ("input", "rad/s"), "subtalar_torque": ("output", "N.m")}
+    names = {
+        "subtalar_angle": ("input", "rad"),
+        "subtalar_velocity": ("input", "rad/s"),
+        "subtalar_torque": ("output", "N.m"),
+    }
     names |= {"subtalar_stiffness": ("output", "N.m/rad"), "subtalar_damping": ("output", "N.m.s/rad")}
     return FakeComponent("brace", {n: connector(n, c, u) for n, (c, u) in names.items()}, output=output, **more)
 
@@ -58,14 +70,22 @@ def two_axes(k: np.ndarray, c: np.ndarray, inertia: float) -> tuple[FakeComponen
     inputs = [f"brace_{a}_torque" for a in axes]
     pairs = [(a, b) for a in axes for b in axes]
     names = {
-        f"brace_{a}_{kind}" if a == b else f"brace_{a}_{b}_{kind}": u for kind, u in (("stiffness", "N.m/rad"), ("damping", "N.m.s/rad")) for a, b in pairs
+        f"brace_{a}_{kind}" if a == b else f"brace_{a}_{b}_{kind}": u
+        for kind, u in (("stiffness", "N.m/rad"), ("damping", "N.m.s/rad"))
+        for a, b in pairs
     }
     plant = {n: connector(n, "input", "N.m") for n in inputs} | {n: connector(n, "input", u) for n, u in names.items()}
-    plant |= {f"{a}_{q}": connector(f"{a}_{q}", "output", u, depends_on=()) for q, u in (("angle", "rad"), ("velocity", "rad/s")) for a in axes}
+    plant |= {
+        f"{a}_{q}": connector(f"{a}_{q}", "output", u, depends_on=())
+        for q, u in (("angle", "rad"), ("velocity", "rad/s"))
+        for a in axes
+    }
 
     def law(state, given, time, step):
         torque = np.array([given[n] for n in inputs])
-        stiffness, damping = (np.array([given[n] for n in names if n.endswith(kind)]).reshape(2, 2) for kind in ("stiffness", "damping"))
+        stiffness, damping = (
+            np.array([given[n] for n in names if n.endswith(kind)]).reshape(2, 2) for kind in ("stiffness", "damping")
+        )
         matrix = np.zeros((5, 5))
         matrix[:2, 2:4] = np.eye(2)
         matrix[2:4, :2], matrix[2:4, 2:4] = -stiffness / inertia, -damping / inertia
@@ -73,7 +93,11 @@ def two_axes(k: np.ndarray, c: np.ndarray, inertia: float) -> tuple[FakeComponen
         return (expm(step * matrix) @ np.array([*state, 1.0]))[:4]
 
     foot = FakeComponent("plant", plant, law=law, output=lambda s, i: s, initial=np.array([0.05, 0.1, 0.0, 1.0]))
-    given = {f"{a}_{q}": connector(f"{a}_{q}", "input", u) for q, u in (("angle", "deg"), ("velocity", "deg/s")) for a in axes}
+    given = {
+        f"{a}_{q}": connector(f"{a}_{q}", "input", u)
+        for q, u in (("angle", "deg"), ("velocity", "deg/s"))
+        for a in axes
+    }
     gives = {f"{a}_torque": connector(f"{a}_torque", "output", "N.mm") for a in axes}
 
     def output(state, inputs):
@@ -106,7 +130,9 @@ def slope(scheme: str, steps: np.ndarray) -> float:
     return float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
 
 
-@pytest.mark.parametrize(("scheme", "order"), [("jacobi", 1), ("gauss-seidel", 1), ("gauss-seidel-extrapolated", 2), ("iterative", 2)])
+@pytest.mark.parametrize(
+    ("scheme", "order"), [("jacobi", 1), ("gauss-seidel", 1), ("gauss-seidel-extrapolated", 2), ("iterative", 2)]
+)
 def test_order_on_a_linear_oscillator(scheme: str, order: int) -> None:
     steps = 2e-4 * 0.5 ** np.arange(4)
     assert slope(scheme, steps) == pytest.approx(order, abs=0.15)
@@ -125,7 +151,12 @@ def test_impedance_is_of_second_order_for_a_cubic_device() -> None:
     for h in steps:
         result = run("impedance", h, device(k, c, cubic), d)
         truth = solve_ivp(
-            lambda t, y: [y[1], (-k * y[0] - cubic * y[0] ** 3 - (c + d) * y[1]) / INERTIA], (0, 0.1), START, t_eval=result.time, rtol=1e-11, atol=1e-13
+            lambda t, y: [y[1], (-k * y[0] - cubic * y[0] ** 3 - (c + d) * y[1]) / INERTIA],
+            (0, 0.1),
+            START,
+            t_eval=result.time,
+            rtol=1e-11,
+            atol=1e-13,
         )
         errors.append(np.sqrt(np.mean((result["plant.subtalar_angle"] - truth.y[0]) ** 2)))
     assert np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(2.0, abs=0.15)
@@ -133,7 +164,8 @@ def test_impedance_is_of_second_order_for_a_cubic_device() -> None:
 
 @pytest.mark.parametrize(("scheme", "share"), [("gauss-seidel", 0.5), ("jacobi", 1.5)])
 def test_a_held_torque_is_negative_damping(scheme: str, share: float) -> None:
-    """Without damping the amplitude grows at the rate of a damping of -k h/2 (Gauss-Seidel) or -3 k h/2 (Jacobi), to first order in h."""
+    """Without damping the amplitude grows at the rate of a damping of -k h/2 (Gauss-Seidel) or -3 k h/2 (Jacobi), to
+    first order in h."""
     k, h = 100.0, 2e-5
     result = run(scheme, h, device(k, 0.0), 0.0, stop=0.2)
     angle, velocity = result["plant.subtalar_angle"], result["plant.subtalar_velocity"]
@@ -146,7 +178,9 @@ def test_a_held_torque_is_negative_damping(scheme: str, share: float) -> None:
 def test_the_coupling_error_falls_with_the_step(scheme: str) -> None:
     cubic = device(50.0, 0.05, 2e4)
     coarse, fine = (run(scheme, h, cubic, 0.2).coupling_error for h in (4e-4, 1e-4))
-    if scheme == "iterative":  # what the plant felt is the mean of the device's torques: the residual is that of the iteration
+    if (
+        scheme == "iterative"
+    ):  # what the plant felt is the mean of the device's torques: the residual is that of the iteration
         assert coarse < 1e-4
         assert fine < 1e-4
     else:
@@ -173,20 +207,28 @@ def test_iteration_needs_saved_states() -> None:
 def test_an_iteration_that_does_not_settle_is_an_error() -> None:
     """A device whose torque jumps with the sign of the angle has no answer at the jump."""
     jumping = device(0.0, 0.0)
-    jumping = FakeComponent("brace", jumping.connectors, output=lambda s, i: [-500.0 if i["subtalar_angle"] > 0.07 else 500.0, 0.0, 0.0])
+    jumping = FakeComponent(
+        "brace", jumping.connectors, output=lambda s, i: [-500.0 if i["subtalar_angle"] > 0.07 else 500.0, 0.0, 0.0]
+    )
     parts = (foot(0.0), jumping)
-    result = Master(communication_step=1e-3, stop=0.1, scheme="iterative").run(System(parts, connect(parts, {})[0]).open(), {})
+    result = Master(communication_step=1e-3, stop=0.1, scheme="iterative").run(
+        System(parts, connect(parts, {})[0]).open(), {}
+    )
     assert result.status == "failed"
     assert "plant.brace_subtalar_torque did not settle in 50 iterations" in result.message
 
 
-@pytest.mark.parametrize(("stiffness", "ratio", "step"), [(500.0, 1.0, 1e-3), (2000.0, 0.0, 1e-3), (500.0, 5.0, 1e-3), (5000.0, 1.0, 2e-3)])
+@pytest.mark.parametrize(
+    ("stiffness", "ratio", "step"), [(500.0, 1.0, 1e-3), (2000.0, 0.0, 1e-3), (500.0, 5.0, 1e-3), (5000.0, 1.0, 2e-3)]
+)
 def test_the_iteration_holds_where_plain_substitution_diverges(stiffness: float, ratio: float, step: float) -> None:
     """Inertia 0.002 kg.m2; few iterations a step, and the mean of the torques to the tolerance."""
     inertia = 0.002
     brace = device(stiffness, 2 * ratio * math.sqrt(stiffness * inertia))
     parts = (foot(0.0, inertia), brace)
-    result = Master(communication_step=step, stop=0.1, scheme="iterative").run(System(parts, connect(parts, {})[0]).open(), {})
+    result = Master(communication_step=step, stop=0.1, scheme="iterative").run(
+        System(parts, connect(parts, {})[0]).open(), {}
+    )
     assert result.status == "completed", result.message
     assert np.abs(result["plant.subtalar_angle"]).max() <= 1.001 * START[0]
     assert result.coupling_error < 1e-4
@@ -239,8 +281,13 @@ def test_every_scheme_runs_the_real_plant(scheme: str) -> None:
 def light_foot(damping: float = 0.0) -> FakeComponent:
     """The foot, which also tells its inertia."""
     plain = foot(damping)
-    connectors = {**plain.connectors, "subtalar_effective_inertia": connector("subtalar_effective_inertia", "output", "kg.m2", depends_on=())}
-    return FakeComponent("plant", connectors, law=plain.law, output=lambda state, inputs: [*state, INERTIA], initial=np.array([0.1, 1.0]))
+    connectors = {
+        **plain.connectors,
+        "subtalar_effective_inertia": connector("subtalar_effective_inertia", "output", "kg.m2", depends_on=()),
+    }
+    return FakeComponent(
+        "plant", connectors, law=plain.law, output=lambda state, inputs: [*state, INERTIA], initial=np.array([0.1, 1.0])
+    )
 
 
 def silent(brace: FakeComponent) -> FakeComponent:
@@ -251,7 +298,9 @@ def silent(brace: FakeComponent) -> FakeComponent:
 
 def guarded(scheme: str, step: float, brace: FakeComponent, guard: bool = True) -> Result:
     parts = (light_foot(), brace)
-    return Master(communication_step=step, stop=0.15, scheme=scheme, guard=guard).run(System(parts, connect(parts, {})[0]).open(), {})
+    return Master(communication_step=step, stop=0.15, scheme=scheme, guard=guard).run(
+        System(parts, connect(parts, {})[0]).open(), {}
+    )
 
 
 @pytest.mark.parametrize(
@@ -283,12 +332,23 @@ def test_a_refusal_across_the_axes_is_right() -> None:
     """Two axes, coupled by the device; the guard sees the greatest eigenvalue of the matrices, not their diagonal."""
     k = np.array([[700.0, 650.0], [650.0, 700.0]])
     plain, _ = two_axes(k, np.zeros((2, 2)), INERTIA)
-    inertia = {f"{a}_effective_inertia": connector(f"{a}_effective_inertia", "output", "kg.m2", depends_on=()) for a in ("talocrural", "subtalar")}
-    told = FakeComponent("plant", {**plain.connectors, **inertia}, plain.law, lambda s, i: [*s, INERTIA, INERTIA], np.array([0.05, 0.1, 0.0, 1.0]))
+    inertia = {
+        f"{a}_effective_inertia": connector(f"{a}_effective_inertia", "output", "kg.m2", depends_on=())
+        for a in ("talocrural", "subtalar")
+    }
+    told = FakeComponent(
+        "plant",
+        {**plain.connectors, **inertia},
+        plain.law,
+        lambda s, i: [*s, INERTIA, INERTIA],
+        np.array([0.05, 0.1, 0.0, 1.0]),
+    )
 
     def go(stiffness: np.ndarray, guard: bool) -> Result:
         parts = (told, two_axes(stiffness, np.zeros((2, 2)), INERTIA)[1])
-        return Master(1e-3, 0.15, scheme="gauss-seidel", guard=guard).run(System(parts, connect(parts, {})[0]).open(), {})
+        return Master(1e-3, 0.15, scheme="gauss-seidel", guard=guard).run(
+            System(parts, connect(parts, {})[0]).open(), {}
+        )
 
     with pytest.raises(InputError, match="may grow"):
         go(k, True)
@@ -300,7 +360,9 @@ def test_a_refusal_across_the_axes_is_right() -> None:
 
 
 @pytest.mark.parametrize("scheme", ["impedance", "iterative"])
-@pytest.mark.parametrize(("stiffness", "damping"), [(500.0, 0.0), (20_000.0, 0.0), (1e5, 0.0), (0.0, 100.0), (5000.0, 50.0)])
+@pytest.mark.parametrize(
+    ("stiffness", "damping"), [(500.0, 0.0), (20_000.0, 0.0), (1e5, 0.0), (0.0, 100.0), (5000.0, 50.0)]
+)
 def test_what_is_never_refused_never_grows(scheme: str, stiffness: float, damping: float) -> None:
     result = guarded(scheme, 5e-4, device(stiffness, damping))
     assert (result.status, result.warning) == ("completed", "")
@@ -332,7 +394,12 @@ LINEAR = """
 def test_stiff_linear_braces_on_the_real_plant(stiffness: float, damping: float, tmp_path) -> None:
     """2000 N.m/rad and 20 N.m.s/rad run stably by default, and half the step changes the peak by less than 0.05°."""
     fmu = make_fmu(tmp_path, "linear", linear_variables(True), LINEAR)
-    scenario = load_scenario("incline30").replace_fmu("brace", fmu).override("brace.k", f"{stiffness} N.m/rad").override("brace.c", f"{damping} N.m.s/rad")
+    scenario = (
+        load_scenario("incline30")
+        .replace_fmu("brace", fmu)
+        .override("brace.k", f"{stiffness} N.m/rad")
+        .override("brace.c", f"{damping} N.m.s/rad")
+    )
     result = scenario.run()
     assert result.status == "completed"
     assert result.scheme == "impedance"

@@ -1,4 +1,5 @@
-"""Stiffness and damping of a black box by finite differences: found as they are, handed over, and enough to run a stiff device stably."""
+"""Stiffness and damping of a black box by finite differences: found as they are, handed over, and enough to run a stiff
+device stably."""
 
 from __future__ import annotations
 
@@ -31,18 +32,32 @@ def black_box(kind: str, k: float, c: float, cubic: float = 0.0, **more) -> Fake
         angle, velocity = inputs["subtalar_angle"], inputs["subtalar_velocity"]
         return -k * angle - cubic * angle**3 - c * velocity
 
-    names = {"subtalar_angle": ("input", "rad"), "subtalar_velocity": ("input", "rad/s"), "subtalar_torque": ("output", "N.m")}
+    names = {
+        "subtalar_angle": ("input", "rad"),
+        "subtalar_velocity": ("input", "rad/s"),
+        "subtalar_torque": ("output", "N.m"),
+    }
     connectors = {n: connector(n, causality, u) for n, (causality, u) in names.items()}
     if kind == "direct":
         return FakeComponent("brace", connectors, output=lambda s, i: [torque(i)], **more)
     capabilities = {} if kind == "late" else {"capabilities": UNABLE}
     first = torque({"subtalar_angle": START[0], "subtalar_velocity": START[1]})
-    return FakeComponent("brace", connectors, law=lambda s, i, t, h: torque(i), output=lambda s, i: [s], initial=first, **capabilities, **more)
+    return FakeComponent(
+        "brace",
+        connectors,
+        law=lambda s, i, t, h: torque(i),
+        output=lambda s, i: [s],
+        initial=first,
+        **capabilities,
+        **more,
+    )
 
 
 def run(brace: FakeComponent, plant: FakeComponent | None = None, scheme: str = "auto", **settings) -> Result:
     parts = (plant or foot(0.2), brace)
-    return Master(**{"communication_step": 1e-3, "stop": 0.1, "scheme": scheme, **settings}).run(System(parts, connect(parts, {})[0]).open(), {})
+    return Master(**{"communication_step": 1e-3, "stop": 0.1, "scheme": scheme, **settings}).run(
+        System(parts, connect(parts, {})[0]).open(), {}
+    )
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -75,7 +90,12 @@ def test_a_cubic_black_box_is_coupled_as_well_as_a_declared_one(kind: str) -> No
             brace = black_box(kind, k, c, cubic) if every >= 0 else device(k, c, cubic)
             result = run(brace, communication_step=h, identify=max(0, every))
             truth = solve_ivp(
-                lambda t, y: [y[1], (-k * y[0] - cubic * y[0] ** 3 - (c + 0.2) * y[1]) / INERTIA], (0, 0.1), START, t_eval=result.time, rtol=1e-10, atol=1e-12
+                lambda t, y: [y[1], (-k * y[0] - cubic * y[0] ** 3 - (c + 0.2) * y[1]) / INERTIA],
+                (0, 0.1),
+                START,
+                t_eval=result.time,
+                rtol=1e-10,
+                atol=1e-12,
             )
             found.append(float(np.sqrt(np.mean((result["plant.subtalar_angle"] - truth.y[0]) ** 2))))
     assert math.log2(errors[1][0] / errors[1][2]) / 2 == pytest.approx(2.0, abs=0.3)
@@ -92,9 +112,13 @@ def test_identification_leaves_the_device_as_it_was() -> None:
         return x + (state - x) * math.exp(-step / tau)
 
     def element(declares: bool) -> FakeComponent:
-        names = {"subtalar_angle": ("input", "rad"), "subtalar_torque": ("output", "N.m")} | ({"subtalar_stiffness": ("output", "N.m/rad")} if declares else {})
+        names = {"subtalar_angle": ("input", "rad"), "subtalar_torque": ("output", "N.m")} | (
+            {"subtalar_stiffness": ("output", "N.m/rad")} if declares else {}
+        )
         connectors = {n: connector(n, causality, u) for n, (causality, u) in names.items()}
-        return FakeComponent("brace", connectors, law=law, output=lambda s, i: [-k * (i["subtalar_angle"] - s), k][: len(names) - 1])
+        return FakeComponent(
+            "brace", connectors, law=law, output=lambda s, i: [-k * (i["subtalar_angle"] - s), k][: len(names) - 1]
+        )
 
     told, probed = run(element(True)), run(element(False))
     assert probed["plant.subtalar_angle"] == pytest.approx(told["plant.subtalar_angle"], abs=1e-10)
@@ -122,7 +146,10 @@ def test_only_what_is_not_declared_is_found() -> None:
     )
     result = run(half)
     assert result["plant.subtalar_angle"] == pytest.approx(exact(result.time, 100.0, 0.6), abs=1e-10)
-    assert result.scheme_reason.startswith("the device declares brace.subtalar_stiffness; found by finite differences: damping of brace about subtalar from")
+    assert result.scheme_reason.startswith(
+        "the device declares brace.subtalar_stiffness; found by finite differences: damping of brace about subtalar "
+        "from"
+    )
 
 
 def test_a_declared_stiffness_that_is_not_true_is_named_and_refused_where_it_matters() -> None:
@@ -131,19 +158,29 @@ def test_a_declared_stiffness_that_is_not_true_is_named_and_refused_where_it_mat
     brace = black_box("direct", k, 0.0)
     connectors = {**brace.connectors, "subtalar_stiffness": connector("subtalar_stiffness", "output", "N.m/rad")}
     wrong = FakeComponent("brace", connectors, output=lambda s, i: [brace.output(s, i)[0], k / 57.3])
-    with pytest.raises(InputError, match=r"may grow 7830-fold over the run under impedance .* use --scheme iterative or --step"):
+    with pytest.raises(
+        InputError, match=r"may grow 7830-fold over the run under impedance .* use --scheme iterative or --step"
+    ):
         run(wrong, light_foot())
     wild = run(wrong, light_foot(), guard=False)
     assert np.abs(wild["plant.subtalar_angle"]).max() > 20 * START[0]
     mild = FakeComponent("brace", connectors, output=lambda s, i: [brace.output(s, i)[0], 0.4 * k])
-    assert "brace.subtalar_stiffness says 800 where the torque answers with 2000 (SI)" in run(mild, light_foot(), guard=True, communication_step=2e-4).warning
+    assert (
+        "brace.subtalar_stiffness says 800 where the torque answers with 2000 (SI)"
+        in run(mild, light_foot(), guard=True, communication_step=2e-4).warning
+    )
 
 
 def test_one_instance_per_process_cannot_be_probed() -> None:
     brace = black_box("mute", 2000.0, 0.0)
-    single = FakeComponent("brace", brace.connectors, brace.law, brace.output, brace.initial, Capabilities("2.0", single=True))
+    single = FakeComponent(
+        "brace", brace.connectors, brace.law, brace.output, brace.initial, Capabilities("2.0", single=True)
+    )
     result = run(single, light_foot(), communication_step=5e-5)
-    assert (result.scheme, result.scheme_reason) == ("gauss-seidel", "stiffness and damping are neither declared nor to be found")
+    assert (result.scheme, result.scheme_reason) == (
+        "gauss-seidel",
+        "stiffness and damping are neither declared nor to be found",
+    )
     assert "allows one instance only: they stay unknown" in result.warning
 
 
@@ -152,7 +189,9 @@ def test_auto_without_a_plant_that_takes_stiffness() -> None:
     simple = light_foot()
     connectors = {n: c for n, c in simple.connectors.items() if not n.endswith(("_stiffness", "_damping"))}
     zeros = {"brace_subtalar_stiffness": 0.0, "brace_subtalar_damping": 0.0}
-    plant = FakeComponent("plant", connectors, lambda s, i, t, h: simple.law(s, i | zeros, t, h), simple.output, simple.initial)
+    plant = FakeComponent(
+        "plant", connectors, lambda s, i, t, h: simple.law(s, i | zeros, t, h), simple.output, simple.initial
+    )
     assert run(black_box("direct", 20.0, 0.02), plant).scheme == "gauss-seidel"
     stiff = run(black_box("direct", 2000.0, 0.0), plant)
     assert (stiff.status, stiff.scheme) == ("completed", "iterative")
@@ -175,24 +214,36 @@ def test_an_identification_begins_on_consistent_values() -> None:
     before = dict(zip(assembly.names, assembly.record.copy(), strict=True))
     begin("auto", assembly, 1e-3, 100)
     after = dict(zip(assembly.names, assembly.record, strict=True))
-    assert {n for n in before if before[n] != after[n]} == {"plant.brace_subtalar_stiffness", "plant.brace_subtalar_damping"}
+    assert {n for n in before if before[n] != after[n]} == {
+        "plant.brace_subtalar_stiffness",
+        "plant.brace_subtalar_damping",
+    }
 
 
 TORQUE = 'self["subtalar_torque"] = -self["k"] * self["subtalar_angle"] - self["c"] * self["subtalar_velocity"]'
 SLAVES = {
-    "direct": f"def initialise(self):\n    self.refresh()\n\ndef refresh(self):\n    {TORQUE}\n\ndef step(self, time, step):\n    self.refresh()\n",
+    "direct": f"def initialise(self):\n    self.refresh()\n\ndef refresh(self):\n    {TORQUE}\n\ndef step(self, time, "
+    "step):\n    self.refresh()\n",
     "late": f"def step(self, time, step):\n    {TORQUE}\n",
 }
 
 
 @pytest.mark.parametrize("kind", SLAVES)
 def test_a_stiff_black_box_on_the_real_plant(kind: str, tmp_path) -> None:
-    """2000 N.m/rad and 20 N.m.s/rad, undeclared: stable by default, the peak as with the shipped linear brace, which declares both."""
+    """2000 N.m/rad and 20 N.m.s/rad, undeclared: stable by default, the peak as with the shipped linear brace, which
+    declares both."""
     fmu = make_fmu(tmp_path, kind, linear_variables(False), SLAVES[kind])
-    box, known = load_scenario("incline30").replace_fmu("brace", fmu), load_scenario("incline30").replace_fmu("brace", "brace_linear")
+    box, known = (
+        load_scenario("incline30").replace_fmu("brace", fmu),
+        load_scenario("incline30").replace_fmu("brace", "brace_linear"),
+    )
     for k, c in ((2000.0, 0.0), (0.0, 20.0)):
         result = box.override("brace.k", f"{k} N.m/rad").override("brace.c", f"{c} N.m.s/rad").run()
-        told = known.override("brace.subtalar_stiffness_coefficient", f"{k} N.m/rad").override("brace.subtalar_damping_coefficient", f"{c} N.m.s/rad").run()
+        told = (
+            known.override("brace.subtalar_stiffness_coefficient", f"{k} N.m/rad")
+            .override("brace.subtalar_damping_coefficient", f"{c} N.m.s/rad")
+            .run()
+        )
         assert (result.status, result.scheme) == ("completed", "impedance")
         assert result["plant.subtalar_angle"] == pytest.approx(told["plant.subtalar_angle"], abs=1e-7)
         assert result.coupling_error < 1e-9

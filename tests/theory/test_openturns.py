@@ -1,4 +1,5 @@
-"""OpenTURNS as an oracle: distributions, the Nataf transform, FORM, Sobol' indices and quantiles computed by somebody else."""
+"""OpenTURNS as an oracle: distributions, the Nataf transform, FORM, Sobol' indices and quantiles computed by somebody
+else."""
 
 from __future__ import annotations
 
@@ -36,7 +37,11 @@ def joined(joint: JointDistribution):
     return ot.JointDistribution([theirs(m) for m in joint.marginals], copula)
 
 
-@pytest.mark.parametrize("marginal", [*INPUTS, LogNormal(5.0, 1.0), Truncated(Normal(0.2, 0.1), 0.0, 1.0), Truncated(LogNormal(0.2, 0.05), 0.1, 0.3)], ids=repr)
+@pytest.mark.parametrize(
+    "marginal",
+    [*INPUTS, LogNormal(5.0, 1.0), Truncated(Normal(0.2, 0.1), 0.0, 1.0), Truncated(LogNormal(0.2, 0.05), 0.1, 0.3)],
+    ids=repr,
+)
 def test_marginals(marginal) -> None:
     other = theirs(marginal)
     assert marginal.mean == pytest.approx(other.getMean()[0], rel=1e-7)
@@ -47,7 +52,8 @@ def test_marginals(marginal) -> None:
 
 
 def test_nataf_gives_the_correlation_asked_for() -> None:
-    """Pearson's correlation of a sample that OpenTURNS draws with our normal correlation, within four standard errors."""
+    """Pearson's correlation of a sample that OpenTURNS draws with our normal correlation, within four standard
+    errors."""
     joint, size = JointDistribution(INPUTS, CORRELATION), 200_000
     ot.RandomGenerator.SetSeed(1)
     found = np.corrcoef(np.array(joined(joint).getSample(size)).T)
@@ -57,7 +63,9 @@ def test_nataf_gives_the_correlation_asked_for() -> None:
 def test_transform_to_the_standard_space() -> None:
     joint = JointDistribution(INPUTS, CORRELATION)
     x = monte_carlo(joint, 50, seed=3)
-    assert np.array(joined(joint).getIsoProbabilisticTransformation()(x)) == pytest.approx(joint.to_standard(x), abs=1e-6)
+    assert np.array(joined(joint).getIsoProbabilisticTransformation()(x)) == pytest.approx(
+        joint.to_standard(x), abs=1e-6
+    )
 
 
 @pytest.mark.parametrize("threshold", [-8.0, 3.0, 12.0])
@@ -85,7 +93,9 @@ def test_form_and_sorm(threshold: float) -> None:
     assert found.standard_point == pytest.approx(np.array(result.getStandardSpaceDesignPoint()), abs=1e-4)
     second = ot.SORM(solver, event)
     second.run()
-    assert sorm(response, INPUTS, found, CORRELATION).breitung == pytest.approx(second.getResult().getEventProbabilityBreitung(), rel=1e-4)
+    assert sorm(response, INPUTS, found, CORRELATION).breitung == pytest.approx(
+        second.getResult().getEventProbabilityBreitung(), rel=1e-4
+    )
 
 
 def test_sobol_indices() -> None:
@@ -105,8 +115,12 @@ def test_sobol_indices() -> None:
 
 
 def test_quantiles_of_a_sum_of_normals_and_lognormals() -> None:
-    """OpenTURNS has the distribution of a weighted sum without sampling; ours must hold its quantiles between their intervals."""
-    inputs, weights = [Normal(-34.0, 5.0), LogNormal(0.30, 0.05), LogNormal(0.2, 0.05), Uniform(0.0, 2.0)], np.array([0.3, 40.0, -10.0, 1.0])
+    """OpenTURNS has the distribution of a weighted sum without sampling; ours must hold its quantiles between their
+    intervals."""
+    inputs, weights = (
+        [Normal(-34.0, 5.0), LogNormal(0.30, 0.05), LogNormal(0.2, 0.05), Uniform(0.0, 2.0)],
+        np.array([0.3, 40.0, -10.0, 1.0]),
+    )
     exact = ot.LinearCombinationDistribution([theirs(m) for m in inputs], weights.tolist(), 0.0)
     joint = JointDistribution(inputs)
     y, q = monte_carlo(joint, 4000, seed=1) @ weights, sobol(joint, 4096, seed=1, replicates=8) @ weights

@@ -31,7 +31,10 @@ def inputs(count: int) -> list[Landing]:
         corners.append([*signs, fifth, (signs[0] + signs[1]) % 2])
     unit = np.vstack([np.array(corners, dtype=float), np.random.default_rng(20211208).random((count - 16, 6))])
     pose = itertools.cycle((Landing.PUBLISHED, Landing.TOUCHING))
-    return [Landing(**dict(zip(DOMAIN, (low + (high - low) * u).tolist(), strict=True)), initial_pose=p) for u, p in zip(unit, pose, strict=False)]
+    return [
+        Landing(**dict(zip(DOMAIN, (low + (high - low) * u).tolist(), strict=True)), initial_pose=p)
+        for u, p in zip(unit, pose, strict=False)
+    ]
 
 
 def peak(landing: Landing) -> float:

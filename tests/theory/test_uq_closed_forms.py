@@ -66,7 +66,9 @@ def test_amv_corrects_the_mean_value_of_a_square() -> None:
     square = [Normal(3.0, 0.5)]
     for p in LEVELS:
         beta = stats.norm.ppf(p)
-        assert mean_value(lambda x: x[:, 0] ** 2, square, step=1e-4, difference="central").value[p] == pytest.approx(9 + 3 * beta, abs=1e-6)
+        assert mean_value(lambda x: x[:, 0] ** 2, square, step=1e-4, difference="central").value[p] == pytest.approx(
+            9 + 3 * beta, abs=1e-6
+        )
         assert amv(lambda x: x[:, 0] ** 2, square, step=1e-4).value[p] == pytest.approx((3 + 0.5 * beta) ** 2, abs=1e-6)
 
 
@@ -82,7 +84,12 @@ def test_sensitivity_factors_of_a_linear_function() -> None:
     x = monte_carlo(joint, 20_000, seed=4)
     factors = sensitivity_factors(x, linear(x), TEN)
     share = SPREAD / SD
-    for found, expected in ((factors.dmean_dmean, share), (factors.dsd_dsd, share**2), (factors.dmean_dsd, 0 * share), (factors.dsd_dmean, 0 * share)):
+    for found, expected in (
+        (factors.dmean_dmean, share),
+        (factors.dsd_dsd, share**2),
+        (factors.dmean_dsd, 0 * share),
+        (factors.dsd_dmean, 0 * share),
+    ):
         assert np.abs(found - expected).max() < 0.05
     assert np.asarray(pearson(x, linear(x)).value) == pytest.approx(share, abs=0.03)
 
@@ -115,7 +122,8 @@ def test_order_statistic_intervals_cover(n: int, p: float) -> None:
 
 
 def test_noise_of_a_response_is_measured_and_asks_for_a_larger_step() -> None:
-    """Independent noise of 0.01 on a linear function: found within a factor of two; with it, steps of 0.1 sd are named as too small."""
+    """Independent noise of 0.01 on a linear function: found within a factor of two; with it, steps of 0.1 sd are named
+    as too small."""
     rng = np.random.default_rng(1)
 
     def noisy(x: np.ndarray) -> np.ndarray:
@@ -134,11 +142,21 @@ def test_noise_of_a_response_is_measured_and_asks_for_a_larger_step() -> None:
 @pytest.mark.parametrize(
     ("function", "options", "status", "reason"),
     [
-        (lambda x: x[:, 0] + 0.4 * x[:, 0] ** 2 + 0.8 * x[:, 1], {"difference": "central"}, "suspect", "curvature ratio"),
+        (
+            lambda x: x[:, 0] + 0.4 * x[:, 0] ** 2 + 0.8 * x[:, 1],
+            {"difference": "central"},
+            "suspect",
+            "curvature ratio",
+        ),
         (lambda x: x[:, 0] - 0.9 * x[:, 0] ** 2, {"difference": "central"}, "rejected", "one-sided slopes change sign"),
         (lambda x: -np.abs(x[:, 0] - 0.2), {}, "rejected", "percentiles do not increase"),
         (lambda x: np.sinh(2 * x[:, 0]), {}, "suspect", "departs from the linearisation"),
-        (lambda x: x[:, 0] + 0.7 * x[:, 0] * x[:, 1] + 1 / 3, {"levels": (0.05, 0.95), "plus": True}, "suspect", "turned by"),
+        (
+            lambda x: x[:, 0] + 0.7 * x[:, 0] * x[:, 1] + 1 / 3,
+            {"levels": (0.05, 0.95), "plus": True},
+            "suspect",
+            "turned by",
+        ),
         (lambda x: x[:, 0], {"variance": 4.0}, "suspect", "25% of the sampled variance"),
         (lambda x: 0 * x[:, 0] + 1.0, {}, "rejected", "every slope"),
         (lambda x: np.round(x[:, 0] + 0.01 * x[:, 1], 1), {}, "suspect", "comes in steps of 0.1"),

@@ -28,7 +28,9 @@ AWAY = np.array([0.0, -9.0, 0.0])  # the box, out of sight
 @pytest.fixture(scope="module")
 def braced() -> Landing:
     chosen = load_scenario("incline30_brace").with_master(stop="48 ms").recording("plant.*")
-    return Landing("braced", chosen.title, chosen.initial_pose(), chosen.run(), {"plant.platform_incline": np.pi / 6}, PLANT)
+    return Landing(
+        "braced", chosen.title, chosen.initial_pose(), chosen.run(), {"plant.platform_incline": np.pi / 6}, PLANT
+    )
 
 
 def test_pose_is_that_of_mujoco() -> None:
@@ -46,7 +48,9 @@ def test_pose_is_that_of_mujoco() -> None:
         for k, name in enumerate(theirs.skeleton.names, 1):
             if name == "patella_r":
                 continue
-            assert np.abs(pose[name][0] - theirs._mj_data.xpos[k]).max() < 1e-5  # the knee's splines are tabulated every degree
+            assert (
+                np.abs(pose[name][0] - theirs._mj_data.xpos[k]).max() < 1e-5
+            )  # the knee's splines are tabulated every degree
             assert np.abs(pose[name][1] - theirs._mj_data.xmat[k].reshape(3, 3)).max() < 1e-12
 
 
@@ -75,9 +79,22 @@ def test_sole_touches_the_platform_when_the_contact_does(braced: Landing) -> Non
     assert -0.025 < lowest[1] < 0.0  # at 9 kN the sole is some millimetres deep
 
 
-def picture(volumes: list[list[float]], colours: list[list[float]], scale: float = 100.0, box: np.ndarray = AWAY, turn: np.ndarray | None = None) -> np.ndarray:
+def picture(
+    volumes: list[list[float]],
+    colours: list[list[float]],
+    scale: float = 100.0,
+    box: np.ndarray = AWAY,
+    turn: np.ndarray | None = None,
+) -> np.ndarray:
     camera = Camera(X, Y, np.zeros(3), scale, 200, 160)
-    return camera.picture(np.array(volumes), np.array(colours), box, np.eye(3) if turn is None else turn, np.array([0.6, 0.2, 0.6]), np.array([0.6, 0.6, 0.6]))
+    return camera.picture(
+        np.array(volumes),
+        np.array(colours),
+        box,
+        np.eye(3) if turn is None else turn,
+        np.array([0.6, 0.2, 0.6]),
+        np.array([0.6, 0.6, 0.6]),
+    )
 
 
 def drawn(image: np.ndarray) -> np.ndarray:
@@ -123,7 +140,11 @@ def test_projection_agrees_with_the_picture() -> None:
 
 
 def test_film_of_two_landings_in_step(braced: Landing, tmp_path: Path) -> None:
-    short = replace(braced, label="short", result=replace(braced.result, time=braced.result.time[:41], values=braced.result.values[:41]))
+    short = replace(
+        braced,
+        label="short",
+        result=replace(braced.result, time=braced.result.time[:41], values=braced.result.values[:41]),
+    )
     target = tmp_path / "film.webp"
     count = animate([braced, short], target, slow=10.0)
     assert count == int(0.048 * 10 * RATE) + 1
@@ -151,18 +172,27 @@ def test_pictures_move_and_show_force_and_moment(braced: Landing) -> None:
     arrow = np.array([0x3D, 0x48, 0x52])
     dark = [(np.abs(image[inside].astype(int) - arrow).max(axis=2) < 24).sum() for image in (first, last)]
     assert dark[1] > dark[0] + 400  # 9 kN against none
-    force = np.array([float(np.interp(peak, braced.result.time, braced.result[f"plant.ground_force_{k}"])) for k in "xyz"])
+    force = np.array(
+        [float(np.interp(peak, braced.result.time, braced.result[f"plant.ground_force_{k}"])) for k in "xyz"]
+    )
     outline = close.arrow.get_xy()
-    assert np.linalg.norm(outline[3] - 0.5 * (outline[0] + outline[6])) == pytest.approx(close.reach * np.hypot(force[1], force[2]), rel=0.01)
+    assert np.linalg.norm(outline[3] - 0.5 * (outline[0] + outline[6])) == pytest.approx(
+        close.reach * np.hypot(force[1], force[2]), rel=0.01
+    )
 
 
 def test_without_a_brace_no_brace_is_drawn(braced: Landing) -> None:
     result = braced.result
-    kept = [k for k, name in enumerate(result.names) if not (name.startswith("plant.brace_") and name.endswith("_torque"))]
+    kept = [
+        k for k, name in enumerate(result.names) if not (name.startswith("plant.brace_") and name.endswith("_torque"))
+    ]
     names, units = (tuple(values[k] for k in kept) for values in (result.names, result.units))
     bare = replace(braced, result=replace(result, names=names, units=units, values=result.values[:, kept]))
     with_one, without = (next(Stage([run], 30.0).frames(np.array([0.02]))) for run in (braced, bare))
-    yellow = [((i[..., 0] > 120) & (i[..., 2] < 0.5 * i[..., 0]) & (i[..., 1] > 0.6 * i[..., 0])).sum() for i in (with_one, without)]
+    yellow = [
+        ((i[..., 0] > 120) & (i[..., 2] < 0.5 * i[..., 0]) & (i[..., 1] > 0.6 * i[..., 0])).sum()
+        for i in (with_one, without)
+    ]
     assert yellow[0] > 2000
     assert yellow[1] < 200
 

@@ -22,8 +22,17 @@ def floors() -> dict[str, int]:
 def imports(path: Path, of_types: bool = False) -> set[str]:
     """Absolute names of the modules a file imports, wherever in the file, without those for type checkers only."""
     tree = ast.parse(path.read_text())
-    package = ["sprain_cosim", *path.relative_to(PACKAGE).parts[:-1]] if path.is_relative_to(PACKAGE) else ["fmus", *path.relative_to(ROOT / "fmus").parts[:-1]]
-    skipped = {n for node in ast.walk(tree) if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test) for n in ast.walk(node)}
+    package = (
+        ["sprain_cosim", *path.relative_to(PACKAGE).parts[:-1]]
+        if path.is_relative_to(PACKAGE)
+        else ["fmus", *path.relative_to(ROOT / "fmus").parts[:-1]]
+    )
+    skipped = {
+        n
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+        for n in ast.walk(node)
+    }
     found = set()
     for node in ast.walk(tree):
         if node in skipped:
@@ -44,7 +53,9 @@ def sources(folder: Path) -> list[Path]:
 @pytest.mark.parametrize("path", sources(PACKAGE), ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_arrows_point_downwards(path: Path) -> None:
     used = imports(path)
-    assert not [name for name in used if name.split(".")[0] in ("mujoco", "fmus")], "the package meets the plant through FMI alone"
+    assert not [name for name in used if name.split(".")[0] in ("mujoco", "fmus")], (
+        "the package meets the plant through FMI alone"
+    )
     parts = path.relative_to(PACKAGE).parts
     if path.name == "__init__.py" and len(parts) == 1:
         return
@@ -54,7 +65,11 @@ def test_arrows_point_downwards(path: Path) -> None:
     rank = floors()
     assert own in rank, f"{own} has no floor in docs/architecture.md"
     if own == "uq":
-        assert not [n for n in used if n.startswith("sprain_cosim") and not n.startswith(("sprain_cosim.uq", "sprain_cosim.errors"))]
+        assert not [
+            n
+            for n in used
+            if n.startswith("sprain_cosim") and not n.startswith(("sprain_cosim.uq", "sprain_cosim.errors"))
+        ]
     for name in used:
         if name.startswith("sprain_cosim.") and name != "sprain_cosim.__version__":
             other = name.split(".")[1]
@@ -73,11 +88,18 @@ def test_every_floor_exists() -> None:
 
 def test_an_init_only_re_exports() -> None:
     for path in PACKAGE.glob("*/**/__init__.py"):
-        assert all(isinstance(node, ast.Expr | ast.Import | ast.ImportFrom | ast.Assign) for node in ast.parse(path.read_text()).body), path
+        assert all(
+            isinstance(node, ast.Expr | ast.Import | ast.ImportFrom | ast.Assign)
+            for node in ast.parse(path.read_text()).body
+        ), path
 
 
 def test_only_fmu_touches_fmpy() -> None:
-    users = {p.relative_to(PACKAGE).as_posix() for p in sources(PACKAGE) if any(n.split(".")[0] == "fmpy" for n in imports(p))}
+    users = {
+        p.relative_to(PACKAGE).as_posix()
+        for p in sources(PACKAGE)
+        if any(n.split(".")[0] == "fmpy" for n in imports(p))
+    }
     assert {u.split("/")[0] for u in users} == {"fmu"}
 
 

@@ -38,13 +38,17 @@ for label in sys.argv[2:]:
 @pytest.fixture(scope="module")
 def landing() -> Landing:
     chosen = load_scenario("incline30_brace").with_master(stop="60 ms").recording("plant.*")
-    return Landing("landing", chosen.title, chosen.initial_pose(), chosen.run(), {"plant.platform_incline": np.pi / 6}, PLANT)
+    return Landing(
+        "landing", chosen.title, chosen.initial_pose(), chosen.run(), {"plant.platform_incline": np.pi / 6}, PLANT
+    )
 
 
 def parse(path: Path) -> tuple[dict[str, str], pd.DataFrame]:
     """A storage file by the rules of OpenSim's reader: header until endheader, then labels and rows."""
     head, _, body = path.read_text().partition("endheader\n")
-    return dict(line.split("=", 1) for line in head.splitlines() if "=" in line), pd.read_csv(StringIO(body), sep="\t", index_col=0)
+    return dict(line.split("=", 1) for line in head.splitlines() if "=" in line), pd.read_csv(
+        StringIO(body), sep="\t", index_col=0
+    )
 
 
 def test_coordinates_in_degrees(landing: Landing, tmp_path: Path) -> None:
@@ -66,7 +70,11 @@ def test_states_are_complete_and_consistent(landing: Landing) -> None:
     table = states(landing)
     assert table.shape == (121, 2 * 15 + 2 * 49)
     middle = slice(60, 110)
-    for path in ("/jointset/ankle_r/ankle_angle_r", "/jointset/ground_pelvis/pelvis_ty", "/jointset/hip_r/hip_flexion_r"):
+    for path in (
+        "/jointset/ankle_r/ankle_angle_r",
+        "/jointset/ground_pelvis/pelvis_ty",
+        "/jointset/hip_r/hip_flexion_r",
+    ):
         slope = np.gradient(table[f"{path}/value"].to_numpy(), table.index.to_numpy())
         assert slope[middle] == pytest.approx(table[f"{path}/speed"].to_numpy()[middle], abs=0.02 * np.abs(slope).max())
     activation = table.filter(like="/activation")
@@ -93,7 +101,9 @@ def test_csv_and_parquet_hold_every_signal(landing: Landing, tmp_path: Path) -> 
     table = pd.read_csv(tmp_path / "x.csv", index_col=0)
     assert table.index.name == "time [s]"
     assert table.shape == landing.result.values.shape
-    assert table["plant.subtalar_angle [rad]"].to_numpy() == pytest.approx(landing.result["plant.subtalar_angle"], abs=1e-10)
+    assert table["plant.subtalar_angle [rad]"].to_numpy() == pytest.approx(
+        landing.result["plant.subtalar_angle"], abs=1e-10
+    )
     pytest.importorskip("pyarrow")
     write(landing, tmp_path / "x.parquet")
     assert np.array_equal(pd.read_parquet(tmp_path / "x.parquet").to_numpy(), landing.result.values)
@@ -107,7 +117,9 @@ def test_opensim_reads_it(landing: Landing, tmp_path: Path) -> None:
     }
     for name, label in asked.items():
         rows, columns = write(landing, tmp_path / name)
-        ended = subprocess.run([OPENSIM, "-c", READ, name, label], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+        ended = subprocess.run(
+            [OPENSIM, "-c", READ, name, label], cwd=tmp_path, capture_output=True, text=True, timeout=120
+        )
         if ended.returncode == 77:
             pytest.skip("the package opensim is not installed (set SPRAIN_OPENSIM_PYTHON to a Python that has it)")
         assert ended.returncode == 0, ended.stderr
@@ -127,12 +139,18 @@ def test_what_cannot_be_exported_says_why(landing: Landing, tmp_path: Path) -> N
 
 
 def test_a_trial_by_number_worst_or_percentile() -> None:
-    table = pd.DataFrame({"trial": [0, 1, 2, 5, 7], "status": ["completed"] * 4 + ["failed"], "peak": [10.0, 40.0, 20.0, 30.0, 99.0]})
+    table = pd.DataFrame(
+        {"trial": [0, 1, 2, 5, 7], "status": ["completed"] * 4 + ["failed"], "peak": [10.0, 40.0, 20.0, 30.0, 99.0]}
+    )
     assert pick(table, "peak", "5", "s") == (5, "trial 5")
     assert pick(table, "peak", "7", "s")[0] == 7
     assert pick(table, "peak", "worst", "s")[0] == 1  # a failed trial has no peak
     assert [pick(table, "peak", f"p{p}", "s")[0] for p in (0, 30, 50, 70, 100)] == [0, 2, 2, 5, 1]
-    for wrong, words in (("6", "has no trial 6; they are numbered 0 ... 7"), ("p101", "must be a number, worst, or a percentile"), ("best", "must be")):
+    for wrong, words in (
+        ("6", "has no trial 6; they are numbered 0 ... 7"),
+        ("p101", "must be a number, worst, or a percentile"),
+        ("best", "must be"),
+    ):
         with pytest.raises(InputError, match=words):
             pick(table, "peak", wrong, "s")
     with pytest.raises(InputError, match="no completed trial has other"):

@@ -28,16 +28,27 @@ method = "monte-carlo"
 FMUS = {"plant": "plant.fmu", "controller": "reflex_controller.fmu"}
 
 
-def study(folder: Path, pose: str = "published", fmus: dict[str, str] | None = None, parameters: dict[str, Any] | None = None, **head: Any) -> Path:
+def study(
+    folder: Path,
+    pose: str = "published",
+    fmus: dict[str, str] | None = None,
+    parameters: dict[str, Any] | None = None,
+    **head: Any,
+) -> Path:
     """A finished study of 30 trials."""
     folder.mkdir()
     rng = np.random.default_rng(1)
     table = pd.DataFrame({"trial": range(30), "status": "completed", "message": ""})
-    table["plant.drop_height [m]"], table["plant.contact_dissipation [s/m]"] = rng.normal(0.3, 0.05, 30), rng.normal(5, 1, 30)
+    table["plant.drop_height [m]"], table["plant.contact_dissipation [s/m]"] = (
+        rng.normal(0.3, 0.05, 30),
+        rng.normal(5, 1, 30),
+    )
     table["peak_subtalar_angle_deg"] = 20 + 30 * table["plant.drop_height [m]"]
     table.to_csv(folder / "trials.csv", index=False)
     counts = {"n_requested": 30, "n_completed": 30, "n_failed": 0}
-    (folder / "summary.json").write_text(json.dumps({"title": "S", "method": "monte-carlo", "initial_pose": pose, **counts, **head}))
+    (folder / "summary.json").write_text(
+        json.dumps({"title": "S", "method": "monte-carlo", "initial_pose": pose, **counts, **head})
+    )
     (folder / "study.toml").write_text(FILE)
     ran = {"plant.initial_pose": pose} | (parameters or {})
     devices = {name: {"file": f"/somewhere/{file}", "sha256": file} for name, file in (fmus or FMUS).items()}
@@ -69,7 +80,9 @@ def test_poses_of_one_question_are_drawn_side_by_side(tmp_path: Path) -> None:
     one, two = study(tmp_path / "a"), study(tmp_path / "b", pose="touching")
     assert "poses" in names(one, two)
     assert "poses" not in names(one)
-    assert "poses" not in names(one, study(tmp_path / "c", pose="touching", fmus={**FMUS, "brace": "my_brace.fmu"})), "another device is another question"
+    assert "poses" not in names(one, study(tmp_path / "c", pose="touching", fmus={**FMUS, "brace": "my_brace.fmu"})), (
+        "another device is another question"
+    )
     titles = [name for name, _ in gallery.flat(folders.read_all([one, two]))]
     assert titles == ["published pose · S", "touching pose · S"]
 
@@ -79,7 +92,12 @@ def test_published_trials_are_matched_by_number_and_inputs(tmp_path: Path, monke
     table = pd.read_csv(path / "trials.csv")
     records = pd.DataFrame({"trial": table["trial"], "drop_height_m": table["plant.drop_height [m]"]})
     records["contact_dissipation_s_m"] = table["plant.contact_dissipation [s/m]"]
-    records = records.assign(coactivation=0.0, reflex_gain=0.0, brace_scale_bi=np.nan, peak_subtalar_deg=table["peak_subtalar_angle_deg"] + 0.25)
+    records = records.assign(
+        coactivation=0.0,
+        reflex_gain=0.0,
+        brace_scale_bi=np.nan,
+        peak_subtalar_deg=table["peak_subtalar_angle_deg"] + 0.25,
+    )
     (tmp_path / "paper").mkdir()
     records.to_csv(tmp_path / "paper" / "study2_trials.csv", index=False)
     monkeypatch.delenv("SPRAIN_REFERENCE", raising=False)
@@ -87,7 +105,9 @@ def test_published_trials_are_matched_by_number_and_inputs(tmp_path: Path, monke
     monkeypatch.setenv("SPRAIN_REFERENCE", str(tmp_path))
     (drawn,) = (d for d in gallery.draw(folders.read_all([path])) if d.name == "published")
     np.testing.assert_allclose(drawn.figure.axes[1].lines[0].get_ydata(), -0.25)
-    records.assign(drop_height_m=records["drop_height_m"] + 0.01).to_csv(tmp_path / "paper" / "study2_trials.csv", index=False)
+    records.assign(drop_height_m=records["drop_height_m"] + 0.01).to_csv(
+        tmp_path / "paper" / "study2_trials.csv", index=False
+    )
     assert "published" not in names(path), "other inputs"
     records.assign(brace_scale_bi=0.5).to_csv(tmp_path / "paper" / "study2_trials.csv", index=False)
     assert "published" not in names(path), "the records had a brace"

@@ -14,7 +14,9 @@ from tests.fake import FakeComponent, connector
 
 
 def ramp(**more) -> FakeComponent:
-    return FakeComponent("a", {"y": connector("y", "output")}, law=lambda s, i, t, h: s + h, output=lambda s, i: [s], **more)
+    return FakeComponent(
+        "a", {"y": connector("y", "output")}, law=lambda s, i, t, h: s + h, output=lambda s, i: [s], **more
+    )
 
 
 def test_communication_points_come_from_the_integer() -> None:
@@ -43,7 +45,12 @@ def test_times_that_do_not_fit(master: Master, words: str) -> None:
 
 
 def test_a_value_that_is_not_finite_ends_the_run() -> None:
-    part = FakeComponent("a", {"y": connector("y", "output")}, law=lambda s, i, t, h: math.nan if t > 1.2e-3 else s, output=lambda s, i: [s])
+    part = FakeComponent(
+        "a",
+        {"y": connector("y", "output")},
+        law=lambda s, i, t, h: math.nan if t > 1.2e-3 else s,
+        output=lambda s, i: [s],
+    )
     result = Master(stop=5e-3).run(System((part,), {}).open(), {})
     assert (result.status, result.message) == ("failed", "a: y = nan at 0.002 s")
     assert len(result.time) == len(result.values) == 4
@@ -55,13 +62,17 @@ def test_an_error_in_a_step_ends_the_run() -> None:
     def law(state, inputs, time, step):
         raise SimulationError("a: reported an error")
 
-    result = Master(stop=5e-3).run(System((FakeComponent("a", {"y": connector("y", "output")}, law=law, output=lambda s, i: [s]),), {}).open(), {})
+    result = Master(stop=5e-3).run(
+        System((FakeComponent("a", {"y": connector("y", "output")}, law=law, output=lambda s, i: [s]),), {}).open(), {}
+    )
     assert (result.status, len(result.time)) == ("failed", 1)
 
 
 def test_later_components_see_the_newest_outputs() -> None:
     """Gauss-Seidel: the follower's output at t(k+1) is the leader's at t(k+1)."""
-    leader = FakeComponent("lead", {"y": connector("y", "output")}, law=lambda s, i, t, h: t + h, output=lambda s, i: [s])
+    leader = FakeComponent(
+        "lead", {"y": connector("y", "output")}, law=lambda s, i, t, h: t + h, output=lambda s, i: [s]
+    )
     follower = FakeComponent(
         "follow",
         {"x": connector("x", "input"), "y": connector("y", "output", depends_on=())},

@@ -48,7 +48,8 @@ def test_peaks_and_moments_at_the_axis_own_peak() -> None:
 
 
 def test_brace_work_is_what_it_takes_from_the_ankle() -> None:
-    """A spring of 20 N·m/rad about the subtalar axis and a damper about the talocrural: closed forms of the energy until the peak and over all."""
+    """A spring of 20 N·m/rad about the subtalar axis and a damper about the talocrural: closed forms of the energy
+    until the peak and over all."""
     run = Run(braced=True)
     subtalar, talocrural = run["plant.subtalar_angle"], run["plant.talocrural_angle"]
     run.signals["plant.brace_subtalar_torque"] = -20 * subtalar

@@ -1,4 +1,5 @@
-"""Figures show the data they are given, name units and signs on their axes, and can be read at the width of a journal column."""
+"""Figures show the data they are given, name units and signs on their axes, and can be read at the width of a journal
+column."""
 
 from __future__ import annotations
 
@@ -19,7 +20,12 @@ from sprain_cosim.figures.law import resisting
 from sprain_cosim.literature import BRACES, PASSIVE
 
 TIME = np.linspace(0, 0.15, 61)
-NAMES = (*(signal for _, signal, _ in plots.PANELS), "plant.brace_subtalar_torque", "plant.inversion_angle", "plant.inversion_velocity")
+NAMES = (
+    *(signal for _, signal, _ in plots.PANELS),
+    "plant.brace_subtalar_torque",
+    "plant.inversion_angle",
+    "plant.inversion_velocity",
+)
 
 
 def run(seed: int, braced: bool = True) -> Result:
@@ -41,20 +47,35 @@ NOTE = "Initial pose: touching."
 R = sample(1).sensitivity
 FIGURES: dict[str, Callable[[], Figure]] = {
     "landing": lambda: plots.landing([("a", run(1)), ("no brace", run(2, False))], NOTE),
-    "many landings": lambda: plots.landing([(f"landing {k} with a rather long name of its own", run(k)) for k in range(9)], NOTE),
+    "many landings": lambda: plots.landing(
+        [(f"landing {k} with a rather long name of its own", run(k)) for k in range(9)], NOTE
+    ),
     "moment_angle": lambda: plots.moment_angle([("a", run(1)), ("b", run(2))], NOTE),
-    "phase": lambda: plots.phase([("a", np.arange(9.0), np.arange(9.0) * 90)], [("s", np.arange(20.0), np.arange(20.0) * 40)], NOTE),
-    "sharing": lambda: plots.sharing([("a", np.array([5.0]), np.array([60.0])), ("s", np.arange(9.0), np.zeros(9))], NOTE),
-    "fan": lambda: plots.fan([("s", TIME, {signal: np.random.default_rng(1).normal(size=(30, len(TIME))) for _, signal, _ in plots.PANELS})], NOTE),
+    "phase": lambda: plots.phase(
+        [("a", np.arange(9.0), np.arange(9.0) * 90)], [("s", np.arange(20.0), np.arange(20.0) * 40)], NOTE
+    ),
+    "sharing": lambda: plots.sharing(
+        [("a", np.array([5.0]), np.array([60.0])), ("s", np.arange(9.0), np.zeros(9))], NOTE
+    ),
+    "fan": lambda: plots.fan(
+        [("s", TIME, {signal: np.random.default_rng(1).normal(size=(30, len(TIME))) for _, signal, _ in plots.PANELS})],
+        NOTE,
+    ),
     "cdf": lambda: plots.cdf([sample(1), sample(2)], QUANTITY, NOTE),
     "amv": lambda: plots.amv(
-        sample(1), {"5": {"plant.drop_height": 0.6, "brace.angle_scale": -0.8}, "95": {"plant.drop_height": 1.0}}, QUANTITY, sample(2), NOTE
+        sample(1),
+        {"5": {"plant.drop_height": 0.6, "brace.angle_scale": -0.8}, "95": {"plant.drop_height": 1.0}},
+        QUANTITY,
+        sample(2),
+        NOTE,
     ),
     "tornado": lambda: plots.tornado(R, R, "s", QUANTITY, {"plant.drop_height": 0.61}, NOTE),
     "percentiles": lambda: plots.percentiles([sample(1), sample(2)], QUANTITY, NOTE),
     "poses": lambda: plots.poses([("published", sample(1)), ("touching", sample(2))], QUANTITY, NOTE),
     "published": lambda: plots.published([("s", np.arange(5.0), np.arange(5.0) + 0.1)], NOTE),
-    "grid": lambda: plots.grid(np.arange(4.0), [(f"gain {k}", np.arange(4.0) + k) for k in range(6)], "co-activation", QUANTITY, NOTE),
+    "grid": lambda: plots.grid(
+        np.arange(4.0), [(f"gain {k}", np.arange(4.0) + k) for k in range(6)], "co-activation", QUANTITY, NOTE
+    ),
     "torque_angle": plots.torque_angle,
 }
 
@@ -78,7 +99,12 @@ def test_a_figure_fits_a_column_and_can_be_read(name: str) -> None:
         t.get_text()
         for axis in figure.axes
         for t in (axis.title, axis._left_title, axis.xaxis.label, axis.yaxis.label)  # type: ignore[attr-defined]
-        if t.get_text() and not (t.get_window_extent().x0 >= -1 and t.get_window_extent().x1 <= width + 1 and t.get_window_extent().y1 <= height + 1)
+        if t.get_text()
+        and not (
+            t.get_window_extent().x0 >= -1
+            and t.get_window_extent().x1 <= width + 1
+            and t.get_window_extent().y1 <= height + 1
+        )
     }
     assert not outside
 
@@ -100,14 +126,18 @@ def test_axes_name_units_and_signs_and_the_figure_its_pose(name: str) -> None:
     assert "initial pose" in words.lower()
     for axis in figure.axes:
         said = f"{axis.get_title('left')} {axis.get_xlabel()} {axis.get_ylabel()}"
-        assert re.search(r"\[.+\]|Pearson|dSD|importance", said) or axis.get_shared_x_axes().joined(axis, figure.axes[-1]), said
+        assert re.search(r"\[.+\]|Pearson|dSD|importance", said) or axis.get_shared_x_axes().joined(
+            axis, figure.axes[-1]
+        ), said
 
 
 def test_the_data_drawn_are_the_data_given() -> None:
     runs = [("a", run(1)), ("b", run(2, False))]
     angles = plots.landing(runs).axes[0]
     for line, (_, result) in zip(angles.lines, runs, strict=False):
-        np.testing.assert_allclose(line.get_xydata(), np.column_stack([1e3 * TIME, np.degrees(result["plant.subtalar_angle"])]))
+        np.testing.assert_allclose(
+            line.get_xydata(), np.column_stack([1e3 * TIME, np.degrees(result["plant.subtalar_angle"])])
+        )
     one = sample(3)
     (axis,) = plots.cdf([one], QUANTITY).axes
     x, y = np.asarray(axis.lines[0].get_xydata()).T
@@ -145,7 +175,9 @@ def test_the_laws_drawn_are_those_of_the_fmus() -> None:
     from fmus.brace_bushing.slave import POLYNOMIALS
 
     assert tuple(PASSIVE.values()) == tuple(tuple(p) for p in POLYNOMIALS)
-    assert resisting("rotation_x", np.array([0.2]))[0] == pytest.approx(0.2 * (9.52095038 + 0.2 * (-29.57608094 + 0.2 * 169.01588105)))
+    assert resisting("rotation_x", np.array([0.2]))[0] == pytest.approx(
+        0.2 * (9.52095038 + 0.2 * (-29.57608094 + 0.2 * 169.01588105))
+    )
     for axis, (_, scale) in zip(plots.torque_angle().axes, (("", 1.0), *BRACES.items()), strict=True):
         assert len(axis.lines) >= 3, scale
     x_axis = plots.torque_angle().axes[0]

@@ -14,7 +14,12 @@ def said(kind: str, terminal: bool, monkeypatch: pytest.MonkeyPatch, capsys: pyt
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
     report = reporter(kind)
     assert report is not None
-    for finished, failed, seconds in ((100, 0, 0.0), (550, 3, 10.0), (551, 3, 10.1), (1000, 4, 20.0)):  # 100 were there before
+    for finished, failed, seconds in (
+        (100, 0, 0.0),
+        (550, 3, 10.0),
+        (551, 3, 10.1),
+        (1000, 4, 20.0),
+    ):  # 100 were there before
         report(finished, 1000, failed, seconds)
     return capsys.readouterr().err
 
@@ -28,7 +33,9 @@ def test_bar_renews_itself(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captu
     assert shown[-1].endswith("\n")
 
 
-def test_lines_elsewhere_not_more_often_than_every_five_seconds(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_lines_elsewhere_not_more_often_than_every_five_seconds(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     lines = said("auto", False, monkeypatch, capsys).splitlines()
     assert [line.split()[0] for line in lines] == ["100", "550", "1000"]
 
@@ -38,7 +45,9 @@ def test_json_a_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixt
     assert lines[1] == {"finished": 550, "total": 1000, "failed": 3, "rate_per_s": 45.0, "left_s": 10.0}
 
 
-def test_long_times_are_in_minutes_and_hours(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_long_times_are_in_minutes_and_hours(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     report = reporter("plain")
     assert report is not None
     report(0, 10_000, 0, 0.0)

@@ -67,7 +67,10 @@ def test_override_leaves_the_original_alone() -> None:
 
 def test_replacing_a_device_makes_its_connections_anew(tmp_path: Path) -> None:
     (tmp_path / "x.toml").write_text("base = 'incline30_brace'")
-    text = "base = 'incline30'\n[components.brace]\nfmu = 'brace_bushing'\n[connections]\n'brace.rotation_x_angle' = 'plant.rotation_y_angle'"
+    text = (
+        "base = 'incline30'\n[components.brace]\nfmu = 'brace_bushing'\n[connections]\n'brace.rotation_x_angle' = "
+        "'plant.rotation_y_angle'"
+    )
     (tmp_path / "y.toml").write_text(text)
     scenario = load_scenario(tmp_path / "y.toml")
     assert scenario.system().connections["brace.rotation_x_angle"] == "plant.rotation_y_angle"
@@ -77,11 +80,19 @@ def test_replacing_a_device_makes_its_connections_anew(tmp_path: Path) -> None:
         load_scenario(tmp_path / "x.toml")
 
 
-VALUES = st.recursive(st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=12), lambda inner: st.lists(inner, max_size=3), max_leaves=4)
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=12),
+    lambda inner: st.lists(inner, max_size=3),
+    max_leaves=4,
+)
 
 
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(key=st.sampled_from(["title", "base", "master", "components", "parameters", "connections", "x"]), name=st.text(max_size=12), value=VALUES)
+@given(
+    key=st.sampled_from(["title", "base", "master", "components", "parameters", "connections", "x"]),
+    name=st.text(max_size=12),
+    value=VALUES,
+)
 def test_no_file_breaks_the_parser(key: str, name: str, value: object, tmp_path: Path) -> None:
     def toml(v: object) -> str:
         if isinstance(v, bool):

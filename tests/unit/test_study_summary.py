@@ -1,4 +1,5 @@
-"""What a study says about trials that need no landing: the questions from every kind of sample, intervals, the stopping rule, honest gaps."""
+"""What a study says about trials that need no landing: the questions from every kind of sample, intervals, the stopping
+rule, honest gaps."""
 
 from __future__ import annotations
 
@@ -19,7 +20,11 @@ from sprain_cosim.uq import Normal, Uniform
 from sprain_cosim.uq.reliability import LevelResult, amv, form_exceedance
 from sprain_cosim.uq.statistics import exceedance
 
-INVERSION, MOMENT, PEAK = "peak_inversion_from_neutral_deg", "anatomy_jcs_inversion_moment_Nm", "peak_subtalar_angle_deg"
+INVERSION, MOMENT, PEAK = (
+    "peak_inversion_from_neutral_deg",
+    "anatomy_jcs_inversion_moment_Nm",
+    "peak_subtalar_angle_deg",
+)
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +34,11 @@ def study6():
 
 def peak(study, x: np.ndarray) -> np.ndarray:
     """Linear in the inputs, with the spread that study 6 has."""
-    weights = dict.fromkeys(study.names, 0.3) | {"plant.drop_height": 2.0, "plant.subtalar_angle_at_contact": 1.8, "controller.coactivation": -1.2}
+    weights = dict.fromkeys(study.names, 0.3) | {
+        "plant.drop_height": 2.0,
+        "plant.subtalar_angle_at_contact": 1.8,
+        "controller.coactivation": -1.2,
+    }
     return 29.0 + (x - study.joint.means) / study.joint.sds @ np.array([weights[n] for n in study.names])
 
 
@@ -47,14 +56,23 @@ def landings(study, failed: int = 0) -> pd.DataFrame:
 def exact(study6) -> dict[str, float]:
     """The probabilities of the two questions from two million landings of the same formula."""
     y = peak(study6, study6.joint.from_standard(np.random.default_rng(5).standard_normal((400_000, 10))))
-    return {INVERSION: exceedance(0.7 * y, Normal(35.0, 6.0)).value, MOMENT: exceedance(y - 25, Uniform(2.7, 4.3)).value}
+    return {
+        INVERSION: exceedance(0.7 * y, Normal(35.0, 6.0)).value,
+        MOMENT: exceedance(y - 25, Uniform(2.7, 4.3)).value,
+    }
 
 
 @pytest.mark.parametrize(("method", "trials"), [("monte-carlo", 1000), ("sobol", 1024), ("lhs", 1000), ("table", 1000)])
 def test_questions_with_intervals_from_every_sample(study6, exact, method: str, trials: int) -> None:
     study = replace(study6, method="sobol" if method == "table" else method, trials=trials)
     if method == "table":
-        study = replace(study6, method="table", trials=trials, table=replace(study6, seed=2, trials=trials).sample(), numbers=tuple(range(trials)))
+        study = replace(
+            study6,
+            method="table",
+            trials=trials,
+            table=replace(study6, seed=2, trials=trials).sample(),
+            numbers=tuple(range(trials)),
+        )
     summary = summarise(study, landings(study), None)
     for name, expected in exact.items():
         q = summary["questions"][name]
@@ -102,7 +120,10 @@ def test_too_few_trials_say_so(study6, trials: int, said: str) -> None:
 
 def test_stopping_rule(study6) -> None:
     """The widest of the three intervals against the one wanted, and how many trials it would take."""
-    wide, narrow = (summarise(s, landings(s), None)["stopping"] for s in (replace(study6, trials=300, half_width=w) for w in (2.0, 0.3)))
+    wide, narrow = (
+        summarise(s, landings(s), None)["stopping"]
+        for s in (replace(study6, trials=300, half_width=w) for w in (2.0, 0.3))
+    )
     assert wide["met"]
     assert not narrow["met"]
     assert 300 < narrow["trials_needed"] == math.ceil(300 * (max(narrow["half_width"].values()) / 0.3) ** 2)
@@ -149,7 +170,11 @@ def test_a_grid_becomes_a_table_and_no_probability(study6) -> None:
 def test_levels_answer_the_question_without_an_interval(study6, exact) -> None:
     study = replace(sc.load_study("amv6"), responses=(INVERSION,))
     found = amv(lambda x: 0.7 * peak(study, x), tuple(study.marginals.values()))
-    summary = summarise(study, pd.DataFrame({"trial": [], "status": [], "message": [], **{h: [] for h in study.headings}, INVERSION: []}), found)
+    summary = summarise(
+        study,
+        pd.DataFrame({"trial": [], "status": [], "message": [], **{h: [] for h in study.headings}, INVERSION: []}),
+        found,
+    )
     q = summary["questions"][INVERSION]
     assert q["probability"] == pytest.approx(exact[INVERSION], rel=0.05)
     assert q["ci_low"] is None
@@ -175,7 +200,8 @@ def test_form_with_an_uncertain_threshold(study6) -> None:
 
 
 def test_amv_is_judged_by_the_records_monte_carlo() -> None:
-    """At 5 and 50 % the authors' AMV lies outside the intervals of their own Monte Carlo trials, and the output says so."""
+    """At 5 and 50 % the authors' AMV lies outside the intervals of their own Monte Carlo trials, and the output says
+    so."""
     study = sc.load_study("amv6")
     published = amv(lambda x: peak(study, x), tuple(study.marginals.values()))
     found: LevelResult = replace(published, value={0.05: 25.2, 0.5: 30.7, 0.95: 34.3})
@@ -189,16 +215,25 @@ def test_amv_is_judged_by_the_records_monte_carlo() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('{ lognormal = { mean = "0.30 m", sd = "0.05 m" } }', '{ normal = { mean = "0.30 m", sd = "0.2 m" } }', "6.7 % of the trials would lie outside"),
+        (
+            '{ lognormal = { mean = "0.30 m", sd = "0.05 m" } }',
+            '{ normal = { mean = "0.30 m", sd = "0.2 m" } }',
+            "6.7 % of the trials would lie outside",
+        ),
         ('"0.30 m", sd = "0.05 m"', '0.30, sd = "0.05 m"', "needs a unit"),
         ('"-34 deg"', '"-34 rad"', "of the trials would lie outside"),
         ('"-34 deg"', '"-34"', "needs a unit"),
         ("{ lognormal = { mean = 0.20, sd = 0.05 } }", "{ lognormal = { mean = 0, sd = 0 } }", "write { fixed = 0 }"),
         ("mean = 5.0, sd = 1.0", "mean = 5.0, sd = -1.0", "must be positive"),
-        ("[study]", '[correlation]\n"plant.drop_height, controller.coactivation" = -0.99\n[study]', "cannot be attained"),
         (
             "[study]",
-            '[correlation]\n"plant.ankle_strength_scale, plant.passive_angle_scale" = 0.9\n"plant.ankle_strength_scale, brace.angle_scale" = 0.9\n'
+            '[correlation]\n"plant.drop_height, controller.coactivation" = -0.99\n[study]',
+            "cannot be attained",
+        ),
+        (
+            "[study]",
+            '[correlation]\n"plant.ankle_strength_scale, plant.passive_angle_scale" = '
+            '0.9\n"plant.ankle_strength_scale, brace.angle_scale" = 0.9\n'
             '"plant.passive_angle_scale, brace.angle_scale" = -0.9\n[study]',
             "not positive definite",
         ),
@@ -232,7 +267,8 @@ def test_radians_written_as_degrees_are_warned_about(tmp_path) -> None:
 
 
 def test_samples_keep_their_rows_and_columns(study6) -> None:
-    """Enlarging Monte Carlo and Sobol' keeps rows; another marginal without correlation leaves the other columns; a Latin hypercube has one size."""
+    """Enlarging Monte Carlo and Sobol' keeps rows; another marginal without correlation leaves the other columns; a
+    Latin hypercube has one size."""
     for method in ("monte-carlo", "sobol"):
         small, large = (replace(study6, method=method, trials=n).sample() for n in (64, 256))
         assert np.array_equal(large[:64], small)
@@ -253,13 +289,19 @@ def test_the_study_on_the_page_loads(tmp_path) -> None:
     study = sc.load_study(path)
     assert study.half_width == 1.0
     assert study.sample().shape == (200, 4)
-    assert {name for name in shipped_studies() if f"`{name}`" in page} >= {"amv6", "form6", "demers2017", "brace_scaling"}
+    assert {name for name in shipped_studies() if f"`{name}`" in page} >= {
+        "amv6",
+        "form6",
+        "demers2017",
+        "brace_scaling",
+    }
     for name in shipped_studies():
         assert sc.load_study(name).checked().source == name
 
 
 def test_a_large_study_is_summed_up_in_seconds(study6) -> None:
-    """100 000 trials: no bootstrap, polynomial chaos from the first ones; the factors' intervals by their standard errors."""
+    """100 000 trials: no bootstrap, polynomial chaos from the first ones; the factors' intervals by their standard
+    errors."""
     rng = np.random.default_rng(3)
     x = study6.joint.from_standard(rng.standard_normal((100_000, 10)))
     table = pd.DataFrame({"trial": np.arange(len(x)), "status": "completed", "message": ""})
@@ -269,4 +311,6 @@ def test_a_large_study_is_summed_up_in_seconds(study6) -> None:
     found = summarise(replace(study6, trials=len(x)), table, None)["sensitivity"][PEAK]
     assert perf_counter() - began < 60
     drop = found["plant.drop_height"]
-    assert drop["ci"]["dsd_dsd"][1] - drop["ci"]["dsd_dsd"][0] == pytest.approx(3.92 * drop["standard_error"]["dsd_dsd"])
+    assert drop["ci"]["dsd_dsd"][1] - drop["ci"]["dsd_dsd"][0] == pytest.approx(
+        3.92 * drop["standard_error"]["dsd_dsd"]
+    )

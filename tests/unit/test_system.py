@@ -22,12 +22,20 @@ def component(name: str, *connectors, **more) -> FakeComponent:
 def plant(**more) -> FakeComponent:
     axes = ("subtalar", "dorsiflexion", "rotation_x")
     outputs = [connector(f"{a}_angle", "output", "rad") for a in axes]
-    inputs = [connector(f"brace_{a}_{kind}", "input", u) for a in axes for kind, u in (("torque", "N.m"), ("stiffness", "N.m/rad"))]
-    return component("plant", *outputs, *inputs, connector("height", "parameter", "m"), output=lambda s, i: [0.1, 0.2, 0.3], **more)
+    inputs = [
+        connector(f"brace_{a}_{kind}", "input", u)
+        for a in axes
+        for kind, u in (("torque", "N.m"), ("stiffness", "N.m/rad"))
+    ]
+    return component(
+        "plant", *outputs, *inputs, connector("height", "parameter", "m"), output=lambda s, i: [0.1, 0.2, 0.3], **more
+    )
 
 
 def device(axis: str, name: str = "brace", angle: str = "rad", torque: str = "N.m", **more) -> FakeComponent:
-    return component(name, connector(f"{axis}_angle", "input", angle), connector(f"{axis}_torque", "output", torque), **more)
+    return component(
+        name, connector(f"{axis}_angle", "input", angle), connector(f"{axis}_torque", "output", torque), **more
+    )
 
 
 ILLEGAL = [
@@ -89,11 +97,16 @@ def test_explicit_connections_win() -> None:
 
 def test_two_devices_on_one_input() -> None:
     _, problems = connect((plant(), device("subtalar"), device("subtalar", "second")), {})
-    assert problems == ["plant.brace_subtalar_torque: fed by brace.subtalar_torque and by second.subtalar_torque; keep one of the two devices"]
+    assert problems == [
+        "plant.brace_subtalar_torque: fed by brace.subtalar_torque and by second.subtalar_torque; keep one of the two "
+        "devices"
+    ]
 
 
 def test_torques_of_two_profiles_are_ambiguous() -> None:
-    both = component("brace", connector("dorsiflexion_torque", "output", "N.m"), connector("rotation_x_torque", "output", "N.m"))
+    both = component(
+        "brace", connector("dorsiflexion_torque", "output", "N.m"), connector("rotation_x_torque", "output", "N.m")
+    )
     _, problems = connect((plant(), both), {})
     assert len(problems) == 1
     assert "several profiles (jcs, bushing)" in problems[0]
@@ -106,7 +119,10 @@ def test_a_device_that_matches_nothing_is_named() -> None:
     assert any(p.startswith("brace: connects to nothing") for p in system.check())
 
 
-@pytest.mark.parametrize(("own", "asked", "fits"), [(1e-3, 1e-3, True), (1e-3, 2e-3, True), (1e-3, 5e-4, False), (1e-3, 2.5e-3, False), (1e-4, 5e-4, True)])
+@pytest.mark.parametrize(
+    ("own", "asked", "fits"),
+    [(1e-3, 1e-3, True), (1e-3, 2e-3, True), (1e-3, 5e-4, False), (1e-3, 2.5e-3, False), (1e-4, 5e-4, True)],
+)
 def test_a_fixed_step_takes_whole_multiples(own: float, asked: float, fits: bool) -> None:
     stiff = device("subtalar", capabilities=Capabilities("2.0", fixed_step=own))
     parts = (plant(), stiff)
@@ -177,7 +193,12 @@ def test_a_loop_over_two_axes_with_a_follower_is_solved() -> None:
         *(connector(f"{a}_angle", "output", "rad") for a in axes),
         output=lambda s, i: [i[f"brace_{a}_torque"] for a in axes],
     )
-    reader = component("reader", connector("subtalar_angle", "input", "rad"), connector("y", "output"), output=lambda s, i: [2.0 * i["subtalar_angle"]])
+    reader = component(
+        "reader",
+        connector("subtalar_angle", "input", "rad"),
+        connector("y", "output"),
+        output=lambda s, i: [2.0 * i["subtalar_angle"]],
+    )
     parts = (plant, brace, reader)
     assembly = System(parts, connect(parts, {})[0]).open()
     assembly.start({}, 0.0, 1.0)
@@ -191,7 +212,10 @@ def test_a_loop_without_a_solution_is_named_connection_by_connection(brace: Call
     result = Master(stop=1e-3).run(loop(brace, plant=lambda torque: torque).open(), {})
     assert result.status == "failed"
     assert "no solution found for the loop through" in result.message
-    assert "brace.subtalar_angle = plant.subtalar_angle" in result.message or "plant.brace_subtalar_torque = brace.subtalar_torque" in result.message
+    assert (
+        "brace.subtalar_angle = plant.subtalar_angle" in result.message
+        or "plant.brace_subtalar_torque = brace.subtalar_torque" in result.message
+    )
 
 
 def test_failure_at_the_start_names_the_variable() -> None:

@@ -1,4 +1,5 @@
-"""The validation suite itself: how outcomes are judged, what is never counted as passed, what is written, a user's own checks."""
+"""The validation suite itself: how outcomes are judged, what is never counted as passed, what is written, a user's own
+checks."""
 
 from __future__ import annotations
 
@@ -84,7 +85,9 @@ def test_what_is_written(report: suite.Report, tmp_path: Path) -> None:
     data = json.loads((tmp_path / "v" / "validation.json").read_text())
     assert data["status"] == "passed"
     assert [c["status"] for c in data["checks"]] == ["pass", "known gap", "not run", "not run"]
-    assert data["checks"][0]["rows"] == [{"label": "in", "value": 1.04, "expected": 1.0, "tolerance": 0.05, "unit": "deg", "status": "pass"}]
+    assert data["checks"][0]["rows"] == [
+        {"label": "in", "value": 1.04, "expected": 1.0, "tolerance": 0.05, "unit": "deg", "status": "pass"}
+    ]
     root = ElementTree.parse(tmp_path / "v" / "junit.xml").getroot()
     assert (root.get("tests"), root.get("failures"), root.get("skipped")) == ("4", "0", "3")
     assert [[e.tag for e in case] for case in root.iter("testcase")] == [[], ["skipped"], ["skipped"], ["skipped"]]
@@ -129,7 +132,11 @@ def test_an_interrupt_keeps_what_is_known() -> None:
     with pytest.raises(KeyboardInterrupt):
         suite.run(swallowed, Laboratory(), keep=kept.append, interrupted=iter([False, True]).__next__)
     for report in kept:
-        assert [(o.status, o.reason) for o in report.outcomes] == [("pass", ""), ("not run", "interrupted"), ("not run", "interrupted")]
+        assert [(o.status, o.reason) for o in report.outcomes] == [
+            ("pass", ""),
+            ("not run", "interrupted"),
+            ("not run", "interrupted"),
+        ]
 
 
 def test_the_suite_is_numbered_and_says_why() -> None:

@@ -1,9 +1,10 @@
-"""Communication steps divided by the residual energy: every step of the regular grid, on which the run is recorded, is taken in 1, 2, 4 ... 64 equal
-parts, as many as keep its residual within the tolerance. The residual of a part falls with the order of the scheme, which gives the next number.
+"""Communication steps divided by the residual energy: every step of the regular grid, on which the run is recorded, is
+taken in 1, 2, 4 ... 64 equal parts, as many as keep its residual within the tolerance. The residual of a part falls
+with the order of the scheme, which gives the next number.
 
-With saved states a step whose residual is too large is taken again; without, the number for the next step is chosen with a wider margin, it falls slowly,
-and the first step is taken in 16 parts. After S. Sadjina et al. 2017 (energy.py), whose controller chooses the step itself.
-"""
+With saved states a step whose residual is too large is taken again; without, the number for the next step is chosen
+with a wider margin, it falls slowly, and the first step is taken in 16 parts. After S. Sadjina et al. 2017 (energy.py),
+whose controller chooses the step itself."""
 
 from __future__ import annotations
 
@@ -24,18 +25,28 @@ AIM, AIM_UNSAVED = 0.7, 0.25  # of the residual that is allowed
 
 
 class Adaptive:
-    """Implements Scheme around another one. `tolerance`: the share of the exchanged energy that the run's residual may reach.
+    """Implements Scheme around another one. `tolerance`: the share of the exchanged energy that the run's residual may
+    reach.
 
-    A step's residual is held against the mean of what it exchanges itself and what the steps before it exchanged on average, so that steps
-    around a turning point, which exchange nothing, are not divided without end."""
+    A step's residual is held against the mean of what it exchanges itself and what the steps before it exchanged on
+    average, so that steps around a turning point, which exchange nothing, are not divided without end."""
 
     def __init__(self, scheme: Scheme, assembly: Assembly, step: float, tolerance: float) -> None:
         """Raises InputError where the scheme or a component cannot do it."""
         if scheme.name == "iterative":
-            raise InputError("adaptive: the residual of scheme iterative is that of its iteration and says nothing of the step; use auto or another scheme")
-        rigid = [m.name for m in assembly.members if not m.component.capabilities.variable_step and m.component.capabilities.fixed_step is None]
+            raise InputError(
+                "adaptive: the residual of scheme iterative is that of its iteration and says nothing of the step; "
+                "use auto or another scheme"
+            )
+        rigid = [
+            m.name
+            for m in assembly.members
+            if not m.component.capabilities.variable_step and m.component.capabilities.fixed_step is None
+        ]
         if rigid:
-            raise InputError(f"adaptive: {', '.join(rigid)} cannot change the communication step during a run; leave adaptive out")
+            raise InputError(
+                f"adaptive: {', '.join(rigid)} cannot change the communication step during a run; leave adaptive out"
+            )
         self.scheme, self.tolerance = scheme, tolerance
         self.name, self.lag, self.order = scheme.name, scheme.lag, scheme.order
         self.saves = all(m.component.capabilities.state for m in assembly.members)
@@ -60,7 +71,11 @@ class Adaptive:
         try:
             while True:
                 n = self.parts
-                rows, sizes = ([assembly.record.copy()], []) if self._before is None else ([self._before[0], assembly.record.copy()], [self._before[1]])
+                rows, sizes = (
+                    ([assembly.record.copy()], [])
+                    if self._before is None
+                    else ([self._before[0], assembly.record.copy()], [self._before[1]])
+                )
                 for k in range(n):
                     self.scheme.step(assembly, time + k * step / n, step / n)
                     rows.append(assembly.record.copy())
@@ -82,7 +97,11 @@ class Adaptive:
             for member, state in states:
                 member.instance.release(state)
         self._before = rows[-2], step / n
-        self._residual, self._exchanged, self._steps = self._residual + residual, self._exchanged + exchanged, self._steps + 1
+        self._residual, self._exchanged, self._steps = (
+            self._residual + residual,
+            self._exchanged + exchanged,
+            self._steps + 1,
+        )
         self.exchanges, self.most = self.exchanges + n, max(self.most, n)
         self.parts = self._number(n, residual, allowed, least=(n + 1) // 2)
 

@@ -1,6 +1,7 @@
-"""Gauss-Seidel with the devices' stiffness and damping handed to the plant, which applies torque - K d(angle) - C d(velocity) within its own
-steps. Exact for a device that is linear in angle and velocity, second order for others, and free of the delay that destabilises a held torque.
-What a device does not declare is found by finite differences (identify.py)."""
+"""Gauss-Seidel with the devices' stiffness and damping handed to the plant, which applies torque - K d(angle) - C
+d(velocity) within its own steps. Exact for a device that is linear in angle and velocity, second order for others, and
+free of the delay that destabilises a held torque. What a device does not declare is found by finite differences
+(identify.py)."""
 
 from __future__ import annotations
 
@@ -40,4 +41,6 @@ class Impedance(GaussSeidel):
         """The mean of a torque that starts at the device's and changes with K and C over the step."""
         turned, quickened = np.diff(exchange.angle, axis=0), np.diff(exchange.velocity, axis=0)
         stiffness, damping = exchange.stiffness[:-1], exchange.damping[:-1]
-        return exchange.torque[:-1] - 0.5 * (np.einsum("nij,nj->ni", stiffness, turned) + np.einsum("nij,nj->ni", damping, quickened))
+        return exchange.torque[:-1] - 0.5 * (
+            np.einsum("nij,nj->ni", stiffness, turned) + np.einsum("nij,nj->ni", damping, quickened)
+        )

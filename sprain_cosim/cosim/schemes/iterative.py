@@ -1,6 +1,6 @@
-"""Every step is repeated, from saved states, until the torque that the plant felt is the mean of the devices' torques at both ends of the step: second
-order, whatever the device. Quasi-Newton relaxation (Broyden's update, kept from step to step; with one torque it is the secant method). A step that
-does not settle ends the run."""
+"""Every step is repeated, from saved states, until the torque that the plant felt is the mean of the devices' torques
+at both ends of the step: second order, whatever the device. Quasi-Newton relaxation (Broyden's update, kept from step
+to step; with one torque it is the secant method). A step that does not settle ends the run."""
 
 from __future__ import annotations
 
@@ -57,7 +57,8 @@ class Iterative:
                 member.instance.release(state)
         names = ", ".join(np.array(assembly.names)[slots][np.abs(gap) > TOLERANCE])
         raise SimulationError(
-            f"iterative: {names} did not settle in {MAX_ITERATIONS} iterations at {time + step:.6g} s; take a smaller step or scheme impedance"
+            f"iterative: {names} did not settle in {MAX_ITERATIONS} iterations at {time + step:.6g} s; take a smaller "
+            "step or scheme impedance"
         )
 
     def applied(self, exchange: Exchange) -> Exchange.Torques:

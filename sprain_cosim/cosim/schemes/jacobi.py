@@ -1,4 +1,5 @@
-"""All at once: every component takes its step with the others' outputs at its beginning. The way of masters that step in parallel."""
+"""All at once: every component takes its step with the others' outputs at its beginning. The way of masters that step
+in parallel."""
 
 from __future__ import annotations
 

@@ -1,9 +1,10 @@
-"""Where trials run. A backend takes batches of jobs and gives back rows, in any order; nothing else of a study depends on it.
+"""Where trials run. A backend takes batches of jobs and gives back rows, in any order; nothing else of a study depends
+on it.
 
 | Backend | Workers | Chosen by |
 |---|---|---|
 | local | threads of this process, each with a child process | default |
-| dask | threads of Dask workers, each with the same child process | `--scheduler tcp://...`, `tls://...`, `local-cluster` |
+| dask | threads of Dask workers, each with such a child | `--scheduler tcp://...`, `tls://...`, `local-cluster` |
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ class Job(NamedTuple):
 
 @dataclass(frozen=True)
 class Task:
-    """What all trials of a study share. `scenario` is what a child opens, `names` (d,) the parameters it sets; picklable."""
+    """What all trials of a study share. `scenario` is what a child opens, `names` (d,) the parameters it sets;
+    picklable."""
 
     scenario: Openable
     names: tuple[str, ...]
@@ -46,7 +48,8 @@ class Backend(Protocol):
     def send(self, jobs: Sequence[Job]) -> None: ...
 
     def receive(self) -> list[Row]:
-        """Waits until something is finished; an empty list now and then. Raises what stops a study: SimulationError, EnvironmentProblem."""
+        """Waits until something is finished; an empty list now and then. Raises what stops a study: SimulationError,
+        EnvironmentProblem."""
 
     def close(self) -> list[Row]:
         """Ends what runs; what had been finished."""

@@ -1,9 +1,10 @@
-"""Workers of a Dask cluster. The process of a Dask worker is never the one that runs an FMU: each of its threads drives a child of its own.
+"""Workers of a Dask cluster. The process of a Dask worker is never the one that runs an FMU: each of its threads drives
+a child of its own.
 
-Files (FMUs, mapping files) are known by the SHA-256 of their content. A worker takes those that lie where the scenario says, or in its cache;
-what it lacks it asks for, and gets with the batch that is sent again. A batch whose machine is lost is run elsewhere by the scheduler; one
-that outlives several machines is split into its trials, and a trial that does so again is a row with status `lost`.
-"""
+Files (FMUs, mapping files) are known by the SHA-256 of their content. A worker takes those that lie where the scenario
+says, or in its cache; what it lacks it asks for, and gets with the batch that is sent again. A batch whose machine is
+lost is run elsewhere by the scheduler; one that outlives several machines is split into its trials, and a trial that
+does so again is a row with status `lost`."""
 
 from __future__ import annotations
 
@@ -46,8 +47,8 @@ class Missing:
 
 
 class Dask:
-    """`address` tcp://..., tls://... of a scheduler, or local-cluster for `workers` processes here. For a remote one `workers` is how many are
-    expected, so that work waits for those that are still to come."""
+    """`address` tcp://..., tls://... of a scheduler, or local-cluster for `workers` processes here. For a remote one
+    `workers` is how many are expected, so that work waits for those that are still to come."""
 
     batch = 1.5
 
@@ -68,17 +69,23 @@ class Dask:
         self._cluster: Any = None
         self._processes: list[subprocess.Popen[bytes]] = []
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
-        dask.config.set({"distributed.admin.low-level-log-length": LOG})  # else the last 1000 messages, batches with all their inputs, stay in memory
+        dask.config.set(
+            {"distributed.admin.low-level-log-length": LOG}
+        )  # else the last 1000 messages, batches with all their inputs, stay in memory
         try:
             if address == "local-cluster":
                 self._expected = workers or len(os.sched_getaffinity(0))
-                self._cluster = distributed.LocalCluster(n_workers=0, processes=True, dashboard_address=None, silence_logs=logging.CRITICAL)
+                self._cluster = distributed.LocalCluster(
+                    n_workers=0, processes=True, dashboard_address=None, silence_logs=logging.CRITICAL
+                )
                 self._processes = [_dask_worker(self._cluster.scheduler_address) for _ in range(self._expected)]
             elif "://" not in address:
                 raise InputError(f"--scheduler {address}: must be local-cluster or an address such as tcp://host:8786")
             self._client = distributed.Client(self._cluster or address, timeout=PATIENCE, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as problem:
-            raise EnvironmentProblem(f"--scheduler {address}: no scheduler answers: {' '.join(str(problem).split())}") from None
+            raise EnvironmentProblem(
+                f"--scheduler {address}: no scheduler answers: {' '.join(str(problem).split())}"
+            ) from None
         self._address = address
 
     def workers(self) -> int:
@@ -113,7 +120,9 @@ class Dask:
         if isinstance(answer, Missing):
             for sha in answer.files:
                 if sha not in self._delivered:
-                    self._delivered[sha] = self._client.submit(_same, self._files[sha].read_bytes(), key=f"file-{sha}-{self._key}")
+                    self._delivered[sha] = self._client.submit(
+                        _same, self._files[sha].read_bytes(), key=f"file-{sha}-{self._key}"
+                    )
             self._submit(jobs, lost, answer.files)
             return []
         rows: list[Row] = pickle.loads(answer)
@@ -127,7 +136,10 @@ class Dask:
         with contextlib.suppress(Exception):
             if self._cluster is None and self._client.status == "running":
                 self._client.run(_release, self._key, wait=False)
-        for close in (lambda: self._client.close(timeout=1), self._cluster and (lambda: self._cluster.close(timeout=1))):
+        for close in (
+            lambda: self._client.close(timeout=1),
+            self._cluster and (lambda: self._cluster.close(timeout=1)),
+        ):
             if close:
                 with contextlib.suppress(Exception):
                     close()
@@ -135,7 +147,9 @@ class Dask:
 
     def _submit(self, jobs: tuple[Job, ...], lost: int, files: Sequence[str] = ()) -> None:
         content = {sha: self._delivered[sha] for sha in files}
-        future = self._client.submit(_batch, self._key, self._task, __version__, pickle.dumps(jobs), content, pure=False, retries=0)
+        future = self._client.submit(
+            _batch, self._key, self._task, __version__, pickle.dumps(jobs), content, pure=False, retries=0
+        )
         self._out[future.key] = jobs, lost
         future.add_done_callback(self._done.put)
 
@@ -143,18 +157,39 @@ class Dask:
         rows = []
         for job in jobs:
             if times > AGAIN:
-                rows.append(Row(job.trial, job.values, Outcome("lost", "lost with the machine that ran it, several times", attempts=times), ""))
+                rows.append(
+                    Row(
+                        job.trial,
+                        job.values,
+                        Outcome("lost", "lost with the machine that ran it, several times", attempts=times),
+                        "",
+                    )
+                )
             else:
                 self._submit((job,), times)
         return rows
 
     def _gone(self) -> EnvironmentProblem:
-        return EnvironmentProblem(f"--scheduler {self._address}: the scheduler is gone; what was finished is kept, continue with --resume")
+        return EnvironmentProblem(
+            f"--scheduler {self._address}: the scheduler is gone; what was finished is kept, continue with --resume"
+        )
 
 
 def _dask_worker(scheduler: str) -> subprocess.Popen[bytes]:
-    """A Dask worker of one thread, which ends when its scheduler does. A process by command line: forking or spawning would run the user's script again."""
-    options = ["--nthreads", "1", "--no-nanny", "--no-dashboard", "--memory-limit", "0", "--death-timeout", "60", "--local-directory", tempfile.gettempdir()]
+    """A Dask worker of one thread, which ends when its scheduler does. A process by command line: forking or spawning
+    would run the user's script again."""
+    options = [
+        "--nthreads",
+        "1",
+        "--no-nanny",
+        "--no-dashboard",
+        "--memory-limit",
+        "0",
+        "--death-timeout",
+        "60",
+        "--local-directory",
+        tempfile.gettempdir(),
+    ]
     return subprocess.Popen(
         [sys.executable, "-m", "distributed.cli.dask_worker", scheduler, *options],
         stdin=subprocess.DEVNULL,
@@ -167,7 +202,11 @@ def _dask_worker(scheduler: str) -> subprocess.Popen[bytes]:
 
 def _hashes(task: Task) -> dict[Path, str]:
     scenario = task.scenario
-    return {path: _sha256(path) for path in (*scenario.fmus.values(), *scenario.maps.values())} if isinstance(scenario, Scenario) else {}
+    return (
+        {path: _sha256(path) for path in (*scenario.fmus.values(), *scenario.maps.values())}
+        if isinstance(scenario, Scenario)
+        else {}
+    )
 
 
 @lru_cache(maxsize=64)
@@ -191,10 +230,12 @@ _guard = threading.Lock()
 
 
 def _batch(key: str, pickled: bytes, version: str, jobs: bytes, content: Mapping[str, bytes]) -> bytes | Missing:
-    """The rows of a batch, or which files this machine lacks. Every thread keeps its child until another study comes. Jobs and rows are pickled
-    here, because Dask makes a message of its own of every array."""
+    """The rows of a batch, or which files this machine lacks. Every thread keeps its child until another study comes.
+    Jobs and rows are pickled here, because Dask makes a message of its own of every array."""
     if version != __version__:
-        raise EnvironmentProblem(f"a worker has sprain-cosim {__version__}, the study {version}; install the same everywhere")
+        raise EnvironmentProblem(
+            f"a worker has sprain-cosim {__version__}, the study {version}; install the same everywhere"
+        )
     me = threading.get_ident()
     held = _workers.get(me)
     if held is None or held[0] != key:
@@ -205,7 +246,10 @@ def _batch(key: str, pickled: bytes, version: str, jobs: bytes, content: Mapping
         if missing:
             return Missing(missing)
         if isinstance(task.scenario, Scenario):
-            fmus, maps = ({name: places[path] for name, path in files.items()} for files in (task.scenario.fmus, task.scenario.maps))
+            fmus, maps = (
+                {name: places[path] for name, path in files.items()}
+                for files in (task.scenario.fmus, task.scenario.maps)
+            )
             task = replace(task, scenario=replace(task.scenario, fmus=fmus, maps=maps))
         if held is not None:
             held[1].kill()
@@ -213,7 +257,9 @@ def _batch(key: str, pickled: bytes, version: str, jobs: bytes, content: Mapping
         with _guard:
             _workers[me] = held
     label = f"{os.uname().nodename}:{os.getpid()}"
-    return pickle.dumps([Row(job.trial, job.values, held[1].run(job.values.tolist(), job.record), label) for job in pickle.loads(jobs)])
+    return pickle.dumps(
+        [Row(job.trial, job.values, held[1].run(job.values.tolist(), job.record), label) for job in pickle.loads(jobs)]
+    )
 
 
 def _place(path: Path, sha: str, content: bytes | None) -> Path | None:
@@ -231,7 +277,9 @@ def _place(path: Path, sha: str, content: bytes | None) -> Path | None:
             partial.write(content)
         os.replace(partial.name, cached)
     except OSError as problem:
-        raise EnvironmentProblem(f"{cached.parent}: cannot be written ({problem.strerror}); set SPRAIN_COSIM_CACHE on the workers") from None
+        raise EnvironmentProblem(
+            f"{cached.parent}: cannot be written ({problem.strerror}); set SPRAIN_COSIM_CACHE on the workers"
+        ) from None
     return cached
 
 

@@ -70,7 +70,9 @@ class Local:
     def _work(self, worker: Worker, label: str) -> None:
         try:
             while (job := self._jobs.get()) is not None:
-                self._done.put(Row(job.trial, np.asarray(job.values, float), worker.run(job.values.tolist(), job.record), label))
+                self._done.put(
+                    Row(job.trial, np.asarray(job.values, float), worker.run(job.values.tolist(), job.record), label)
+                )
         except Stopped:
             pass
         except BaseException as problem:  # receive() raises it

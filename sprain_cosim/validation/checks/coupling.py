@@ -1,4 +1,5 @@
-"""Is the software right? The coupling against closed forms, energy, and a device inside the plant; numerical convergence of the landing."""
+"""Is the software right? The coupling against closed forms, energy, and a device inside the plant; numerical
+convergence of the landing."""
 
 from __future__ import annotations
 
@@ -31,7 +32,9 @@ def impedance_is_exact(_: Laboratory) -> list[Row]:
     for device in (Device(100.0, 0.1), Device(2000.0, 0.5), Device(50.0, 20.0)):
         result = swing("impedance", 1e-3, device)
         miss = np.abs(result["plant.subtalar_angle"] - exact(result.time, device)).max()
-        rows.append(Row(f"k = {device.stiffness:g} N·m/rad, c = {device.damping:g} N·m·s/rad", float(miss), 0.0, 1e-12, "rad"))
+        rows.append(
+            Row(f"k = {device.stiffness:g} N·m/rad, c = {device.damping:g} N·m·s/rad", float(miss), 0.0, 1e-12, "rad")
+        )
     return rows
 
 
@@ -70,7 +73,9 @@ def monolithic(laboratory: Laboratory, quantity: str) -> list[Row]:
     rows = []
     for name, scale in CASES:
         coupled = laboratory.run(name, {"brace.angle_scale": scale})
-        inside = laboratory.run(name, {"brace.angle_scale": scale, "brace.torque_scale": 0.0, "plant.internal_brace_angle_scale": scale})
+        inside = laboratory.run(
+            name, {"brace.angle_scale": scale, "brace.torque_scale": 0.0, "plant.internal_brace_angle_scale": scale}
+        )
         label = f"{name}, angle scale {scale:g}"
         if quantity == "peak":
             rows.append(Row(label, coupled.metrics[PEAK], inside.metrics[PEAK], 0.05, "deg"))
@@ -83,9 +88,13 @@ def monolithic(laboratory: Laboratory, quantity: str) -> list[Row]:
 
 
 def divided_steps(laboratory: Laboratory) -> list[Row]:
-    """Gauss-Seidel with steps divided where the residual energy exceeds 1 %, from two steps on: accuracy by error control alone."""
+    """Gauss-Seidel with steps divided where the residual energy exceeds 1 %, from two steps on: accuracy by error
+    control alone."""
     coupled = scenario("incline30_brace", {"brace.angle_scale": 2.4})
-    inside = laboratory.run("incline30_brace", {"brace.angle_scale": 2.4, "brace.torque_scale": 0.0, "plant.internal_brace_angle_scale": 2.4})
+    inside = laboratory.run(
+        "incline30_brace",
+        {"brace.angle_scale": 2.4, "brace.torque_scale": 0.0, "plant.internal_brace_angle_scale": 2.4},
+    )
     rows = []
     for step in ("1 ms", "0.5 ms"):
         run = laboratory.land(coupled.with_master("gauss-seidel", step, adaptive="1 %"))
@@ -101,7 +110,9 @@ def brace_energy(laboratory: Laboratory) -> list[Row]:
         torque, angle = result[f"brace.{axis}_torque"], result[f"plant.{axis}_angle"]
         work += -float(np.sum(0.5 * (torque[1:] + torque[:-1]) * np.diff(angle)))
     stored = result["brace.stored_energy"]
-    return [Row("work taken up by the brace", work, float(stored[-1] - stored[0]), 1e-3 * float(np.abs(stored).max()), "J")]
+    return [
+        Row("work taken up by the brace", work, float(stored[-1] - stored[0]), 1e-3 * float(np.abs(stored).max()), "J")
+    ]
 
 
 DOMAIN = {  # low, high of the inputs over which the numerics must hold
@@ -136,7 +147,13 @@ def tolerance_over_the_domain(laboratory: Laboratory) -> list[Row]:
 
 def step_at_the_means(laboratory: Laboratory) -> list[Row]:
     return [
-        Row(name, laboratory.run(name).metrics[PEAK], laboratory.run(name, {"plant.tolerance": 2e-4}, step="0.25 ms").metrics[PEAK], 0.2, "deg")
+        Row(
+            name,
+            laboratory.run(name).metrics[PEAK],
+            laboratory.run(name, {"plant.tolerance": 2e-4}, step="0.25 ms").metrics[PEAK],
+            0.2,
+            "deg",
+        )
         for name in laboratory.figures["base_cases"]["touching"]
     ]
 
@@ -147,8 +164,20 @@ INSIDE = "the same brace evaluated inside the plant at every step of its integra
 
 def checks() -> Sequence[Check]:
     return [
-        Check("code-01", "Order of convergence of the coupling schemes", "a fitted slope over four halvings scatters by about 0.05", CLOSED_FORM, orders),
-        Check("code-02", "Impedance hand-over is of second order for a cubic device", "as code-01", CLOSED_FORM, order_of_impedance),
+        Check(
+            "code-01",
+            "Order of convergence of the coupling schemes",
+            "a fitted slope over four halvings scatters by about 0.05",
+            CLOSED_FORM,
+            orders,
+        ),
+        Check(
+            "code-02",
+            "Impedance hand-over is of second order for a cubic device",
+            "as code-01",
+            CLOSED_FORM,
+            order_of_impedance,
+        ),
         Check(
             "code-03",
             "Impedance hand-over is exact for a linear device",
@@ -159,15 +188,24 @@ def checks() -> Sequence[Check]:
         Check(
             "code-04",
             "A held torque grows like a damping of -k h/2 (Gauss-Seidel), -3 k h/2 (Jacobi)",
-            "the growth rate is the first term of a series in h; the next is of relative size h times the frequency, 0.3 %, ten times that is allowed",
+            "the growth rate is the first term of a series in h; the next is of relative size h times the frequency, "
+            "0.3 %, ten times that is allowed",
             "closed form",
             held_torque_grows,
         ),
         Check(
-            "code-05", "Energy of an undamped pair under impedance hand-over", "rounding over 400 steps", "conservation of energy", energy_of_an_undamped_pair
+            "code-05",
+            "Energy of an undamped pair under impedance hand-over",
+            "rounding over 400 steps",
+            "conservation of energy",
+            energy_of_an_undamped_pair,
         ),
         Check(
-            "code-06", "The coupling error stated by a run falls at the scheme's order", "two steps only, so a quarter of an order", "closed form", stated_error
+            "code-06",
+            "The coupling error stated by a run falls at the scheme's order",
+            "two steps only, so a quarter of an order",
+            "closed form",
+            stated_error,
         ),
         Check(
             "coupling-01",

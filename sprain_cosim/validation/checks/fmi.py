@@ -66,7 +66,9 @@ def units(_: Laboratory) -> list[Row]:
     rows = []
     for name in shipped_fmus():
         bad = [
-            c for c in component(name).connectors.values() if (c.unit is None and not c.items) or (c.causality in ("input", "parameter") and c.start is None)
+            c
+            for c in component(name).connectors.values()
+            if (c.unit is None and not c.items) or (c.causality in ("input", "parameter") and c.start is None)
         ]
         rows.append(Row(name, float(len(bad)), 0, 0, "variables"))
     return rows
@@ -130,9 +132,17 @@ def honoured_steps(laboratory: Laboratory) -> list[Row]:
     for step in ("0.1 ms", "1 ms", "5 ms"):
         run = laboratory.run("incline30", step=step)
         rows.append(
-            Row(f"angle at 150 ms, steps of {step}", math.degrees(run["plant.subtalar_angle"][-1]), math.degrees(truth["plant.subtalar_angle"][-1]), 0.1, "deg")
+            Row(
+                f"angle at 150 ms, steps of {step}",
+                math.degrees(run["plant.subtalar_angle"][-1]),
+                math.degrees(truth["plant.subtalar_angle"][-1]),
+                0.1,
+                "deg",
+            )
         )
-        rows.append(Row(f"communication points, steps of {step}", float(len(run.time)), round(0.15 / _seconds(step)) + 1, 0))
+        rows.append(
+            Row(f"communication points, steps of {step}", float(len(run.time)), round(0.15 / _seconds(step)) + 1, 0)
+        )
     return rows
 
 
@@ -151,7 +161,10 @@ def rebuilt(_: Laboratory) -> list[Row]:
         for name in shipped_fmus():
             target = Path(folder) / f"{name}.fmu"
             build_fmu(sources / name, target)
-            same = hashlib.sha256(target.read_bytes()).digest() == hashlib.sha256((FMUS / target.name).read_bytes()).digest()
+            same = (
+                hashlib.sha256(target.read_bytes()).digest()
+                == hashlib.sha256((FMUS / target.name).read_bytes()).digest()
+            )
             rows.append(Row(name, float(same), 1, 0))
     return rows
 
@@ -165,13 +178,23 @@ def compiled(laboratory: Laboratory) -> list[Row]:
         problems = float(len(check_brace(fmu).problems))
         run = laboratory.land(load_scenario("incline30_brace").replace_fmu("brace", fmu))
     ours = laboratory.run("incline30_brace", {"brace.angle_scale": run.parameters["brace.angle_scale"]})
-    return [Row("problems of the contract", problems, 0, 0), Row("peak subtalar angle", run.metrics[PEAK], ours.metrics[PEAK], 1e-9, "deg")]
+    return [
+        Row("problems of the contract", problems, 0, 0),
+        Row("peak subtalar angle", run.metrics[PEAK], ours.metrics[PEAK], 1e-9, "deg"),
+    ]
 
 
 def isolated(laboratory: Laboratory) -> list[Row]:
     """Largest difference of any signal between FMUs in this process and each in a process of its own."""
     here = laboratory.run("incline30_brace")
-    return [Row("incline30_brace", float(np.abs(laboratory.land(scenario("incline30_brace").isolated()).values - here.values).max()), 0, 0)]
+    return [
+        Row(
+            "incline30_brace",
+            float(np.abs(laboratory.land(scenario("incline30_brace").isolated()).values - here.values).max()),
+            0,
+            0,
+        )
+    ]
 
 
 BITS = "to the bit: nothing random, the same operations in the same order"
@@ -180,13 +203,47 @@ BITS = "to the bit: nothing random, the same operations in the same order"
 def checks() -> Sequence[Check]:
     return [
         Check("fmi-01", "fmpy's validation of our FMUs", "none is allowed", "FMI 2.0.4, as fmpy checks it", complaints),
-        Check("fmi-02", "Every variable has a unit, every input and parameter a start value", "none may lack them", "FMI 2.0.4, 2.2.7", units),
+        Check(
+            "fmi-02",
+            "Every variable has a unit, every input and parameter a start value",
+            "none may lack them",
+            "FMI 2.0.4, 2.2.7",
+            units,
+        ),
         Check("fmi-03", "Reset equals a fresh instance", BITS, "FMI 2.0.4, fmi2Reset", reset),
-        Check("fmi-04", "A landing repeats after others, and in another session", BITS, "by construction", landings_repeat),
+        Check(
+            "fmi-04", "A landing repeats after others, and in another session", BITS, "by construction", landings_repeat
+        ),
         Check("fmi-05", "A restored state continues as it did", BITS, "FMI 2.0.4, fmi2SetFMUstate", saved_states),
-        Check("fmi-06", "Communication steps are honoured", "the integrator's own error, 0.1 deg (numerics-01)", "the plant at tolerance 1e-5", honoured_steps),
+        Check(
+            "fmi-06",
+            "Communication steps are honoured",
+            "the integrator's own error, 0.1 deg (numerics-01)",
+            "the plant at tolerance 1e-5",
+            honoured_steps,
+        ),
         Check("fmi-07", "Our braces fit the brace contract", "none is allowed", "docs/brace-contract.md", contract),
-        Check("fmi-08", "Building an FMU again gives the same bytes", "to the byte", "by construction", rebuilt, needs=("clone",)),
-        Check("fmi-09", "The paper's brace compiled from C", "rounding of the same formula", "brace_bushing, in Python", compiled, needs=("compiler",)),
-        Check("fmi-10", "FMUs in processes of their own give the same landing", BITS, "the same FMUs in this process", isolated),
+        Check(
+            "fmi-08",
+            "Building an FMU again gives the same bytes",
+            "to the byte",
+            "by construction",
+            rebuilt,
+            needs=("clone",),
+        ),
+        Check(
+            "fmi-09",
+            "The paper's brace compiled from C",
+            "rounding of the same formula",
+            "brace_bushing, in Python",
+            compiled,
+            needs=("compiler",),
+        ),
+        Check(
+            "fmi-10",
+            "FMUs in processes of their own give the same landing",
+            BITS,
+            "the same FMUs in this process",
+            isolated,
+        ),
     ]

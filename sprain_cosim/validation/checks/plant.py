@@ -1,4 +1,5 @@
-"""Is the plant the model of the paper? Term by term and landing by landing against OpenSim 4.6, through the FMU alone."""
+"""Is the plant the model of the paper? Term by term and landing by landing against OpenSim 4.6, through the FMU
+alone."""
 
 from __future__ import annotations
 
@@ -20,11 +21,16 @@ FULL = "peak_talocrural_angle_deg"  # landings that have more than the peak
 
 def _landing(laboratory: Laboratory, entry: Mapping[str, Any]) -> Result:
     """At 0.25 ms, over which the reference holds its controls, sampled at 1 kHz as it is."""
-    return every_millisecond(laboratory.run("incline30", {"plant.initial_pose": entry["pose"], **entry.get("set", {})}, step="0.25 ms"))
+    return every_millisecond(
+        laboratory.run("incline30", {"plant.initial_pose": entry["pose"], **entry.get("set", {})}, step="0.25 ms")
+    )
 
 
 def peaks(laboratory: Laboratory) -> list[Row]:
-    return [Row(f"{e['case']} ({e['pose']})", _landing(laboratory, e).metrics[PEAK], e[PEAK], 0.1, "deg") for e in laboratory.figures["landing"]]
+    return [
+        Row(f"{e['case']} ({e['pose']})", _landing(laboratory, e).metrics[PEAK], e[PEAK], 0.1, "deg")
+        for e in laboratory.figures["landing"]
+    ]
 
 
 def metric(key: str, absolute: float, unit: str, relative: float = 0.0) -> Any:
@@ -32,15 +38,21 @@ def metric(key: str, absolute: float, unit: str, relative: float = 0.0) -> Any:
 
     def measure(laboratory: Laboratory) -> list[Row]:
         entries = [e for e in laboratory.figures["landing"] if key in e and FULL in e]
-        return [Row(e["case"], _landing(laboratory, e).metrics[key], e[key], absolute + relative * abs(e[key]), unit) for e in entries]
+        return [
+            Row(e["case"], _landing(laboratory, e).metrics[key], e[key], absolute + relative * abs(e[key]), unit)
+            for e in entries
+        ]
 
     return measure
 
 
 def dorsiflexion(laboratory: Laboratory) -> list[Row]:
-    """Ours is asin(e2·y) with y of unit length; in the reference landings y is the projection itself, shorter by the cosine of the angle between
-    the talocrural axis and the plane across the long axis, which the inversion at the neutral pose shows."""
-    neutral = next(e for e in laboratory.figures["joint_coordinate_system"] if e["talocrural_deg"] == 0 and e["subtalar_deg"] == 0)
+    """Ours is asin(e2·y) with y of unit length; in the reference landings y is the projection itself, shorter by the
+    cosine of the angle between the talocrural axis and the plane across the long axis, which the inversion at the
+    neutral pose shows."""
+    neutral = next(
+        e for e in laboratory.figures["joint_coordinate_system"] if e["talocrural_deg"] == 0 and e["subtalar_deg"] == 0
+    )
     length, key = math.cos(math.radians(neutral["inversion_deg"])), "peak_jcs_dorsiflexion_deg"
     rows = []
     for e in laboratory.figures["landing"]:
@@ -57,7 +69,15 @@ def ground_force(laboratory: Laboratory) -> list[Row]:
         if "ground_force_at_contact_N" in e:
             run, expected = _landing(laboratory, e), np.array(e["ground_force_at_contact_N"])
             ours = np.array([run[f"plant.ground_force_{axis}"][0] for axis in "xyz"])
-            rows.append(Row(e["case"], float(np.linalg.norm(ours - expected) / np.linalg.norm(expected)) * 100, 0.0, 1.0, "% of the vector"))
+            rows.append(
+                Row(
+                    e["case"],
+                    float(np.linalg.norm(ours - expected) / np.linalg.norm(expected)) * 100,
+                    0.0,
+                    1.0,
+                    "% of the vector",
+                )
+            )
     return rows
 
 
@@ -76,7 +96,9 @@ def joint_coordinates(laboratory: Laboratory) -> list[Row]:
         run = _at_contact(laboratory, _posture(e))
         for axis in ("dorsiflexion", "inversion", "internal_rotation"):
             ours = math.degrees(run[f"plant.jcs_{axis}_raw_angle"][0])
-            rows.append(Row(f"{axis} at {e['talocrural_deg']}, {e['subtalar_deg']} deg", ours, e[f"{axis}_deg"], 1e-4, "deg"))
+            rows.append(
+                Row(f"{axis} at {e['talocrural_deg']}, {e['subtalar_deg']} deg", ours, e[f"{axis}_deg"], 1e-4, "deg")
+            )
     return rows
 
 
@@ -89,7 +111,15 @@ def passive_torques(laboratory: Laboratory) -> list[Row]:
             for axis in ("talocrural", "subtalar"):
                 expected = e[f"{who}_{axis}_Nm"]
                 label = f"{who}, {axis}, at {e['talocrural_deg']}, {e['subtalar_deg']} deg"
-                rows.append(Row(label, -float(run[f"plant.{who}_{axis}_moment"][0]), expected, 5e-6 * max(abs(expected), 1.0), "N·m"))
+                rows.append(
+                    Row(
+                        label,
+                        -float(run[f"plant.{who}_{axis}_moment"][0]),
+                        expected,
+                        5e-6 * max(abs(expected), 1.0),
+                        "N·m",
+                    )
+                )
     return rows
 
 
@@ -97,7 +127,10 @@ def moment_arms(laboratory: Laboratory) -> list[Row]:
     """From the stretch velocity of a muscle under a speed of one joint at contact: arm = -10 L_opt stretch / speed."""
     rows = []
     for axis, other in (("talocrural", "subtalar"), ("subtalar", "talocrural")):
-        run = _at_contact(laboratory, {f"plant.{axis}_velocity_at_contact": "10 rad/s", f"plant.{other}_velocity_at_contact": "0 rad/s"})
+        run = _at_contact(
+            laboratory,
+            {f"plant.{axis}_velocity_at_contact": "10 rad/s", f"plant.{other}_velocity_at_contact": "0 rad/s"},
+        )
         for m in laboratory.figures["muscle"]:
             arm = -float(run[f"plant.{m['name']}_stretch_velocity"][0]) * 10 * m["optimal_fibre_length_m"] / 10.0
             rows.append(Row(f"{m['name']}, {axis}", 1e3 * arm, 1e3 * m[f"moment_arm_{axis}_m"], 1e-3, "mm"))
@@ -107,7 +140,10 @@ def moment_arms(laboratory: Laboratory) -> list[Row]:
 def base_cases(laboratory: Laboratory) -> list[Row]:
     rows = []
     for pose, values in laboratory.figures["base_cases"].items():
-        rows += [Row(f"{name} ({pose})", laboratory.run(name, {"plant.initial_pose": pose}).metrics[PEAK], v, 0.15, "deg") for name, v in values.items()]
+        rows += [
+            Row(f"{name} ({pose})", laboratory.run(name, {"plant.initial_pose": pose}).metrics[PEAK], v, 0.15, "deg")
+            for name, v in values.items()
+        ]
     return rows
 
 
@@ -123,7 +159,11 @@ def _reference_landings(laboratory: Laboratory) -> list[tuple[str, Result, Any]]
             step = "1 ms" if case == "conv_h1e-3" else "0.1 ms" if case == "conv_h1e-4" else "0.25 ms"
             ours = every_millisecond(laboratory.run("incline30", {"plant.initial_pose": "published"}, step=step))
         else:
-            ours = every_millisecond(laboratory.run("incline30", {"plant.initial_pose": "published"}, step="0.25 ms", stop=f"{1e3 * row['T']:g} ms"))
+            ours = every_millisecond(
+                laboratory.run(
+                    "incline30", {"plant.initial_pose": "published"}, step="0.25 ms", stop=f"{1e3 * row['T']:g} ms"
+                )
+            )
         out.append((case, ours, laboratory.table(f"landing/{case}.csv.gz")))
     return out
 
@@ -143,7 +183,15 @@ def reactions(laboratory: Laboratory) -> list[Row]:
     for case, ours, table in _reference_landings(laboratory):
         late = (table.time_s > 0.005).to_numpy()
         expected = table.grf_vertical_N.to_numpy()[late]
-        rows.append(Row(case, 100 * rms(ours["plant.ground_force_y"][late] - expected) / expected.max(), 0.0, 1.0, "% of the peak"))
+        rows.append(
+            Row(
+                case,
+                100 * rms(ours["plant.ground_force_y"][late] - expected) / expected.max(),
+                0.0,
+                1.0,
+                "% of the peak",
+            )
+        )
     return rows
 
 
@@ -171,7 +219,9 @@ def landings_of_2017(laboratory: Laboratory) -> list[Row]:
     return rows
 
 
-HELD = Gap(0.155, "this reference holds all controls for 1 ms and with them the body reflexes, which the plant does not delay")
+HELD = Gap(
+    0.155, "this reference holds all controls for 1 ms and with them the body reflexes, which the plant does not delay"
+)
 SCATTER = "OpenSim's own peaks scatter by 0.04 deg over its step and accuracy"
 
 
@@ -182,19 +232,48 @@ def checks() -> Sequence[Check]:
         ("Peak talocrural dorsiflexion", deg, metric(FULL, 0.1, "deg")),
         (
             "Peak JCS dorsiflexion, raw",
-            deg + "; the reference leaves the tibia's long axis projected but not normalised, to which ours is converted",
+            deg
+            + "; the reference leaves the tibia's long axis projected but not normalised, to which ours is converted",
             dorsiflexion,
         ),
         ("Peak JCS inversion, raw", deg, metric("peak_jcs_inversion_deg", 0.1, "deg")),
         ("Peak JCS internal rotation, raw", deg, metric("peak_jcs_internal_rotation_deg", 0.1, "deg")),
         ("Time of the subtalar peak", "one sample of 1 kHz", metric("time_of_peak_subtalar_s", 1.001e-3, "s")),
-        ("Peak subtalar velocity", "1 %: a short peak sampled at 1 kHz", metric("peak_subtalar_velocity_deg_s", 0.0, "deg/s", 0.01)),
-        ("Peak talocrural velocity", "1 %: a short peak sampled at 1 kHz", metric("peak_talocrural_velocity_deg_s", 0.0, "deg/s", 0.01)),
-        ("Moment of the anatomy about the subtalar axis at the peak", "the asked 2 %", metric("anatomy_subtalar_moment_Nm", 0.01, "N·m", 0.02)),
-        ("Inversion moment of the anatomy at the peak", "the asked 2 %", metric("anatomy_jcs_inversion_moment_Nm", 0.01, "N·m", 0.02)),
-        ("Moment of the brace about the subtalar axis at the peak", "the asked 2 %", metric("brace_subtalar_moment_Nm", 0.01, "N·m", 0.02)),
-        ("Peak vertical ground reaction", "the asked 1 %; the sole is the project's own", metric("peak_vertical_grf_N", 0.0, "N", 0.01)),
-        ("Ground reaction vector at contact", "the asked 1 %; it sees the velocity at the contact points", ground_force),
+        (
+            "Peak subtalar velocity",
+            "1 %: a short peak sampled at 1 kHz",
+            metric("peak_subtalar_velocity_deg_s", 0.0, "deg/s", 0.01),
+        ),
+        (
+            "Peak talocrural velocity",
+            "1 %: a short peak sampled at 1 kHz",
+            metric("peak_talocrural_velocity_deg_s", 0.0, "deg/s", 0.01),
+        ),
+        (
+            "Moment of the anatomy about the subtalar axis at the peak",
+            "the asked 2 %",
+            metric("anatomy_subtalar_moment_Nm", 0.01, "N·m", 0.02),
+        ),
+        (
+            "Inversion moment of the anatomy at the peak",
+            "the asked 2 %",
+            metric("anatomy_jcs_inversion_moment_Nm", 0.01, "N·m", 0.02),
+        ),
+        (
+            "Moment of the brace about the subtalar axis at the peak",
+            "the asked 2 %",
+            metric("brace_subtalar_moment_Nm", 0.01, "N·m", 0.02),
+        ),
+        (
+            "Peak vertical ground reaction",
+            "the asked 1 %; the sole is the project's own",
+            metric("peak_vertical_grf_N", 0.0, "N", 0.01),
+        ),
+        (
+            "Ground reaction vector at contact",
+            "the asked 1 %; it sees the velocity at the contact points",
+            ground_force,
+        ),
         ("Joint coordinate system", "the summary figures have four decimals", joint_coordinates),
         ("Torques of anatomy and 240 % brace", "the summary figures have six digits", passive_torques),
         ("Moment arms of the eight ankle muscles", "1 µm: the summary figures have six digits", moment_arms),
@@ -212,8 +291,16 @@ def checks() -> Sequence[Check]:
     whole = "the asked bound; needs the whole trajectories, which the project does not carry"
     for k, (title, measure, gaps) in enumerate(
         [
-            ("Subtalar trajectories of 38 landings", trajectories("plant.subtalar_angle", "subtalar_angle_deg", 0.15), {"conv_h1e-3": HELD}),
-            ("Talocrural trajectories of 38 landings", trajectories("plant.talocrural_angle", "ankle_angle_deg", 0.1), {}),
+            (
+                "Subtalar trajectories of 38 landings",
+                trajectories("plant.subtalar_angle", "subtalar_angle_deg", 0.15),
+                {"conv_h1e-3": HELD},
+            ),
+            (
+                "Talocrural trajectories of 38 landings",
+                trajectories("plant.talocrural_angle", "ankle_angle_deg", 0.1),
+                {},
+            ),
             ("Vertical ground reaction after the first 5 ms, 38 landings", reactions, {}),
         ],
         18,

@@ -28,7 +28,14 @@ def report_of_a_landing(_: Laboratory) -> list[Row]:
         runfolder.write(run, result, landing_picture(result, summary), summary)
         page = report.write(folders.read_all([run]), Path(folder) / "report.html")
         text = page.read_text("utf-8")
-        command = [browser(), "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", f"--user-data-dir={folder}/profile"]
+        command = [
+            browser(),
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-dev-shm-usage",
+            f"--user-data-dir={folder}/profile",
+        ]
         options = ["--enable-logging=stderr", "--virtual-time-budget=4000", "--dump-dom", page.as_uri()]
         done = subprocess.run([*command, *options], capture_output=True, text=True, timeout=SECONDS, check=False)
     if done.returncode:
@@ -42,5 +49,12 @@ def report_of_a_landing(_: Laboratory) -> list[Row]:
 
 def checks() -> Sequence[Check]:
     return [
-        Check("pages-01", "The report of a landing in a headless browser", "counts", "by definition", report_of_a_landing, needs=("browser",)),
+        Check(
+            "pages-01",
+            "The report of a landing in a headless browser",
+            "counts",
+            "by definition",
+            report_of_a_landing,
+            needs=("browser",),
+        ),
     ]

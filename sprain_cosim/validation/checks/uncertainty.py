@@ -63,7 +63,9 @@ def linear_percentiles(_: Laboratory) -> list[Row]:
 
 def linear_importance(_: Laboratory) -> list[Row]:
     found = np.asarray(amv(linear, TEN).importance[0.95])
-    return [Row(f"input {k}", float(a), float(b), 1e-6) for k, (a, b) in enumerate(zip(found, SPREAD / SD, strict=True), 1)]
+    return [
+        Row(f"input {k}", float(a), float(b), 1e-6) for k, (a, b) in enumerate(zip(found, SPREAD / SD, strict=True), 1)
+    ]
 
 
 def evaluations(_: Laboratory) -> list[Row]:
@@ -88,15 +90,30 @@ def lognormal_product(_: Laboratory) -> list[Row]:
 
 
 def squares(_: Laboratory) -> list[Row]:
-    """z = x², x ~ N(3, 0.5): mean value 9 + 3 b, AMV (3 + b/2)²; and (U + c)² of three inputs, whose extremes are known."""
+    """z = x², x ~ N(3, 0.5): mean value 9 + 3 b, AMV (3 + b/2)²; and (U + c)² of three inputs, whose extremes are
+    known."""
     rows = []
     for p in LEVELS:
         b = stats.norm.ppf(p)
         first = mean_value(square, [Normal(3.0, 0.5)], step=1e-4, difference="central").value[p]
         rows.append(Row(f"mean value of a square, {100 * p:g} %", first, 9 + 3 * b, 1e-6))
-        rows.append(Row(f"AMV of a square, {100 * p:g} %", amv(square, [Normal(3.0, 0.5)], step=1e-4).value[p], (3 + 0.5 * b) ** 2, 1e-6))
+        rows.append(
+            Row(
+                f"AMV of a square, {100 * p:g} %",
+                amv(square, [Normal(3.0, 0.5)], step=1e-4).value[p],
+                (3 + 0.5 * b) ** 2,
+                1e-6,
+            )
+        )
         far = (math.sqrt(14) + b) ** 2
-        rows.append(Row(f"AMV+ of three squares, {100 * p:g} %", amv_plus(balls, [Normal(0.0, 1.0)] * 3).value[p], far, 1e-5 * far))
+        rows.append(
+            Row(
+                f"AMV+ of three squares, {100 * p:g} %",
+                amv_plus(balls, [Normal(0.0, 1.0)] * 3).value[p],
+                far,
+                1e-5 * far,
+            )
+        )
     return rows
 
 
@@ -112,7 +129,10 @@ def form_probabilities(_: Laboratory) -> list[Row]:
 
 def short_column(_: Laboratory) -> list[Row]:
     """Percentiles at the probabilities of Dakota's own test, correlated inputs, in both spaces."""
-    expected = {0.24456790666: (-2.9983189805, -2.9989829451, -3.0000000032), 0.58912021904: (-2.0000386435, -2.0000300399, -1.9999999981)}
+    expected = {
+        0.24456790666: (-2.9983189805, -2.9989829451, -3.0000000032),
+        0.58912021904: (-2.0000386435, -2.0000300399, -1.9999999981),
+    }
     levels = tuple(expected)
     options = {"levels": levels, "correlation": COLUMN_CORRELATION, "step": 1e-4, "difference": "central"}
     found = (
@@ -134,23 +154,43 @@ def gate(_: Laboratory) -> list[Row]:
         "(x - 0.01)² rejected": (lambda x: (x[:, 0] - 0.01) ** 2, [Normal(0.0, 1.0)], "rejected"),
         "linear accepted": (linear, list(TEN), "ok"),
     }
-    return [Row(label, float(amv(f, m, difference="central").status == status), 1.0, 0.0) for label, (f, m, status) in cases.items()]
+    return [
+        Row(label, float(amv(f, m, difference="central").status == status), 1.0, 0.0)
+        for label, (f, m, status) in cases.items()
+    ]
 
 
 def factors(_: Laboratory) -> list[Row]:
-    """Four factors of a linear function of ten normals, and two of a product of lognormals, within four standard errors."""
+    """Four factors of a linear function of ten normals, and two of a product of lognormals, within four standard
+    errors."""
     x = monte_carlo(JointDistribution(TEN), SAMPLE, seed=4)
     found, share = sensitivity_factors(x, linear(x), TEN), SPREAD / SD
     rows = []
-    for name, expected in (("dmean_dmean", share), ("dsd_dsd", share**2), ("dmean_dsd", 0 * share), ("dsd_dmean", 0 * share)):
+    for name, expected in (
+        ("dmean_dmean", share),
+        ("dsd_dsd", share**2),
+        ("dmean_dsd", 0 * share),
+        ("dsd_dmean", 0 * share),
+    ):
         error = np.asarray(getattr(found.standard_error, name))
-        rows += [Row(f"linear, {name}, input {k + 1}", float(getattr(found, name)[k]), float(expected[k]), float(4 * error[k])) for k in range(len(share))]
+        rows += [
+            Row(
+                f"linear, {name}, input {k + 1}",
+                float(getattr(found, name)[k]),
+                float(expected[k]),
+                float(4 * error[k]),
+            )
+            for k in range(len(share))
+        ]
     x = monte_carlo(JointDistribution(LOGNORMALS), SAMPLE, seed=5)
     found = sensitivity_factors(x, product(x), LOGNORMALS)
     closed = {"dmean_dmean": (0.5115110, 0.5166261, -0.7217571), "dsd_dsd": (0.3236659, 0.2950986, 0.5689743)}
     for name, values in closed.items():
         error = np.asarray(getattr(found.standard_error, name))
-        rows += [Row(f"lognormals, {name}, input {k + 1}", float(getattr(found, name)[k]), values[k], float(4 * error[k])) for k in range(3)]
+        rows += [
+            Row(f"lognormals, {name}, input {k + 1}", float(getattr(found, name)[k]), values[k], float(4 * error[k]))
+            for k in range(3)
+        ]
     return rows
 
 
@@ -159,12 +199,15 @@ def sobol(_: Laboratory) -> list[Row]:
     rows = []
     for kind, closed in (("first", (0.3139, 0.4424, 0.0)), ("total", (0.5576, 0.4424, 0.2437))):
         value, low, high = (np.asarray(getattr(found, f"{kind}{end}")) for end in ("", "_low", "_high"))
-        rows += [Row(f"{kind}, input {k + 1}", float(value[k]), v, float(high[k] - low[k])) for k, v in enumerate(closed)]
+        rows += [
+            Row(f"{kind}, input {k + 1}", float(value[k]), v, float(high[k] - low[k])) for k, v in enumerate(closed)
+        ]
     return rows
 
 
 def intervals(_: Laboratory) -> list[Row]:
-    """The binomial probability between the two ranks lies between 95 and 100 %, and at n = 1000 is that of the narrowest pair."""
+    """The binomial probability between the two ranks lies between 95 and 100 %, and at n = 1000 is that of the
+    narrowest pair."""
     rows = []
     for n, p in ((100, 0.5), (1000, 0.05), (1000, 0.5), (1000, 0.95), (200, 0.9)):
         low, high = order_statistic_ranks(n, p)
@@ -174,7 +217,8 @@ def intervals(_: Laboratory) -> list[Row]:
 
 
 def nataf(_: Laboratory) -> list[Row]:
-    """Correlation in standard space for a wanted Pearson correlation of 0.4: ln(1 + r d1 d2)/(z1 z2), and r d/z beside a normal."""
+    """Correlation in standard space for a wanted Pearson correlation of 0.4: ln(1 + r d1 d2)/(z1 z2), and r d/z beside
+    a normal."""
     d, r = 0.5, 0.4
     zeta = math.sqrt(math.log1p(d * d))
     wanted = np.array([[1, r], [r, 1]])
@@ -192,12 +236,19 @@ def openturns_form(_: Laboratory) -> list[Row]:
     ot.Log.Show(ot.Log.NONE)
     threshold = -4.0
     lognormal = ot.ParametrizedDistribution(ot.LogNormalMuSigma(5.0, 0.5))
-    copula = ot.NormalCopula(ot.CorrelationMatrix(JointDistribution(COLUMN, COLUMN_CORRELATION).normal_correlation.tolist()))
+    copula = ot.NormalCopula(
+        ot.CorrelationMatrix(JointDistribution(COLUMN, COLUMN_CORRELATION).normal_correlation.tolist())
+    )
     joint = ot.JointDistribution([ot.Normal(500.0, 100.0), ot.Normal(2000.0, 400.0), lognormal], copula)
     function = ot.PythonFunction(3, 1, func_sample=lambda x: column(np.asarray(x))[:, np.newaxis])
     event = ot.ThresholdEvent(ot.CompositeRandomVector(function, ot.RandomVector(joint)), ot.LessOrEqual(), threshold)
     solver = ot.AbdoRackwitz()
-    for limit in (solver.setMaximumAbsoluteError, solver.setMaximumRelativeError, solver.setMaximumResidualError, solver.setMaximumConstraintError):
+    for limit in (
+        solver.setMaximumAbsoluteError,
+        solver.setMaximumRelativeError,
+        solver.setMaximumResidualError,
+        solver.setMaximumConstraintError,
+    ):
         limit(1e-8)
     solver.setStartingPoint(joint.getMean())
     analysis = ot.FORM(solver, event)
@@ -214,9 +265,21 @@ def checks() -> Sequence[Check]:
     form_ = "closed form"
     differences = "rounding of the finite differences"
     return [
-        Check("uq-01", "Percentiles of a linear function of ten normals, four methods", differences, form_, linear_percentiles),
+        Check(
+            "uq-01",
+            "Percentiles of a linear function of ten normals, four methods",
+            differences,
+            form_,
+            linear_percentiles,
+        ),
         Check("uq-02", "Importance levels of a linear function", differences, form_, linear_importance),
-        Check("uq-03", "Evaluations asked by AMV for ten inputs and three levels", "a count", "1 + n + levels; 1 + 2 n + levels", evaluations),
+        Check(
+            "uq-03",
+            "Evaluations asked by AMV for ten inputs and three levels",
+            "a count",
+            "1 + n + levels; 1 + 2 n + levels",
+            evaluations,
+        ),
         Check("uq-04", "A product of lognormals: AMV+ and FORM", "iteration stops at 1e-6", form_, lognormal_product),
         Check("uq-05", "Mean value and AMV of a square, AMV+ of three", differences, form_, squares),
         Check("uq-06", "FORM of a plane and of a ball", "iteration stops at 1e-6", form_, form_probabilities),
@@ -227,10 +290,42 @@ def checks() -> Sequence[Check]:
             "Dakota's own test values",
             short_column,
         ),
-        Check("uq-08", "The gate rejects functions that are not monotonic, accepts a linear one", "a verdict", "by construction", gate),
-        Check("uq-09", "Probabilistic sensitivity factors", "four standard errors of the estimate from 20 000 trials", form_, factors),
-        Check("uq-10", "Sobol' indices of the Ishigami function", "twice the half-width of its own 95 % interval", form_, sobol),
-        Check("uq-11", "Order-statistic intervals of percentiles cover at least 95 %", "from 95 to 100 %", "binomial distribution", intervals),
-        Check("uq-12", "Correlation in standard space (Nataf)", "rounding", "closed form, Der Kiureghian & Liu 1986", nataf),
-        Check("uq-13", "FORM against OpenTURNS", "both iterate to 1e-6", "OpenTURNS", openturns_form, needs=("openturns",)),
+        Check(
+            "uq-08",
+            "The gate rejects functions that are not monotonic, accepts a linear one",
+            "a verdict",
+            "by construction",
+            gate,
+        ),
+        Check(
+            "uq-09",
+            "Probabilistic sensitivity factors",
+            "four standard errors of the estimate from 20 000 trials",
+            form_,
+            factors,
+        ),
+        Check(
+            "uq-10",
+            "Sobol' indices of the Ishigami function",
+            "twice the half-width of its own 95 % interval",
+            form_,
+            sobol,
+        ),
+        Check(
+            "uq-11",
+            "Order-statistic intervals of percentiles cover at least 95 %",
+            "from 95 to 100 %",
+            "binomial distribution",
+            intervals,
+        ),
+        Check(
+            "uq-12",
+            "Correlation in standard space (Nataf)",
+            "rounding",
+            "closed form, Der Kiureghian & Liu 1986",
+            nataf,
+        ),
+        Check(
+            "uq-13", "FORM against OpenTURNS", "both iterate to 1e-6", "OpenTURNS", openturns_form, needs=("openturns",)
+        ),
     ]

@@ -14,8 +14,8 @@ tolerance = 0.5
 why = "repeatability of the rig, twice its SD"
 source = "bench test of 12 May, rig 3"
 
-With study = "study6" (a file or a name that ships), trials = 200 and statistic = "mean", "sd" or "p95" in place of scenario and step.
-"""
+With study = "study6" (a file or a name that ships), trials = 200 and statistic = "mean", "sd" or "p95" in place of
+scenario and step."""
 
 from __future__ import annotations
 
@@ -36,7 +36,24 @@ from ...study.study import Study, load_study
 from ..check import Check, Row
 from ..laboratory import Laboratory
 
-KEYS = ("id", "title", "scenario", "study", "set", "fmu", "map", "step", "trials", "statistic", "metric", "expected", "tolerance", "between", "why", "source")
+KEYS = (
+    "id",
+    "title",
+    "scenario",
+    "study",
+    "set",
+    "fmu",
+    "map",
+    "step",
+    "trials",
+    "statistic",
+    "metric",
+    "expected",
+    "tolerance",
+    "between",
+    "why",
+    "source",
+)
 TEXTS = ("id", "title", "metric", "why", "source")
 ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 STATISTIC = re.compile(r"mean|sd|p(\d{1,2}(\.\d+)?)")
@@ -112,12 +129,16 @@ def _check(entry: Any, path: Path) -> Check:
     if not isinstance(entry, dict):
         raise InputError("must be a table")
     problems = [f"unknown key {key!r}{nearest(key, KEYS)}" for key in entry if key not in KEYS]
-    problems += [f"{key}: needed, as text" for key in TEXTS if not isinstance(entry.get(key), str) or not entry[key].strip()]
+    problems += [
+        f"{key}: needed, as text" for key in TEXTS if not isinstance(entry.get(key), str) or not entry[key].strip()
+    ]
     if isinstance(entry.get("id"), str) and not ID.fullmatch(entry["id"]):
         problems.append("id: letters, digits, `.`, `_` and `-` only")
     if ("scenario" in entry) == ("study" in entry):
         problems.append("needs scenario or study, one of the two")
-    problems += [f"{key}: belongs to a study" for key in ("trials", "statistic") if key in entry and "study" not in entry]
+    problems += [
+        f"{key}: belongs to a study" for key in ("trials", "statistic") if key in entry and "study" not in entry
+    ]
     if "study" in entry and not STATISTIC.fullmatch(str(entry.get("statistic", ""))):
         problems.append('statistic: needed with study; "mean", "sd" or a percentile such as "p95"')
     if "trials" in entry and not (isinstance(entry["trials"], int) and entry["trials"] > 0):
@@ -134,7 +155,9 @@ def _check(entry: Any, path: Path) -> Check:
     maps = entry.get("map", {})
     for component, file in entry.get("fmu", {}).items():
         own = path.parent / str(file)
-        chosen = chosen.replace_fmu(component, own if own.is_file() else str(file), path.parent / maps[component] if component in maps else None)
+        chosen = chosen.replace_fmu(
+            component, own if own.is_file() else str(file), path.parent / maps[component] if component in maps else None
+        )
     for key, value in entry.get("set", {}).items():
         chosen = chosen.override(key, value)
     if "step" in entry:
@@ -161,7 +184,11 @@ def _bounds(entry: Mapping[str, Any], problems: list[str]) -> tuple[float, float
 
     if "between" in entry:
         pair = entry["between"]
-        if not (isinstance(pair, list) and len(pair) == 2 and all(map(number, pair)) and pair[0] <= pair[1]) or "expected" in entry or "tolerance" in entry:
+        if (
+            not (isinstance(pair, list) and len(pair) == 2 and all(map(number, pair)) and pair[0] <= pair[1])
+            or "expected" in entry
+            or "tolerance" in entry
+        ):
             problems.append("between: must be [low, high], without expected and tolerance")
             return 0.0, 0.0
         return 0.5 * (pair[0] + pair[1]), 0.5 * (pair[1] - pair[0])
