@@ -1,148 +1,50 @@
-"""Variables. Plain data."""
+"""What the FMU shows to the outside: names, units, start values, signs. Plain data."""
 
 from __future__ import annotations
+
+from typing import Any
 
 MODEL = "brace_linear"
 DESCRIPTION = "Linear spring-damper with rest angle and slack about each anatomic axis"
 
 AXES = ("talocrural", "subtalar")
 
+PARAMETERS = (  # name, unit, start, least, greatest, description
+    ("talocrural_stiffness_coefficient", "N.m/rad", 0.0, 0.0, 10000.0, "k: of the spring outside the slack"),
+    ("talocrural_damping_coefficient", "N.m.s/rad", 0.0, 0.0, 1000.0, "c: of the damper outside the slack"),
+    ("talocrural_rest_angle", "rad", 0.0, -1.0, 1.0, "middle of the slack"),
+    ("talocrural_slack", "rad", 0.0, 0.0, 1.0, "half the play: no torque within rest_angle -+ slack"),
+    ("subtalar_stiffness_coefficient", "N.m/rad", 30.0, 0.0, 10000.0, "k: of the spring outside the slack"),
+    ("subtalar_damping_coefficient", "N.m.s/rad", 0.3, 0.0, 1000.0, "c: of the damper outside the slack"),
+    ("subtalar_rest_angle", "rad", 0.0, -1.0, 1.0, "middle of the slack"),
+    ("subtalar_slack", "rad", 0.0, 0.0, 1.0, "half the play: no torque within rest_angle -+ slack"),
+)
+INPUTS = (  # name, unit, description
+    ("talocrural_angle", "rad", "zero at the neutral pose"),
+    ("subtalar_angle", "rad", "zero at the neutral pose"),
+    ("talocrural_velocity", "rad/s", "of the angle"),
+    ("subtalar_velocity", "rad/s", "of the angle"),
+)
+OUTPUTS = (  # name, unit, description, inputs that change it at once
+    ("talocrural_torque", "N.m", "of the brace on the foot", ("talocrural_angle", "talocrural_velocity")),
+    ("subtalar_torque", "N.m", "of the brace on the foot", ("subtalar_angle", "subtalar_velocity")),
+    ("talocrural_stiffness", "N.m/rad", "-d(torque)/d(angle)", ("talocrural_angle", "talocrural_velocity")),
+    ("subtalar_stiffness", "N.m/rad", "-d(torque)/d(angle)", ("subtalar_angle", "subtalar_velocity")),
+    ("talocrural_damping", "N.m.s/rad", "-d(torque)/d(velocity)", ("talocrural_angle", "talocrural_velocity")),
+    ("subtalar_damping", "N.m.s/rad", "-d(torque)/d(velocity)", ("subtalar_angle", "subtalar_velocity")),
+)
 
-def variables() -> list[dict]:
-    signal = dict(variability="continuous")
-    out: list[dict] = []
-    out.append(
-        dict(
-            name="talocrural_stiffness_coefficient",
-            causality="parameter",
-            variability="fixed",
-            unit="N.m/rad",
-            start=0.0,
-            min=0.0,
-            max=10000.0,
-            description="k: of the spring outside the slack",
-        )
-    )
-    out.append(
-        dict(
-            name="talocrural_damping_coefficient",
-            causality="parameter",
-            variability="fixed",
-            unit="N.m.s/rad",
-            start=0.0,
-            min=0.0,
-            max=1000.0,
-            description="c: of the damper outside the slack",
-        )
-    )
-    out.append(
-        dict(
-            name="talocrural_rest_angle",
-            causality="parameter",
-            variability="fixed",
-            unit="rad",
-            start=0.0,
-            min=-1.0,
-            max=1.0,
-            description="middle of the slack",
-        )
-    )
-    out.append(
-        dict(
-            name="talocrural_slack",
-            causality="parameter",
-            variability="fixed",
-            unit="rad",
-            start=0.0,
-            min=0.0,
-            max=1.0,
-            description="half the play: no torque within rest_angle -+ slack",
-        )
-    )
-    out.append(
-        dict(
-            name="subtalar_stiffness_coefficient",
-            causality="parameter",
-            variability="fixed",
-            unit="N.m/rad",
-            start=30.0,
-            min=0.0,
-            max=10000.0,
-            description="k: of the spring outside the slack",
-        )
-    )
-    out.append(
-        dict(
-            name="subtalar_damping_coefficient",
-            causality="parameter",
-            variability="fixed",
-            unit="N.m.s/rad",
-            start=0.3,
-            min=0.0,
-            max=1000.0,
-            description="c: of the damper outside the slack",
-        )
-    )
-    out.append(
-        dict(
-            name="subtalar_rest_angle",
-            causality="parameter",
-            variability="fixed",
-            unit="rad",
-            start=0.0,
-            min=-1.0,
-            max=1.0,
-            description="middle of the slack",
-        )
-    )
-    out.append(
-        dict(
-            name="subtalar_slack",
-            causality="parameter",
-            variability="fixed",
-            unit="rad",
-            start=0.0,
-            min=0.0,
-            max=1.0,
-            description="half the play: no torque within rest_angle -+ slack",
-        )
-    )
-    for axis in AXES:
-        out.append(
-            dict(
-                name=f"{axis}_angle",
-                causality="input",
-                unit="rad",
-                start=0.0,
-                description="zero at the neutral pose",
-                **signal,
-            )
-        )
-    for axis in AXES:
-        out.append(
-            dict(
-                name=f"{axis}_velocity",
-                causality="input",
-                unit="rad/s",
-                start=0.0,
-                description="of the angle",
-                **signal,
-            )
-        )
-    for kind, unit, text in (
-        ("torque", "N.m", "of the brace on the foot"),
-        ("stiffness", "N.m/rad", "-d(torque)/d(angle)"),
-        ("damping", "N.m.s/rad", "-d(torque)/d(velocity)"),
-    ):
-        for axis in AXES:
-            out.append(
-                dict(
-                    name=f"{axis}_{kind}",
-                    causality="output",
-                    unit=unit,
-                    description=text,
-                    depends=[f"{axis}_angle", f"{axis}_velocity"],
-                    **signal,
-                )
-            )
+
+def variables() -> list[dict[str, Any]]:
+    """The rows of the three tables, in the order of their value references."""
+    out: list[dict[str, Any]] = []
+    for name, unit, start, least, greatest, text in PARAMETERS:
+        out.append(dict(name=name, causality="parameter", unit=unit, description=text))
+        out[-1].update(variability="fixed", start=start, min=least, max=greatest)
+    for name, unit, text in INPUTS:
+        out.append(dict(name=name, causality="input", unit=unit, description=text))
+        out[-1].update(variability="continuous", start=0.0)
+    for name, unit, text, depends in OUTPUTS:
+        out.append(dict(name=name, causality="output", unit=unit, description=text))
+        out[-1].update(variability="continuous", depends=list(depends))
     return out

@@ -1,134 +1,51 @@
-"""Variables. Plain data."""
+"""What the FMU shows to the outside: names, units, start values, signs. Plain data."""
 
 from __future__ import annotations
+
+from typing import Any
 
 MODEL = "brace_rate_dependent"
 DESCRIPTION = "Stiffens with velocity: soft in ordinary motion, stiff in a fast roll"
 
 AXES = ("subtalar",)
 
+PARAMETERS = (  # name, unit, start, least, greatest, description
+    ("slow_stiffness", "N.m/rad", 10.0, 0.0, 10000.0, "k0: of slow motion"),
+    ("fast_stiffness", "N.m/rad", 120.0, 0.0, 100000.0, "k1: of fast motion"),
+    ("damping_coefficient", "N.m.s/rad", 0.1, 0.0, 1000.0, "c"),
+    (
+        "transition_velocity",
+        "rad/s",
+        5.235987755982989,
+        0.1,
+        100.0,
+        "v at which half the stiffening is reached (300 deg/s)",
+    ),
+    ("exponent", "1", 4.0, 1.0, 20.0, "p: sharpness of the transition"),
+    ("lag", "s", 0.003, 0.0, 1.0, "time constant of stiffening"),
+)
+INPUTS = (  # name, unit, description
+    ("subtalar_angle", "rad", "zero at the neutral pose"),
+    ("subtalar_velocity", "rad/s", "of the angle"),
+)
+OUTPUTS = (  # name, unit, description, inputs that change it at once
+    ("subtalar_torque", "N.m", "of the brace on the foot", ("subtalar_angle", "subtalar_velocity")),
+    ("subtalar_stiffness", "N.m/rad", "-d(torque)/d(angle)", ("subtalar_angle", "subtalar_velocity")),
+    ("subtalar_damping", "N.m.s/rad", "-d(torque)/d(velocity)", ("subtalar_angle", "subtalar_velocity")),
+    ("activation", "1", "0 soft, 1 stiff", ("subtalar_velocity",)),
+)
 
-def variables() -> list[dict]:
-    signal = dict(variability="continuous")
-    out: list[dict] = []
-    out.append(
-        dict(
-            name="slow_stiffness",
-            causality="parameter",
-            variability="fixed",
-            unit="N.m/rad",
-            start=10.0,
-            min=0.0,
-            max=10000.0,
-            description="k0: of slow motion",
-        )
-    )
-    out.append(
-        dict(
-            name="fast_stiffness",
-            causality="parameter",
-            variability="fixed",
-            unit="N.m/rad",
-            start=120.0,
-            min=0.0,
-            max=100000.0,
-            description="k1: of fast motion",
-        )
-    )
-    out.append(
-        dict(
-            name="damping_coefficient",
-            causality="parameter",
-            variability="fixed",
-            unit="N.m.s/rad",
-            start=0.1,
-            min=0.0,
-            max=1000.0,
-            description="c",
-        )
-    )
-    out.append(
-        dict(
-            name="transition_velocity",
-            causality="parameter",
-            variability="fixed",
-            unit="rad/s",
-            start=5.235987755982989,
-            min=0.1,
-            max=100.0,
-            description="v at which half the stiffening is reached (300 deg/s)",
-        )
-    )
-    out.append(
-        dict(
-            name="exponent",
-            causality="parameter",
-            variability="fixed",
-            unit="1",
-            start=4.0,
-            min=1.0,
-            max=20.0,
-            description="p: sharpness of the transition",
-        )
-    )
-    out.append(
-        dict(
-            name="lag",
-            causality="parameter",
-            variability="fixed",
-            unit="s",
-            start=0.003,
-            min=0.0,
-            max=1.0,
-            description="time constant of stiffening",
-        )
-    )
-    for axis in AXES:
-        out.append(
-            dict(
-                name=f"{axis}_angle",
-                causality="input",
-                unit="rad",
-                start=0.0,
-                description="zero at the neutral pose",
-                **signal,
-            )
-        )
-    for axis in AXES:
-        out.append(
-            dict(
-                name=f"{axis}_velocity",
-                causality="input",
-                unit="rad/s",
-                start=0.0,
-                description="of the angle",
-                **signal,
-            )
-        )
-    for kind, unit, text in (
-        ("torque", "N.m", "of the brace on the foot"),
-        ("stiffness", "N.m/rad", "-d(torque)/d(angle)"),
-        ("damping", "N.m.s/rad", "-d(torque)/d(velocity)"),
-    ):
-        for axis in AXES:
-            out.append(
-                dict(
-                    name=f"{axis}_{kind}",
-                    causality="output",
-                    unit=unit,
-                    description=text,
-                    depends=[f"{axis}_angle", f"{axis}_velocity"],
-                    **signal,
-                )
-            )
-    out.append(
-        dict(
-            name="activation",
-            causality="output",
-            unit="1",
-            description="0 soft, 1 stiff",
-            depends=["subtalar_velocity"],
-            **signal,
-        )
-    )
+
+def variables() -> list[dict[str, Any]]:
+    """The rows of the three tables, in the order of their value references."""
+    out: list[dict[str, Any]] = []
+    for name, unit, start, least, greatest, text in PARAMETERS:
+        out.append(dict(name=name, causality="parameter", unit=unit, description=text))
+        out[-1].update(variability="fixed", start=start, min=least, max=greatest)
+    for name, unit, text in INPUTS:
+        out.append(dict(name=name, causality="input", unit=unit, description=text))
+        out[-1].update(variability="continuous", start=0.0)
+    for name, unit, text, depends in OUTPUTS:
+        out.append(dict(name=name, causality="output", unit=unit, description=text))
+        out[-1].update(variability="continuous", depends=list(depends))
     return out

@@ -1,134 +1,44 @@
-"""Variables. Plain data."""
+"""What the FMU shows to the outside: names, units, start values, signs. Plain data."""
 
 from __future__ import annotations
+
+from typing import Any
 
 MODEL = "brace_semi_rigid"
 DESCRIPTION = "Semi-rigid shell: soft liner between hard stops about the subtalar axis, free talocrural hinge"
 
 AXES = ("subtalar",)
 
+PARAMETERS = (  # name, unit, start, least, greatest, description
+    ("liner_stiffness", "N.m/rad", 8.0, 0.0, 10000.0, "k: of the liner between the stops"),
+    ("stop_stiffness", "N.m/rad", 300.0, 0.0, 100000.0, "K: of the shell beyond a stop"),
+    ("damping_coefficient", "N.m.s/rad", 0.2, 0.0, 1000.0, "c"),
+    ("inversion_stop", "rad", 0.2617993877991494, 0.0, 1.5, "angle of the outer stop (15 deg)"),
+    ("eversion_stop", "rad", 0.2617993877991494, 0.0, 1.5, "angle of the inner stop, counted positive (15 deg)"),
+    ("transition", "rad", 0.03490658503988659, 0.001, 0.5, "w: over which a stop comes in (2 deg)"),
+)
+INPUTS = (  # name, unit, description
+    ("subtalar_angle", "rad", "zero at the neutral pose"),
+    ("subtalar_velocity", "rad/s", "of the angle"),
+)
+OUTPUTS = (  # name, unit, description, inputs that change it at once
+    ("subtalar_torque", "N.m", "of the brace on the foot", ("subtalar_angle", "subtalar_velocity")),
+    ("subtalar_stiffness", "N.m/rad", "-d(torque)/d(angle)", ("subtalar_angle", "subtalar_velocity")),
+    ("subtalar_damping", "N.m.s/rad", "-d(torque)/d(velocity)", ("subtalar_angle", "subtalar_velocity")),
+    ("stored_energy", "J", "elastic energy", ("subtalar_angle",)),
+)
 
-def variables() -> list[dict]:
-    signal = dict(variability="continuous")
-    out: list[dict] = []
-    out.append(
-        dict(
-            name="liner_stiffness",
-            causality="parameter",
-            variability="fixed",
-            unit="N.m/rad",
-            start=8.0,
-            min=0.0,
-            max=10000.0,
-            description="k: of the liner between the stops",
-        )
-    )
-    out.append(
-        dict(
-            name="stop_stiffness",
-            causality="parameter",
-            variability="fixed",
-            unit="N.m/rad",
-            start=300.0,
-            min=0.0,
-            max=100000.0,
-            description="K: of the shell beyond a stop",
-        )
-    )
-    out.append(
-        dict(
-            name="damping_coefficient",
-            causality="parameter",
-            variability="fixed",
-            unit="N.m.s/rad",
-            start=0.2,
-            min=0.0,
-            max=1000.0,
-            description="c",
-        )
-    )
-    out.append(
-        dict(
-            name="inversion_stop",
-            causality="parameter",
-            variability="fixed",
-            unit="rad",
-            start=0.2617993877991494,
-            min=0.0,
-            max=1.5,
-            description="angle of the outer stop (15 deg)",
-        )
-    )
-    out.append(
-        dict(
-            name="eversion_stop",
-            causality="parameter",
-            variability="fixed",
-            unit="rad",
-            start=0.2617993877991494,
-            min=0.0,
-            max=1.5,
-            description="angle of the inner stop, counted positive (15 deg)",
-        )
-    )
-    out.append(
-        dict(
-            name="transition",
-            causality="parameter",
-            variability="fixed",
-            unit="rad",
-            start=0.03490658503988659,
-            min=0.001,
-            max=0.5,
-            description="w: over which a stop comes in (2 deg)",
-        )
-    )
-    for axis in AXES:
-        out.append(
-            dict(
-                name=f"{axis}_angle",
-                causality="input",
-                unit="rad",
-                start=0.0,
-                description="zero at the neutral pose",
-                **signal,
-            )
-        )
-    for axis in AXES:
-        out.append(
-            dict(
-                name=f"{axis}_velocity",
-                causality="input",
-                unit="rad/s",
-                start=0.0,
-                description="of the angle",
-                **signal,
-            )
-        )
-    for kind, unit, text in (
-        ("torque", "N.m", "of the brace on the foot"),
-        ("stiffness", "N.m/rad", "-d(torque)/d(angle)"),
-        ("damping", "N.m.s/rad", "-d(torque)/d(velocity)"),
-    ):
-        for axis in AXES:
-            out.append(
-                dict(
-                    name=f"{axis}_{kind}",
-                    causality="output",
-                    unit=unit,
-                    description=text,
-                    depends=[f"{axis}_angle", f"{axis}_velocity"],
-                    **signal,
-                )
-            )
-    out.append(
-        dict(
-            name="stored_energy",
-            causality="output",
-            unit="J",
-            description="elastic energy",
-            depends=["subtalar_angle"],
-            **signal,
-        )
-    )
+
+def variables() -> list[dict[str, Any]]:
+    """The rows of the three tables, in the order of their value references."""
+    out: list[dict[str, Any]] = []
+    for name, unit, start, least, greatest, text in PARAMETERS:
+        out.append(dict(name=name, causality="parameter", unit=unit, description=text))
+        out[-1].update(variability="fixed", start=start, min=least, max=greatest)
+    for name, unit, text in INPUTS:
+        out.append(dict(name=name, causality="input", unit=unit, description=text))
+        out[-1].update(variability="continuous", start=0.0)
+    for name, unit, text, depends in OUTPUTS:
+        out.append(dict(name=name, causality="output", unit=unit, description=text))
+        out[-1].update(variability="continuous", depends=list(depends))
     return out

@@ -1,9 +1,11 @@
-"""What the FMU shows to the outside: names, units, start values. Plain data.
+"""What the FMU shows to the outside: names, units, start values, signs. Plain data.
 
 Units of this exporter: 1, rad, rad/s, m, m/s, s, N, N.m, N.m/rad, N.m.s/rad, J.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 MODEL = "brace_template_python"
 DESCRIPTION = "Linear spring and damper about the subtalar axis"
@@ -13,46 +15,27 @@ PARAMETERS = (  # name, unit, start, least, greatest, description
     ("damping", "N.m.s/rad", 0.2, 0.0, 100.0, "c"),
     ("rest_angle", "rad", 0.0, -1.5, 1.5, "angle without torque"),
 )
-INPUTS = ("subtalar_angle", "rad"), ("subtalar_velocity", "rad/s")
-OUTPUTS = ("subtalar_torque", "N.m"), ("subtalar_stiffness", "N.m/rad"), ("subtalar_damping", "N.m.s/rad")
+INPUTS = (  # name, unit, description
+    ("subtalar_angle", "rad", "0 at the neutral pose, + supination"),
+    ("subtalar_velocity", "rad/s", "of the angle"),
+)
+OUTPUTS = (  # name, unit, description, inputs that change it at once
+    ("subtalar_torque", "N.m", "of the brace on the foot", ("subtalar_angle", "subtalar_velocity")),
+    ("subtalar_stiffness", "N.m/rad", "-d(torque)/d(angle)", ("subtalar_angle", "subtalar_velocity")),
+    ("subtalar_damping", "N.m.s/rad", "-d(torque)/d(velocity)", ("subtalar_angle", "subtalar_velocity")),
+)
 
 
-def variables() -> list[dict]:
-    out = []
+def variables() -> list[dict[str, Any]]:
+    """The rows of the three tables, in the order of their value references."""
+    out: list[dict[str, Any]] = []
     for name, unit, start, least, greatest, text in PARAMETERS:
-        out.append(
-            dict(
-                name=name,
-                causality="parameter",
-                variability="fixed",
-                unit=unit,
-                start=start,
-                min=least,
-                max=greatest,
-                description=text,
-            )
-        )
-    for name, unit in INPUTS:
-        out.append(
-            dict(
-                name=name,
-                causality="input",
-                variability="continuous",
-                unit=unit,
-                start=0.0,
-                description="0 at the neutral pose, + supination",
-            )
-        )
-    for name, unit in OUTPUTS:
-        follows = [n for n, _ in INPUTS]  # the inputs that change it at once
-        out.append(
-            dict(
-                name=name,
-                causality="output",
-                variability="continuous",
-                unit=unit,
-                description="of the brace on the foot",
-                depends=follows,
-            )
-        )
+        out.append(dict(name=name, causality="parameter", unit=unit, description=text))
+        out[-1].update(variability="fixed", start=start, min=least, max=greatest)
+    for name, unit, text in INPUTS:
+        out.append(dict(name=name, causality="input", unit=unit, description=text))
+        out[-1].update(variability="continuous", start=0.0)
+    for name, unit, text, depends in OUTPUTS:
+        out.append(dict(name=name, causality="output", unit=unit, description=text))
+        out[-1].update(variability="continuous", depends=list(depends))
     return out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
 import zipfile
@@ -22,6 +23,16 @@ from tests.native import SOURCES
 
 NAMES = ("plant", "reflex_controller", "brace_bushing")
 EVERTOR, INVERTOR = "ext_dig", "tib_post"
+
+
+def test_every_brace_describes_itself_by_the_same_three_tables() -> None:
+    """Only the tables differ: the function that reads them is the template's, word for word."""
+    texts = {}
+    for path in SOURCES.glob("brace_*/interface.py"):
+        body = ast.parse(path.read_text("utf-8")).body
+        texts[path.parent.name] = next(ast.unparse(n) for n in body if isinstance(n, ast.FunctionDef))
+    assert len(texts) >= 7
+    assert set(texts.values()) == {texts["brace_template_python"]}
 
 
 def component(name: str) -> Component:
