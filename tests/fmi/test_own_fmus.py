@@ -17,8 +17,9 @@ from sprain_cosim.fmu import build as export
 from sprain_cosim.fmu.build import build_fmu
 from sprain_cosim.fmu.component import Component
 from sprain_cosim.scenario import load_scenario
-from sprain_cosim.shipped import shipped_fmus
-from tests.fake import FMUS, brace_variables, make_fmu
+from sprain_cosim.shipped import FMUS, shipped_fmus
+from sprain_cosim.shipped import SOURCES as MODELS
+from tests.fake import brace_variables, make_fmu
 from tests.native import SOURCES
 
 NAMES = ("plant", "reflex_controller", "brace_bushing")
@@ -28,7 +29,7 @@ EVERTOR, INVERTOR = "ext_dig", "tib_post"
 def test_every_brace_describes_itself_by_the_same_three_tables() -> None:
     """Only the tables differ: the function that reads them is the template's, word for word."""
     texts = {}
-    for path in SOURCES.glob("brace_*/interface.py"):
+    for path in MODELS.glob("brace_*/interface.py"):
         body = ast.parse(path.read_text("utf-8")).body
         texts[path.parent.name] = next(ast.unparse(n) for n in body if isinstance(n, ast.FunctionDef))
     assert len(texts) >= 7
@@ -90,8 +91,8 @@ def test_fmpy_simulates_it_alone(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_rebuilding_gives_the_same_bytes(name: str, tmp_path: Path) -> None:
-    build_fmu(FMUS / name, tmp_path / "a.fmu")
-    build_fmu(FMUS / name, tmp_path / "b.fmu")
+    build_fmu(MODELS / name, tmp_path / "a.fmu")
+    build_fmu(MODELS / name, tmp_path / "b.fmu")
     assert (tmp_path / "a.fmu").read_bytes() == (tmp_path / "b.fmu").read_bytes() == (FMUS / f"{name}.fmu").read_bytes()
 
 
@@ -332,7 +333,7 @@ def test_python_fmus_with_the_same_module_names_do_not_mix(tmp_path: Path) -> No
 def built_without_compiler(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """The brace with PythonFMU's binary, as on a machine without a C compiler."""
     monkeypatch.setattr(export, "_compiled", lambda source: None)
-    build_fmu(FMUS / "brace_bushing", tmp_path / "brace.fmu")
+    build_fmu(MODELS / "brace_bushing", tmp_path / "brace.fmu")
     return tmp_path / "brace.fmu"
 
 
@@ -366,7 +367,7 @@ for _ in range(2):
 print('done')"""
     for _ in range(3):
         outcome = subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, cwd=FMUS.parent, timeout=120
+            [sys.executable, "-c", code], capture_output=True, text=True, cwd=MODELS.parent, timeout=120
         )
         assert (outcome.returncode, outcome.stdout.strip(), outcome.stderr) == (0, "done", "")
 
