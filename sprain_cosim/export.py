@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .errors import EnvironmentProblem, InputError, nearest
+from .files import whole
 from .folders.landing import Landing
 
 if TYPE_CHECKING:
@@ -108,13 +109,12 @@ def write(run: Landing, target: Path, kind: str | None = None, content: str | No
         raise InputError(f"{target}: format {kind!r} is unknown{nearest(kind, FORMATS)}")
     content = content or FORMATS[kind]
     table = CONTENTS[content](run)
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
+    with whole(target, parents=True) as partial:
         if kind == "csv":
-            table.to_csv(target, float_format="%.10g", lineterminator="\n")
+            table.to_csv(partial, float_format="%.10g", lineterminator="\n")
         elif kind == "parquet":
             try:
-                table.to_parquet(target)
+                table.to_parquet(partial)
             except ImportError:
                 raise EnvironmentProblem(
                     "Parquet needs the extra [parquet]: pip install 'sprain-cosim[parquet]'"
@@ -124,11 +124,8 @@ def write(run: Landing, target: Path, kind: str | None = None, content: str | No
             if in_degrees:
                 turned = [name for name in table.columns if name not in TRANSLATIONS]
                 table[turned] = np.degrees(table[turned])
-            target.write_text(
-                opensim_text(table, {"coordinates": "Coordinates"}.get(content, content), in_degrees), "utf-8"
-            )
-    except OSError as problem:
-        raise EnvironmentProblem(f"{target}: cannot be written: {problem.strerror or problem}") from None
+            text = opensim_text(table, {"coordinates": "Coordinates"}.get(content, content), in_degrees)
+            partial.write_text(text, "utf-8")
     return table.shape[0], table.shape[1]
 
 

@@ -12,7 +12,6 @@ none or a wrong one."""
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping as MappingOf
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -21,6 +20,7 @@ from typing import Any
 from .contract import INPUTS, OUTPUTS
 from .cosim.system import problems_to_error
 from .errors import InputError, nearest
+from .files import parse_toml, read_text
 from .fmu import archive
 from .fmu.component import Component, Connector
 from .units import Unit, quantity, unit
@@ -129,14 +129,7 @@ def read_component(name: str, fmu: Path, mapping: Path | None = None) -> Compone
 
 def load_mapping(path: Path | str) -> Mapping:
     """Raises InputError."""
-    path = Path(path)
-    try:
-        text = path.read_text("utf-8")
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: is not UTF-8 text") from None
-    except OSError as problem:
-        raise InputError(f"{path}: cannot be read: {problem.strerror}") from None
-    return parse(text, str(path))
+    return parse(read_text(Path(path)), str(path))
 
 
 def carried(component: Component) -> Mapping | None:
@@ -151,10 +144,7 @@ def carried(component: Component) -> Mapping | None:
 
 def parse(text: str, source: str) -> Mapping:
     """Raises InputError with all problems."""
-    try:
-        content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as problem:
-        raise InputError(f"{source}: not valid TOML: {problem}") from None
+    content = parse_toml(text, source)
     problems = [f"unknown key {key!r}{nearest(key, KEYS)}" for key in content if key not in KEYS]
     problems += [
         f"{key}: must be true or false" for key in ("active", "reset") if not isinstance(content.get(key, False), bool)

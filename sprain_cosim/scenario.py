@@ -14,7 +14,6 @@ title = "..."
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -25,6 +24,7 @@ from .cosim.master import Master
 from .cosim.result import Result
 from .cosim.system import Assembly, System, connect, problems_to_error
 from .errors import InputError, SimulationError, nearest
+from .files import read_toml
 from .fmu.component import Component
 from .fmu.isolated import isolated
 from .mapping import carried, read_component
@@ -306,14 +306,7 @@ def _find(name: str, beside: Path | None = None) -> Path:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    try:
-        content = tomllib.loads(path.read_text("utf-8"))
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: is not UTF-8 text") from None
-    except tomllib.TOMLDecodeError as problem:
-        raise InputError(f"{path}: not valid TOML: {problem}") from None
-    except OSError as problem:
-        raise InputError(f"{path}: cannot be read: {problem.strerror}") from None
+    content = read_toml(path)
     problems = [f"unknown key {key!r}{nearest(key, KEYS)}" for key in content if key not in KEYS]
     for key in ("components", "parameters", "connections", "master"):
         if key in content and not isinstance(content[key], dict):

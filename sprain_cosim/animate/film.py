@@ -3,14 +3,13 @@ no OpenGL."""
 
 from __future__ import annotations
 
-import contextlib
-import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import EnvironmentProblem, InputError
+from ..files import whole
 from ..folders.landing import Landing
 from .stage import Stage
 
@@ -43,16 +42,8 @@ def animate(
             if progress:
                 progress((k + 1) / len(times))
 
-    partial = out.with_name(f".{out.stem}.partial{out.suffix}")
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
+    with whole(out, parents=True) as partial:
         (_video if kind == ".mp4" else _pictures)(counted(), len(times), partial)
-        os.replace(partial, out)
-    except OSError as problem:
-        raise EnvironmentProblem(f"{out}: cannot be written: {problem.strerror or problem}") from None
-    finally:
-        with contextlib.suppress(OSError):
-            partial.unlink(missing_ok=True)
     return len(times)
 
 

@@ -3,7 +3,6 @@ pose."""
 
 from __future__ import annotations
 
-import json
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..files import parse_json
 
 FILE = "extra/sprain-cosim/skeleton.json"
 Pose = dict[str, tuple[np.ndarray, np.ndarray]]  # {body: (origin (3,) [m], orientation (3, 3))} in the ground's frame
@@ -31,7 +31,7 @@ class Skeleton:
         """Raises InputError for a plant without a drawing."""
         try:
             with zipfile.ZipFile(fmu) as archive:
-                return cls(json.loads(archive.read(FILE)))
+                return cls(parse_json(archive.read(FILE).decode(), f"{fmu}: its {FILE}"))
         except KeyError:
             raise InputError(f"{fmu}: has no {FILE}, so its landing cannot be drawn") from None
         except (OSError, ValueError, zipfile.BadZipFile) as problem:

@@ -11,8 +11,6 @@ OUT/figures/compare.*  the figure
 
 from __future__ import annotations
 
-import json
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +20,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from ..errors import EnvironmentProblem, InputError, SimulationError
+from ..files import read_toml, write_json
 from ..folders import run as runfolder
 from ..process import Limits
 from ..scenario import NAME, Scenario, Value, load_scenario
@@ -89,11 +88,9 @@ def load(name: str) -> Source:
     """A scenario or a study, from a file or the name of one that ships. Raises InputError."""
     path = Path(name)
     if path.is_file():
-        import tomllib
-
         try:
-            content = tomllib.loads(path.read_text("utf-8"))
-        except (ValueError, OSError):
+            content = read_toml(path)
+        except InputError:
             content = {}
         return load_study(path) if isinstance(content.get("scenario"), str) else load_scenario(path)
     return load_study(name) if name in shipped_studies() and name not in shipped_scenarios() else load_scenario(name)
@@ -411,10 +408,8 @@ def _write(comparison: Comparison, study: bool) -> None:
         else {e.name: runfolder.read(folder / e.name)[1] for e in comparison.entries if e.landings is not None},
     )
     try:
-        (folder / "figures").mkdir(parents=True, exist_ok=True)
-        partial = folder / ".compare.json"
-        partial.write_text(json.dumps(comparison.data, indent=2, allow_nan=False) + "\n", "utf-8")
-        os.replace(partial, folder / "compare.json")
+        write_json(folder / "compare.json", comparison.data, parents=True)
+        (folder / "figures").mkdir(exist_ok=True)
         save(drawn, folder / "figures" / "compare")
     except OSError as problem:
         raise EnvironmentProblem(f"{folder}: cannot be written: {problem.strerror or problem}") from None

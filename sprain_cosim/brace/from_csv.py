@@ -22,7 +22,8 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from ..cosim.system import problems_to_error
-from ..errors import EnvironmentProblem, InputError, nearest
+from ..errors import InputError, nearest
+from ..files import write
 from ..fmu.archive import read
 from ..fmu.build import EPOCH
 from ..units import Unit, unit
@@ -57,11 +58,7 @@ def from_csv(table: Path, target: Path, template: Path) -> dict[str, tuple[float
             entry = zipfile.ZipInfo(name, EPOCH)
             entry.external_attr = 0o644 << 16
             archive.writestr(entry, data, zipfile.ZIP_DEFLATED)
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(buffer.getvalue())
-    except OSError as problem:
-        raise EnvironmentProblem(f"{target}: cannot be written ({problem.strerror})") from None
+    write(target, buffer.getvalue(), parents=True)
     return {axis: (c["loading"][0][0], c["loading"][-1][0]) for axis, c in curves.items()}
 
 

@@ -14,6 +14,7 @@ import tempfile
 from pathlib import Path
 
 from ..errors import EnvironmentProblem, InputError
+from ..files import write
 from ..fmu.build import LIBRARIES, build_fmu, pack
 from ..shipped import template
 
@@ -128,9 +129,7 @@ def _build_c(folder: Path, target: Path) -> None:
             _call([cmake, "-S", ".", "-B", work], folder)
             _call([cmake, "--build", work, "--config", "Release"], folder)
             content = (Path(work) / f"{found[1]}.fmu").read_bytes()
-    partial = target.with_name(f".{target.name}")
-    partial.write_bytes(content)
-    os.replace(partial, target)
+    write(target, content)
 
 
 def _call(command: list[str], folder: Path) -> None:

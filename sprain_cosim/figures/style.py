@@ -18,6 +18,8 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
+from ..files import write
+
 COLUMN = 8.5 / 2.54  # inches
 SMALL, NORMAL = 7.0, 7.5  # points
 INK, FAINT = "#1f2933", "#9aa5b1"
@@ -192,7 +194,7 @@ def save(figure: Figure, target: Path) -> list[Path]:
     written = []
     for kind in ("png", "svg"):
         written.append(target.with_name(f"{target.name}.{kind}"))
-        written[-1].write_bytes(picture(figure, kind))
+        write(written[-1], picture(figure, kind))
     return written
 
 

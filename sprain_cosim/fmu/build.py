@@ -28,6 +28,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from ..errors import EnvironmentProblem, InputError, nearest
+from ..files import write
 from ..shipped import FMUS, SOURCES
 
 LIBRARIES = {  # (system, machine): folder of FMI 2.0 and ending of a shared library
@@ -159,10 +160,7 @@ def build_fmu(folder: Path, target: Path, support: Path | None = None) -> str:
     )
     guid = _digest({**files, "modelDescription.xml": description.replace(GUID_PLACE, "").encode()})
     files["modelDescription.xml"] = description.replace(GUID_PLACE, guid).encode()
-    target.parent.mkdir(parents=True, exist_ok=True)
-    partial = target.with_suffix(".partial")
-    partial.write_bytes(pack(files))
-    partial.replace(target)
+    write(target, pack(files), parents=True)
     return guid
 
 

@@ -3,7 +3,6 @@ lacks is simulated again."""
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ import numpy as np
 
 from ..cosim.result import Result
 from ..errors import EnvironmentProblem, InputError, SimulationError
+from ..files import read_json
 from ..fmu.component import Component, Connector
 from ..scenario import Scenario
 from ..shipped import fmu_path
@@ -72,13 +72,13 @@ def load_all(folder: Path, trial: str | None = None) -> list[Landing]:
     if not (folder / "compare.json").is_file():
         return [load(folder, trial)]
     try:
-        braces = json.loads((folder / "compare.json").read_text("utf-8"))["braces"]
+        braces = read_json(folder / "compare.json")["braces"]
         return [
             replace(load(folder / entry["folder"], trial), title=name)
             for name, entry in braces.items()
             if entry["status"] == "completed"
         ]
-    except (ValueError, KeyError, OSError) as problem:
+    except (TypeError, AttributeError, KeyError) as problem:
         raise InputError(f"{folder / 'compare.json'}: cannot be read: {problem!r}") from None
 
 

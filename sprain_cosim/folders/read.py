@@ -4,8 +4,6 @@ Raises InputError for a folder that is none of them, is not finished, or cannot 
 
 from __future__ import annotations
 
-import json
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..cosim.result import Result
 from ..errors import InputError
+from ..files import read_json, read_toml
 from ..study import ledger
 from ..study import trajectories as trajectory
 from . import run as runfolder
@@ -42,7 +41,8 @@ class _Finished:
 
     @cached_property
     def manifest(self) -> Mapping[str, Any]:
-        return _json(self.path / "manifest.json", {})
+        path = self.path / "manifest.json"
+        return read_json(path) if path.is_file() else {}
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def read(path: Path) -> Folder:
     if not path.is_dir():
         raise InputError(f"{path}: {'is a file; name a folder' if path.exists() else 'no such folder'}")
     if (path / "compare.json").is_file():
-        data = _json(path / "compare.json")
+        data = read_json(path / "compare.json")
         named = data.get("braces")
         names = [str(n) for n in named] if isinstance(named, dict) else []
         members = {name: read(path / name) for name in names if (path / name / "summary.json").is_file()}
@@ -160,26 +160,14 @@ def read_all(paths: Sequence[Path]) -> list[Folder]:
 def _study(path: Path) -> StudyFolder:
     import pandas as pd
 
-    head = _json(path / "summary.json")
+    head = read_json(path / "summary.json")
     try:
         trials = pd.read_csv(path / "trials.csv", keep_default_na=True)
-        file = tomllib.loads((path / "study.toml").read_text("utf-8")) if (path / "study.toml").is_file() else {}
     except (ValueError, OSError) as problem:
         raise InputError(f"{path}: cannot be read: {problem}") from None
+    file = read_toml(path / "study.toml") if (path / "study.toml").is_file() else {}
     missing = [key for key in ("title", "method", "n_requested", "n_completed", "n_failed") if key not in head]
     missing += [column for column in ("trial", "status") if column not in trials]
     if missing:
         raise InputError(f"{path}: not a folder of `sprain-cosim study`: {missing[0]} is missing")
     return StudyFolder(path, head, trials, file)
-
-
-def _json(path: Path, absent: Any = None) -> Any:
-    if absent is not None and not path.is_file():
-        return absent
-    try:
-        content = json.loads(path.read_text("utf-8"))
-    except (ValueError, OSError) as problem:
-        raise InputError(f"{path}: cannot be read: {problem}") from None
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: cannot be read: must hold one JSON object")
-    return content

@@ -3,14 +3,12 @@ the folder is not complete."""
 
 from __future__ import annotations
 
-import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from .. import __version__
+from .. import __version__, files
 from ..cosim.result import Result
 from ..errors import EnvironmentProblem, InputError
 from ..scenario import Scenario
@@ -51,7 +49,7 @@ def check(folder: Path) -> None:
         strangers = sorted(
             p.name
             for p in folder.iterdir()
-            if p.name not in (*FILES, "figures", "report.html") and p.stem != "animation"
+            if p.name not in (*FILES, "figures", "report.html") and p.stem != "animation" and not files.is_partial(p)
         )
         if strangers:
             raise InputError(f"{folder}: holds other files ({', '.join(strangers[:3])}); name a new folder")
@@ -62,25 +60,21 @@ def write(folder: Path, result: Result, picture: bytes, summary: dict[str, Any])
     cannot be written."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        files.sweep(folder)
         (folder / "summary.json").unlink(missing_ok=True)
-        _replace(folder / "signals.csv", result.csv().encode())
-        _replace(folder / "landing.png", picture)
-        _replace(folder / "summary.json", (json.dumps(summary, indent=2, allow_nan=False) + "\n").encode())
     except OSError as problem:
         raise EnvironmentProblem(f"{folder}: cannot be written: {problem.strerror or problem}") from None
+    files.write(folder / "signals.csv", result.csv())
+    files.write(folder / "landing.png", picture)
+    files.write_json(folder / "summary.json", summary)
 
 
 def read(folder: Path) -> tuple[dict[str, Any], Result]:
     """Raises InputError when the folder holds no complete run."""
-    try:
-        head = json.loads((folder / "summary.json").read_text("utf-8"))
-    except FileNotFoundError:
-        raise InputError(
-            f"{folder}: no complete run in it; make one with `sprain-cosim run SCENARIO --out {folder}`"
-        ) from None
-    except (ValueError, OSError) as problem:
-        raise InputError(f"{folder}: cannot be read: {problem}") from None
-    missing = [key for key in ("status", "message", "scheme", "title") if not isinstance(head, dict) or key not in head]
+    if folder.is_dir() and not (folder / "summary.json").exists():
+        raise InputError(f"{folder}: no complete run in it; make one with `sprain-cosim run SCENARIO --out {folder}`")
+    head = files.read_json(folder / "summary.json")
+    missing = [key for key in ("status", "message", "scheme", "title") if key not in head]
     if missing:
         raise InputError(f"{folder}: not a folder of `sprain-cosim run`: summary.json lacks {missing[0]}")
     record = Result.read_csv(folder / "signals.csv")
@@ -97,9 +91,3 @@ def note(heads: Sequence[Mapping[str, Any]]) -> str:
     steps = all_of([f"{1e3 * head['communication_step_s']:g}" for head in heads])
     coupling = f"{all_of([head['scheme'] for head in heads])} coupling every {steps} ms"
     return f"{f'Initial pose: {pose}; ' if pose else ''}{coupling}."
-
-
-def _replace(path: Path, data: bytes) -> None:
-    partial = path.with_name(f".{path.name}")
-    partial.write_bytes(data)
-    os.replace(partial, path)

@@ -6,7 +6,6 @@ from __future__ import annotations
 import base64
 import json
 import math
-import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
@@ -16,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from .. import __version__
+from .. import __version__, files
 from .. import figures as plots
 from ..brace import compare
-from ..errors import EnvironmentProblem, InputError
+from ..errors import InputError
 from ..figures import gallery
 from ..figures.style import LINES, PARAMETERS, SERIES
 from ..folders.read import Comparison, Folder, Run, StudyFolder
@@ -67,13 +66,7 @@ def write(given: Sequence[Folder], out: Path) -> Path:
     if target.is_dir():
         raise InputError(f"{target}: is a folder; name a file that ends in .html")
     text = page(given)
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        partial = target.with_name(f".{target.name}")
-        partial.write_text(text, "utf-8")
-        os.replace(partial, target)
-    except OSError as problem:
-        raise EnvironmentProblem(f"{target}: cannot be written: {problem.strerror or problem}") from None
+    files.write(target, text, parents=True)
     return target
 
 

@@ -4,10 +4,9 @@ failed, ledger.sqlite, trajectories/. All but the ledger and the trajectories ar
 from __future__ import annotations
 
 import json
-import os
 import platform
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -17,8 +16,9 @@ import numpy as np
 
 from .. import __version__
 from ..errors import EnvironmentProblem, InputError
+from ..files import read_json, sweep, whole, write, write_json
 from .codec import decode
-from .ledger import FILE, LOCK, Ledger
+from .ledger import FILE, LOCK, RESUME, Ledger
 from .study import Study
 
 if TYPE_CHECKING:
@@ -107,12 +107,13 @@ def _version(package: str) -> str | None:
 
 def begin(folder: Path, study: Study, command: str) -> None:
     """study.toml and manifest.json."""
+    sweep(folder)
     try:
-        before = json.loads((folder / "manifest.json").read_text("utf-8"))
-    except (OSError, ValueError):
+        before = read_json(folder / "manifest.json")
+    except InputError:
         before = {}
-    write(folder / "study.toml", study.text)
-    write(folder / "manifest.json", json.dumps(manifest(study, command, before), indent=2) + "\n")
+    write(folder / "study.toml", study.text, RESUME)
+    write(folder / "manifest.json", json.dumps(manifest(study, command, before), indent=2) + "\n", RESUME)
 
 
 def tables(study: Study, ledger: Ledger, wanted: np.ndarray | None) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -167,48 +168,26 @@ def failures(folder: Path, study: Study, ledger: Ledger) -> None:
         for row in ledger.failed()
     ]
     if listed or (folder / FAILURES).exists():
-        write(folder / FAILURES, json.dumps(listed, indent=2) + "\n")
+        write(folder / FAILURES, json.dumps(listed, indent=2) + "\n", RESUME)
 
 
 def finish(folder: Path, trials: pd.DataFrame, timing: pd.DataFrame, summary: Mapping[str, Any], parquet: bool) -> None:
     """The exports; the summary is the last, so that it stands for a complete folder."""
-    write(folder / "trials.csv", lambda file: trials.to_csv(file, index=False, lineterminator="\n"))
-    write(folder / "timing.csv", lambda file: timing.to_csv(file, index=False, lineterminator="\n"))
+    for table, name in ((trials, "trials.csv"), (timing, "timing.csv")):
+        with whole(folder / name, RESUME) as partial:
+            table.to_csv(partial, index=False, lineterminator="\n")
     if parquet:
-        write(
-            folder / "trials.parquet",
-            lambda file: trials.to_parquet(file, index=False, compression="zstd"),
-            binary=True,
-        )
-    write(folder / "summary.json", json.dumps(summary, indent=2, allow_nan=False) + "\n")
-
-
-def write(path: Path, content: str | Callable[[Any], object], binary: bool = False) -> None:
-    """Whole or not at all. Raises EnvironmentProblem."""
-    partial = path.with_name(f".{path.name}")
-    try:
-        with open(
-            partial, "wb" if binary else "w", encoding=None if binary else "utf-8", newline=None if binary else ""
-        ) as file:
-            if callable(content):
-                content(file)
-            else:
-                file.write(content)
-        os.replace(partial, path)
-    except OSError as problem:
-        partial.unlink(missing_ok=True)
-        raise EnvironmentProblem(
-            f"{path}: cannot be written: {problem.strerror or problem}; the ledger is valid, continue with --resume"
-        ) from None
+        with whole(folder / "trials.parquet", RESUME) as partial:
+            trials.to_parquet(partial, index=False, compression="zstd")
+    write_json(folder / "summary.json", summary, RESUME)
 
 
 def summary(folder: Path) -> dict[str, Any]:
     """summary.json; {} for a folder that is not complete."""
     try:
-        content = json.loads((folder / "summary.json").read_text("utf-8"))
-    except (OSError, ValueError):
+        return read_json(folder / "summary.json")
+    except InputError:
         return {}
-    return content if isinstance(content, dict) else {}
 
 
 def missing(numbers: Sequence[int], limit: int = 5) -> str:

@@ -23,6 +23,7 @@ from .worker import Outcome
 
 FILE = "ledger.sqlite"
 LOCK = ".lock"
+RESUME = "; the ledger is valid, continue with --resume"
 FORMAT = 2
 SCHEMA = """
 CREATE TABLE IF NOT EXISTS study (key TEXT PRIMARY KEY, value TEXT NOT NULL);

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import EnvironmentProblem, InputError
+from ..files import read_json
 from ..shipped import fmu_path
 from . import folder as studyfolder
 from .dispatch import Progress
@@ -120,17 +121,10 @@ def compare(before: pd.DataFrame, now: pd.DataFrame) -> tuple[dict[str, Any] | N
 
 
 def _read(manifest: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(manifest.read_text("utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{manifest}: no such file; name the manifest.json of a study's folder") from None
-    except (ValueError, OSError) as problem:
-        raise InputError(f"{manifest}: cannot be read: {problem}") from None
-    missing = [
-        key
-        for key in ("versions", "fmus", "study_digest", "identity")
-        if not isinstance(content, dict) or key not in content
-    ]
+    if not manifest.exists():
+        raise InputError(f"{manifest}: no such file; name the manifest.json of a study's folder")
+    content = read_json(manifest)
+    missing = [key for key in ("versions", "fmus", "study_digest", "identity") if key not in content]
     if missing:
         raise InputError(f"{manifest}: not a study's manifest: it has no {', '.join(missing)}")
     return content

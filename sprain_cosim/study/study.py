@@ -18,7 +18,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -30,6 +29,7 @@ from numpy.typing import NDArray
 from .. import __version__
 from ..cosim.system import System, problems_to_error
 from ..errors import InputError, nearest
+from ..files import parse_toml, read_text
 from ..fmu.component import Component, Connector
 from ..scenario import Scenario, Value, load_scenario
 from ..shipped import scenario_folder, shipped_studies
@@ -434,13 +434,8 @@ def load_study(name: str | Path) -> Study:
         raise InputError(
             f"study {str(name)!r}: no such file, and none of that name ships{nearest(str(name), shipped_studies())}"
         )
-    try:
-        text = path.read_text("utf-8")
-        content = tomllib.loads(text)
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
-        raise InputError(f"{path}: not valid TOML: {problem}") from None
-    except OSError as problem:
-        raise InputError(f"{path}: cannot be read: {problem.strerror}") from None
+    text = read_text(path)
+    content = parse_toml(text, str(path))
     problems = [f"unknown key {key!r}{nearest(key, KEYS)}" for key in content if key not in KEYS]
     problems += [f"{key}: must be a table, [{key}]" for key in KEYS[2:] if not isinstance(content.get(key, {}), dict)]
     if not isinstance(content.get("scenario"), str):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import EnvironmentProblem
+from ..files import write
+from .ledger import RESUME
 from .worker import Outcome
 
 FOLDER = "trajectories"
@@ -38,15 +38,7 @@ class Trajectories:
         if self.folder is None or not outcome.trajectory:
             return
         path = file(self.folder, trial)
-        try:
-            path.parent.mkdir(exist_ok=True)
-            partial = path.with_name(f".{path.name}")
-            partial.write_bytes(outcome.trajectory)
-            os.replace(partial, path)
-        except OSError as problem:
-            raise EnvironmentProblem(
-                f"{path}: cannot be written: {problem.strerror or problem}; the ledger is valid, continue with --resume"
-            ) from None
+        write(path, outcome.trajectory, RESUME, parents=True)
 
     def take(self, source: Path, trial: int) -> None:
         """Copies the record of another study's folder, if it has one."""

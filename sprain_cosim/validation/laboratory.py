@@ -6,7 +6,6 @@ from __future__ import annotations
 import importlib.util
 import os
 import shutil
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache, cached_property
@@ -17,6 +16,7 @@ import numpy as np
 
 from ..brace.new import COMPILERS
 from ..errors import SimulationError
+from ..files import read_toml
 from ..scenario import Scenario, Value, load_scenario
 from ..shipped import FMUS, PACKAGE, SOURCES
 from ..study.study import Study, load_study
@@ -47,7 +47,7 @@ class Laboratory:
     @cached_property
     def figures(self) -> dict[str, Any]:
         """Content of figures.toml."""
-        return tomllib.loads((Path(__file__).parent / "figures.toml").read_text("utf-8"))
+        return read_toml(Path(__file__).parent / "figures.toml")
 
     def run(
         self,

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import html
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
+from .. import files
 from ..errors import EnvironmentProblem, InputError
 from .check import FAIL, GAP, NOT_RUN, PASS, Outcome
 from .credibility import LABELS, NOTE, markdown, sections
@@ -65,18 +65,9 @@ def write(report: Report, out: Path | None = None, xml: Path | None = None) -> N
             "credibility.md": markdown(report),
         }
         for name in FILES:
-            write_text(out / name, texts[name])
+            files.write(out / name, texts[name])
     if xml is not None:
-        write_text(xml, junit(report))
-
-
-def write_text(path: Path, text: str) -> None:
-    try:
-        partial = path.with_name(f".{path.name}")
-        partial.write_text(text, "utf-8")
-        os.replace(partial, path)
-    except OSError as problem:
-        raise EnvironmentProblem(f"{path}: cannot be written: {problem.strerror or problem}") from None
+        files.write(xml, junit(report))
 
 
 def json_text(report: Report) -> str:

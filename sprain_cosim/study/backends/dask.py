@@ -28,6 +28,7 @@ from typing import Any
 
 from ... import __version__
 from ...errors import EnvironmentProblem, InputError
+from ...files import write
 from ...fmu.archive import cache_folder
 from ...scenario import Scenario
 from ..ledger import Row
@@ -271,15 +272,7 @@ def _place(path: Path, sha: str, content: bytes | None) -> Path | None:
                 return place
     if content is None:
         return None
-    try:
-        cached.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=cached.parent, delete=False) as partial:
-            partial.write(content)
-        os.replace(partial.name, cached)
-    except OSError as problem:
-        raise EnvironmentProblem(
-            f"{cached.parent}: cannot be written ({problem.strerror}); set SPRAIN_COSIM_CACHE on the workers"
-        ) from None
+    write(cached, content, "; set SPRAIN_COSIM_CACHE on the workers", parents=True)
     return cached
 
 

@@ -20,7 +20,6 @@ scenario and step."""
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,6 +29,7 @@ import numpy as np
 
 from ...cosim.system import problems_to_error
 from ...errors import InputError, nearest
+from ...files import read_toml
 from ...metrics import unit_of
 from ...scenario import Scenario, load_scenario
 from ...study.study import Study, load_study
@@ -69,9 +69,9 @@ def read(folder: Path) -> list[Check]:
     found, problems = list[Check](), list[str]()
     for path in files:
         try:
-            content = tomllib.loads(path.read_text("utf-8"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
-            problems.append(f"{path.name}: {problem}")
+            content = read_toml(path)
+        except InputError as problem:
+            problems.append(str(problem))
             continue
         entries = content.get("check")
         if not isinstance(entries, list) or set(content) != {"check"}:
