@@ -37,7 +37,7 @@ class SimulationStopped(SimulationError):
 
 
 class StepDiscarded(SimulationError):
-    """An FMU refused a step; a run with `careful` instances can take it in parts."""
+    """An FMU refused a step; a run whose instances save before steps can take it in parts."""
 
 
 class EnvironmentProblem(SprainError):

@@ -15,7 +15,7 @@ from sprain_cosim.fmu.build import build_fmu
 from sprain_cosim.fmu.component import Capabilities, Connector
 from sprain_cosim.units import unit
 
-FMUS = Path(__file__).parent.parent / "fmus"
+MODELS = Path(__file__).parent.parent / "fmus"
 
 
 def connector(name: str, causality: str, in_unit: str | None = "1", **more: Any) -> Connector:
@@ -65,7 +65,7 @@ class FakeInstance:
         first_input: int,
         outputs: Sequence[str],
         first_output: int,
-        echoing: int,
+        feedthrough: int,
     ) -> None:
         self.bus, self.names = bus, list(inputs)
         self.place, self.out = (
@@ -77,39 +77,39 @@ class FakeInstance:
     def note(self, what: str) -> None:
         self.component.journal.append(what)
 
-    def set(self, values: Mapping[str, float]) -> None:
+    def set_parameters(self, values: Mapping[str, float]) -> None:
         self.parameters.update(values)
 
-    def start(self, time: float, stop: float) -> None:
-        self.note("start")
+    def enter_initialization(self, time: float, stop: float) -> None:
+        self.note("enter_initialization")
         self.state = self.component.initial
 
-    def finish_start(self) -> None:
-        self.note("finish_start")
+    def exit_initialization(self) -> None:
+        self.note("exit_initialization")
 
-    def push(self) -> None:
+    def set_inputs(self) -> None:
         self.inputs.update(zip(self.names, self.bus[self.place].tolist(), strict=True))
 
-    def pull(self) -> None:
+    def get_outputs(self) -> None:
         self.bus[self.out] = self.component.output(self.state, self.inputs)
 
-    pull_states = pull_echoes = pull
+    get_outputs_without_feedthrough = get_feedthrough_outputs = get_outputs
 
-    def step(self, time: float, step: float) -> None:
-        self.note(f"step {time!r}")
+    def do_step(self, time: float, step: float) -> None:
+        self.note(f"do_step {time!r}")
         self.state = self.component.law(self.state, self.inputs, time, step)
 
-    def careful(self) -> None:
-        self.note("careful")
+    def save_before_steps(self) -> None:
+        self.note("save_before_steps")
 
-    def save(self) -> Any:
+    def save_state(self) -> Any:
         assert self.component.capabilities.state
         return self.state
 
-    def restore(self, state: Any) -> None:
+    def restore_state(self, state: Any) -> None:
         self.state = state
 
-    def release(self, state: Any) -> None:
+    def free_state(self, state: Any) -> None:
         pass
 
     def reset(self) -> None:
@@ -132,7 +132,7 @@ def make_fmu(folder: Path, name: str, variables: str, slave: str, extra: str = "
         f"= variables()\n\n{body}\n"
     )
     target = folder / f"{name}.fmu"
-    build_fmu(model, target, FMUS / "_fmi.py")
+    build_fmu(model, target, MODELS / "_fmi.py")
     return target
 
 

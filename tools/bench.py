@@ -128,7 +128,13 @@ def traffic(name: str) -> tuple[float, dict[str, float], dict[str, float], float
         plain = best(lambda: session.run().metrics, 15)
         assert session._assembly is not None
         for member in session._assembly.members:
-            for call in ("push", "pull", "pull_states", "pull_echoes", "step"):
+            for call in (
+                "set_inputs",
+                "get_outputs",
+                "get_outputs_without_feedthrough",
+                "get_feedthrough_outputs",
+                "do_step",
+            ):
                 inner = getattr(member.instance, call)
 
                 def timed(

@@ -61,18 +61,18 @@ class Bench:
             self.instance.reset()
         self.used, self.time = True, 0.0
         self._place(np.zeros(len(self.axes)) if angles is None else angles, np.zeros(len(self.axes)))
-        self.instance.start(0.0, 10.0)
-        self.instance.push()
-        self.instance.pull()
-        self.instance.finish_start()
-        self.instance.pull()
+        self.instance.enter_initialization(0.0, 10.0)
+        self.instance.set_inputs()
+        self.instance.get_outputs()
+        self.instance.exit_initialization()
+        self.instance.get_outputs()
 
     def step(self, angles: np.ndarray, velocities: np.ndarray, h: float) -> np.ndarray:
         self._place(angles, velocities)
-        self.instance.push()
-        self.instance.step(self.time, h)
+        self.instance.set_inputs()
+        self.instance.do_step(self.time, h)
         self.time += h
-        self.instance.pull()
+        self.instance.get_outputs()
         return self.torques()
 
     def _place(self, angles: np.ndarray, velocities: np.ndarray) -> None:
@@ -203,12 +203,12 @@ def state(bench: Bench, h: float) -> dict[str, Any]:
     bench.begin()
     for a, v in zip(angles[:middle], velocities[:middle], strict=True):
         bench.step(a, v, h)
-    saved, time = bench.instance.save(), bench.time
+    saved, time = bench.instance.save_state(), bench.time
     first = np.array([bench.step(a, v, h) for a, v in zip(angles[middle:], velocities[middle:], strict=True)])
-    bench.instance.restore(saved)
+    bench.instance.restore_state(saved)
     bench.time = time
     second = np.array([bench.step(a, v, h) for a, v in zip(angles[middle:], velocities[middle:], strict=True)])
-    bench.instance.release(saved)
+    bench.instance.free_state(saved)
     return {"equal": bool(np.array_equal(first, second)), "difference": float(np.abs(first - second).max())}
 
 

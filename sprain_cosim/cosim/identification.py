@@ -278,7 +278,7 @@ class _Device:
         saved = way == STEP or (
             way == DIRECT and able.model_exchange and able.state
         )  # an input that moves is an event of a model exchange FMU
-        state = member.instance.save() if saved else None
+        state = member.instance.save_state() if saved else None
         try:
             base = self._present() if way == DIRECT else self._answer(way, time, span, state)
             for c in columns:
@@ -294,10 +294,10 @@ class _Device:
             bus[:] = kept
             if saved:
                 if way == DIRECT:
-                    member.instance.restore(state)
-                member.instance.release(state)
+                    member.instance.restore_state(state)
+                member.instance.free_state(state)
         if way == DIRECT:
-            member.instance.push()
+            member.instance.set_inputs()
         return out
 
     def _present(self) -> Matrix:
@@ -308,12 +308,12 @@ class _Device:
         instance = self.member.instance
         if way == START:
             return self._of_a_second_instance(time, span)
-        instance.push()
+        instance.set_inputs()
         if way == STEP:
-            instance.step(time, span)
-        instance.pull()
+            instance.do_step(time, span)
+        instance.get_outputs()
         if way == STEP:
-            instance.restore(state)
+            instance.restore_state(state)
         return self._present()
 
     def _of_a_second_instance(self, time: float, span: float) -> Matrix:
@@ -329,14 +329,14 @@ class _Device:
         else:
             member.spare.reset()
         spare, bus = member.spare, member.spare_bus
-        spare.set(assembly.parameters_of(member))
-        spare.start(assembly.time, assembly.stop)
+        spare.set_parameters(assembly.parameters_of(member))
+        spare.enter_initialization(assembly.time, assembly.stop)
         bus[:n] = member.given
-        spare.push()
-        spare.finish_start()
-        spare.push()
-        spare.step(time, span)
-        spare.pull()
+        spare.set_inputs()
+        spare.exit_initialization()
+        spare.set_inputs()
+        spare.do_step(time, span)
+        spare.get_outputs()
         return bus[[n + k - member.outputs.start for k in self._torques]] * self._factors
 
 

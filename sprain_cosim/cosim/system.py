@@ -322,7 +322,7 @@ class Assembly:
             chosen = [n for n in found if any(fnmatchcase(n, pattern) for pattern in patterns)]
             if chosen:
                 seen = np.zeros(len(chosen))
-                member.instance.watch([n.partition(".")[2] for n in chosen], seen)
+                member.instance.watch_locals([n.partition(".")[2] for n in chosen], seen)
                 self._watched.append((member, seen))
                 names += chosen
                 units += [found[n].unit for n in chosen]
@@ -331,7 +331,7 @@ class Assembly:
     def look(self) -> np.ndarray:
         """The present values of what is watched."""
         for member, _ in self._watched:
-            member.instance.look()
+            member.instance.get_locals()
         return np.concatenate([seen for _, seen in self._watched])
 
     def slots(self, chosen: Callable[[str], bool]) -> np.ndarray:
@@ -365,14 +365,14 @@ class Assembly:
         self.hand_over(False)
         self.bus[:] = 0.0
         for member in self.members:
-            member.instance.set(self.parameters_of(member))
+            member.instance.set_parameters(self.parameters_of(member))
         for member in self.members:
-            member.instance.start(time, stop)
+            member.instance.enter_initialization(time, stop)
         self.agree()
         for member in self.members:
-            member.instance.finish_start()
+            member.instance.exit_initialization()
         for member in self.members:
-            member.instance.pull()
+            member.instance.get_outputs()
         self.agree()
 
     def parameters_of(self, member: Member) -> dict[str, float]:
@@ -389,8 +389,8 @@ class Assembly:
         for _ in range(MAX_ROUNDS):
             for member in self.members:
                 self.transfer(member)
-                member.instance.push()
-                member.instance.pull()
+                member.instance.set_inputs()
+                member.instance.get_outputs()
             for member in self.members:
                 self.transfer(member)
             change = np.abs(self.bus - before) / np.maximum(1.0, np.abs(before))
@@ -453,8 +453,8 @@ class Assembly:
         inputs stay on the bus."""
         self.bus[loop] = inputs
         for member in changed:
-            member.instance.push()
-            member.instance.pull()
+            member.instance.set_inputs()
+            member.instance.get_outputs()
         for member in self.members:
             self.transfer(member)
         gap = inputs - self.bus[loop]
@@ -474,12 +474,12 @@ class Assembly:
         Raises SimulationError, also when an output is not finite."""
         instance = member.instance
         if not member.sent:
-            instance.push()
-        instance.step(time, step)
+            instance.set_inputs()
+        instance.do_step(time, step)
         if member.late and member.echoes and not whole:
-            instance.pull_states()
+            instance.get_outputs_without_feedthrough()
         else:
-            instance.pull()
+            instance.get_outputs()
         member.sent = False
         if not math.isfinite(
             member.gives @ member.gives
@@ -494,15 +494,15 @@ class Assembly:
         for member in self.members:
             if member.late:
                 self.transfer(member)
-                member.instance.push()
+                member.instance.set_inputs()
                 member.sent = True
                 if member.echoes:
-                    member.instance.pull_echoes()
+                    member.instance.get_feedthrough_outputs()
 
     def careful(self) -> None:
         """From the next start on, every member that can saves its state before each of its steps."""
         for member in self.members:
-            member.instance.careful()
+            member.instance.save_before_steps()
 
     def close(self) -> None:
         for member in self.members:

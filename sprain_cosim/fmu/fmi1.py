@@ -54,7 +54,7 @@ class Fmi1CoSimulation(FmiInstance):
         self.readable = True
         self._step = self.function("DoStep")
 
-    def do_step(self, time: float, step: float) -> int:
+    def call_do_step(self, time: float, step: float) -> int:
         status: int = self._step(self.instance, ctypes.c_double(time), ctypes.c_double(step), ctypes.c_char(b"\x01"))
         return self.waited() if status == PENDING else status
 

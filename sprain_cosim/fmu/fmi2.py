@@ -67,13 +67,13 @@ class Fmi2Instance(FmiInstance):
     def leave(self) -> None:
         self.fmu.exitInitializationMode()
 
-    def save(self) -> Any:
+    def save_state(self) -> Any:
         return self.call("saving its state", self.fmu.getFMUstate)
 
-    def restore(self, state: Any) -> None:
+    def restore_state(self, state: Any) -> None:
         self.call("restoring its state", self.fmu.setFMUstate, state)
 
-    def release(self, state: Any) -> None:
+    def free_state(self, state: Any) -> None:
         self.call("releasing a state", self.fmu.freeFMUstate, state)
 
 
@@ -92,7 +92,7 @@ class Fmi2CoSimulation(Fmi2Instance):
         )  # no state will be set that lies before the present point
         return fmu
 
-    def do_step(self, time: float, step: float) -> int:
+    def call_do_step(self, time: float, step: float) -> int:
         status: int = self._step(self.instance, ctypes.c_double(time), ctypes.c_double(step), self._final)
         return self.waited() if status == PENDING else status
 

@@ -50,13 +50,13 @@ class Fmi3Instance(FmiInstance):
     def leave(self) -> None:
         self.fmu.exitInitializationMode()
 
-    def save(self) -> Any:
+    def save_state(self) -> Any:
         return self.call("saving its state", self.fmu.getFMUState)
 
-    def restore(self, state: Any) -> None:
+    def restore_state(self, state: Any) -> None:
         self.call("restoring its state", self.fmu.setFMUState, state)
 
-    def release(self, state: Any) -> None:
+    def free_state(self, state: Any) -> None:
         self.call("releasing a state", self.fmu.freeFMUState, state)
 
 
@@ -91,7 +91,7 @@ class Fmi3CoSimulation(Fmi3Instance):
         if self.component.capabilities.event_mode:  # initialisation leads into it
             self._handle_events(self._start)
 
-    def do_step(self, time: float, step: float) -> int:
+    def call_do_step(self, time: float, step: float) -> int:
         capabilities, end, now = self.component.capabilities, time + step, time
         for _ in range(MAX_RETURNS):
             target = min(end, max(now, self._next_event))
@@ -119,15 +119,15 @@ class Fmi3CoSimulation(Fmi3Instance):
     def progress(self) -> tuple[float | None, bool]:
         return self._reached.value, bool(self._end.value)
 
-    def save(self) -> Any:
-        return super().save(), self._next_event
+    def save_state(self) -> Any:
+        return super().save_state(), self._next_event
 
-    def restore(self, state: Any) -> None:
-        super().restore(state[0])
+    def restore_state(self, state: Any) -> None:
+        super().restore_state(state[0])
         self._next_event = state[1]
 
-    def release(self, state: Any) -> None:
-        super().release(state[0])
+    def free_state(self, state: Any) -> None:
+        super().free_state(state[0])
 
     def _handle_events(self, now: float) -> None:
         """In event mode; leads to step mode."""

@@ -34,7 +34,7 @@ _counter = itertools.count(1)
 
 class FmiInstance:
     """Implements component.Instance but for what depends on the version: `types`, `load`, `create`, `free`, `enter`,
-    `leave`, `do_step` and, where the FMU can, `save`, `restore`, `release` and `recycle`."""
+    `leave`, `call_do_step` and, where the FMU can, `save_state`, `restore_state`, `free_state` and `recycle`."""
 
     types: ClassVar[Mapping[str, tuple[str, Any]]] = {}
     """{type in the description: (its name in function names, C type)}"""
@@ -78,7 +78,7 @@ class FmiInstance:
     def leave(self) -> None:
         raise NotImplementedError
 
-    def do_step(self, time: float, step: float) -> int:
+    def call_do_step(self, time: float, step: float) -> int:
         """One call; returns the FMI status."""
         raise NotImplementedError
 
@@ -107,17 +107,17 @@ class FmiInstance:
         first_input: int,
         outputs: Sequence[str],
         first_output: int,
-        echoing: int,
+        feedthrough: int,
     ) -> None:
         self._bus = bus
         self.given = bus[first_input : first_input + len(inputs)]
         self._sends = self._calls("Set", inputs, bus, first_input)
         self._fetches = self._calls("Get", outputs, bus, first_output)
-        boundary = len(outputs) - echoing
+        boundary = len(outputs) - feedthrough
         self._states = self._calls("Get", outputs[:boundary], bus, first_output)
         self._echoes = self._calls("Get", outputs[boundary:], bus, first_output + boundary)
 
-    def watch(self, names: Sequence[str], seen: np.ndarray) -> None:
+    def watch_locals(self, names: Sequence[str], seen: np.ndarray) -> None:
         self._seen = seen
         self._glances = self._calls("Get", names, seen, 0)
 
@@ -149,7 +149,7 @@ class FmiInstance:
                 ) from None
         return calls, conversions
 
-    def set(self, values: Mapping[str, float]) -> None:
+    def set_parameters(self, values: Mapping[str, float]) -> None:
         for name, value in values.items():
             connector = self.component.connectors[name]
             function, ctype = self.types[connector.fmi_type]
@@ -160,13 +160,13 @@ class FmiInstance:
             )
             self.check(status, f"setting {name} = {value:g}")
 
-    def start(self, time: float, stop: float) -> None:
+    def enter_initialization(self, time: float, stop: float) -> None:
         self.call("entering initialisation", self.enter, time, stop)
 
-    def finish_start(self) -> None:
+    def exit_initialization(self) -> None:
         self.call("initialising", self.leave)
 
-    def push(self) -> None:
+    def set_inputs(self) -> None:
         calls, conversions = self._sends
         for buffer, place in conversions:
             buffer[:] = self._bus[place] if buffer.dtype.kind == "f" else np.rint(self._bus[place])
@@ -175,16 +175,16 @@ class FmiInstance:
             if status > WARNING:
                 self.check(status, "setting its inputs")
 
-    def pull(self) -> None:
+    def get_outputs(self) -> None:
         self._fetch(self._fetches, self._bus)
 
-    def pull_states(self) -> None:
+    def get_outputs_without_feedthrough(self) -> None:
         self._fetch(self._states, self._bus)
 
-    def pull_echoes(self) -> None:
+    def get_feedthrough_outputs(self) -> None:
         self._fetch(self._echoes, self._bus)
 
-    def look(self) -> None:
+    def get_locals(self) -> None:
         self._fetch(self._glances, self._seen)
 
     def _fetch(self, prepared: Calls, values: np.ndarray) -> None:
@@ -198,7 +198,7 @@ class FmiInstance:
         for buffer, place in conversions:
             values[place] = buffer
 
-    def step(self, time: float, step: float) -> None:
+    def do_step(self, time: float, step: float) -> None:
         own = self.component.capabilities.fixed_step
         count = 1 if own is None else max(1, round(step / own))
         size = step / count
@@ -206,14 +206,14 @@ class FmiInstance:
             self._one_step(time + k * size, size, size / MAX_PARTS)
 
     def _one_step(self, time: float, step: float, least: float) -> None:
-        state = self.save() if self.cautious else None
+        state = self.save_state() if self.cautious else None
         try:
-            status = self.do_step(time, step)
+            status = self.call_do_step(time, step)
             if status > WARNING:
                 self._not_done(status, time, step, least, state)
         finally:
             if state is not None and not self.broken:
-                self.release(state)
+                self.free_state(state)
 
     def _not_done(self, status: int, time: float, step: float, least: float, state: Any) -> None:
         """A refused step is taken in parts, with the inputs held, where the state before it was saved. Raises
@@ -238,8 +238,8 @@ class FmiInstance:
             raise SimulationError(
                 f"{self.component.name}: {STATUS[DISCARD]} {doing}, however small the parts{got}{self.said()}"
             )
-        self.restore(state)
-        self.push()
+        self.restore_state(state)
+        self.set_inputs()
         self._one_step(time, part, least)
         if step - part > least * 1e-3:
             self._one_step(time + part, step - part, least)
@@ -254,18 +254,18 @@ class FmiInstance:
                 return int(told)
         return status.value
 
-    def careful(self) -> None:
+    def save_before_steps(self) -> None:
         self.cautious = self.component.capabilities.state
 
-    def save(self) -> Any:
+    def save_state(self) -> Any:
         raise SimulationError(
             f"{self.component.name}: FMI {self.component.capabilities.fmi_version} cannot save a state"
         )
 
-    def restore(self, state: Any) -> None:
+    def restore_state(self, state: Any) -> None:
         raise NotImplementedError
 
-    def release(self, state: Any) -> None:
+    def free_state(self, state: Any) -> None:
         raise NotImplementedError
 
     def reset(self) -> None:

@@ -64,62 +64,64 @@ class Proxy:
         first_input: int,
         outputs: Sequence[str],
         first_output: int,
-        echoing: int,
+        feedthrough: int,
     ) -> None:
         self._given = bus[first_input : first_input + len(inputs)]
-        boundary = len(outputs) - echoing
+        boundary = len(outputs) - feedthrough
         self._gives = bus[first_output : first_output + len(outputs)]
         self._states, self._echoes = slice(0, boundary), slice(boundary, len(outputs))
         self._outputs = np.zeros(len(outputs))
         self._call("bind", list(inputs), list(outputs))
 
-    def watch(self, names: Sequence[str], seen: np.ndarray) -> None:
+    def watch_locals(self, names: Sequence[str], seen: np.ndarray) -> None:
         self._seen = seen
-        self._call("watch", list(names))
+        self._call("watch_locals", list(names))
 
-    def set(self, values: Mapping[str, float]) -> None:
+    def set_parameters(self, values: Mapping[str, float]) -> None:
         if values:
-            self._call("set", dict(values))
+            self._call("set_parameters", dict(values))
 
-    def start(self, time: float, stop: float) -> None:
-        self._call("start", time, stop, limit=START_LIMIT)
+    def enter_initialization(self, time: float, stop: float) -> None:
+        self._call("enter_initialization", time, stop, limit=START_LIMIT)
 
-    def finish_start(self) -> None:
-        self._call("finish_start", limit=START_LIMIT)
+    def exit_initialization(self) -> None:
+        self._call("exit_initialization", limit=START_LIMIT)
 
-    def push(self) -> None:
+    def set_inputs(self) -> None:
         self._pushed, self._current = self._given.tolist(), False
 
-    def step(self, time: float, step: float) -> None:
-        self._outputs[:] = self._call("step", time, step, doing=f"in the step from {time:.6g} s to {time + step:.6g} s")
+    def do_step(self, time: float, step: float) -> None:
+        self._outputs[:] = self._call(
+            "do_step", time, step, doing=f"in the step from {time:.6g} s to {time + step:.6g} s"
+        )
         self._current = True
 
-    def pull(self) -> None:
+    def get_outputs(self) -> None:
         self._refresh()
         self._gives[:] = self._outputs
 
-    def pull_states(self) -> None:
+    def get_outputs_without_feedthrough(self) -> None:
         self._refresh()
         self._gives[self._states] = self._outputs[self._states]
 
-    def pull_echoes(self) -> None:
+    def get_feedthrough_outputs(self) -> None:
         self._refresh()
         self._gives[self._echoes] = self._outputs[self._echoes]
 
-    def look(self) -> None:
-        self._seen[:] = self._call("look")
+    def get_locals(self) -> None:
+        self._seen[:] = self._call("get_locals")
 
-    def careful(self) -> None:
-        self._call("careful")
+    def save_before_steps(self) -> None:
+        self._call("save_before_steps")
 
-    def save(self) -> Any:
-        return self._call("save")
+    def save_state(self) -> Any:
+        return self._call("save_state")
 
-    def restore(self, state: Any) -> None:
-        self._call("restore", state)
+    def restore_state(self, state: Any) -> None:
+        self._call("restore_state", state)
 
-    def release(self, state: Any) -> None:
-        self._call("release", state)
+    def free_state(self, state: Any) -> None:
+        self._call("free_state", state)
 
     def reset(self) -> None:
         self._call("reset", limit=START_LIMIT)
@@ -134,7 +136,7 @@ class Proxy:
 
     def _refresh(self) -> None:
         if not self._current:
-            self._outputs[:] = self._call("pull")
+            self._outputs[:] = self._call("get_outputs")
             self._current = True
 
     def _call(self, do: str, *arguments: Any, limit: float = STEP_LIMIT, doing: str = "") -> Any:
@@ -174,7 +176,7 @@ class Host:
     def answer(self, request: Mapping[str, Any]) -> Any:
         if request["inputs"] is not None:
             self.bus[: self.split] = request["inputs"]
-            self.instance.push()
+            self.instance.set_inputs()
         own: Callable[..., Any] = getattr(self, request["do"], None) or getattr(self.instance, request["do"])
         return own(*request["with"])
 
@@ -183,37 +185,37 @@ class Host:
         self.bus = np.zeros(len(inputs) + len(outputs))
         self.instance.bind(self.bus, inputs, 0, outputs, self.split, 0)
 
-    def watch(self, names: list[str]) -> None:
+    def watch_locals(self, names: list[str]) -> None:
         self.seen = np.zeros(len(names))
-        self.instance.watch(names, self.seen)
+        self.instance.watch_locals(names, self.seen)
 
-    def look(self) -> list[float]:
-        self.instance.look()
+    def get_locals(self) -> list[float]:
+        self.instance.get_locals()
         return self.seen.tolist()
 
-    def pull(self) -> list[float]:
-        self.instance.pull()
+    def get_outputs(self) -> list[float]:
+        self.instance.get_outputs()
         return self.bus[self.split :].tolist()
 
-    def step(self, time: float, step: float) -> list[float]:
-        self.instance.step(time, step)
-        return self.pull()
+    def do_step(self, time: float, step: float) -> list[float]:
+        self.instance.do_step(time, step)
+        return self.get_outputs()
 
     def reset(self) -> None:
         self.instance.reset()
         self.bus[:] = 0.0
         self.states.clear()
 
-    def save(self) -> int:
+    def save_state(self) -> int:
         key = next(self.keys)
-        self.states[key] = self.instance.save()
+        self.states[key] = self.instance.save_state()
         return key
 
-    def restore(self, key: int) -> None:
-        self.instance.restore(self.states[key])
+    def restore_state(self, key: int) -> None:
+        self.instance.restore_state(self.states[key])
 
-    def release(self, key: int) -> None:
-        self.instance.release(self.states.pop(key))
+    def free_state(self, key: int) -> None:
+        self.instance.free_state(self.states.pop(key))
 
 
 def serve(*arguments: int) -> None:

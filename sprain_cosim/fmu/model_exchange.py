@@ -46,14 +46,14 @@ class _Integrated(FmiInstance):
         self._times = time, stop
         super().enter(time, stop)
 
-    def push(self) -> None:
+    def set_inputs(self) -> None:
         """Inputs that jump are an event of the model."""
         continuous = self._solver is not None
         if continuous:
             if np.array_equal(self._given, self.given):
                 return
             self.call("entering event mode", self.fmu.enterEventMode)
-        super().push()
+        super().set_inputs()
         self._given = self.given.copy()
         if continuous:
             self.call("updating its discrete states", self._iterate)
@@ -68,7 +68,7 @@ class _Integrated(FmiInstance):
         self._given = np.zeros(0)
         super().create()
 
-    def do_step(self, time: float, step: float) -> int:
+    def call_do_step(self, time: float, step: float) -> int:
         try:
             return self._advance(time + step)
         except SimulationError:
@@ -154,16 +154,16 @@ class _Integrated(FmiInstance):
 
         return call
 
-    def restore(self, state: Any) -> None:
-        super().restore(state[0])
+    def restore_state(self, state: Any) -> None:
+        super().restore_state(state[0])
         self._time, self._next_event = state[1:]
         self._solver.reset(self._time)
 
-    def save(self) -> Any:
-        return super().save(), self._time, self._next_event
+    def save_state(self) -> Any:
+        return super().save_state(), self._time, self._next_event
 
-    def release(self, state: Any) -> None:
-        super().release(state[0])
+    def free_state(self, state: Any) -> None:
+        super().free_state(state[0])
 
     def _update(self) -> tuple[Any, ...]:
         raise NotImplementedError

@@ -78,7 +78,7 @@ class Running:
         first_input: int,
         outputs: Sequence[str],
         first_output: int,
-        echoing: int,
+        feedthrough: int,
     ) -> None:
         self.bus, self.names, self.wanted = bus, list(inputs), list(outputs)
         self.given, self.gives = (
@@ -86,34 +86,34 @@ class Running:
             slice(first_output, first_output + len(outputs)),
         )
 
-    def set(self, values: Mapping[str, float]) -> None: ...
-    def start(self, time: float, stop: float) -> None: ...
-    def finish_start(self) -> None: ...
-    def watch(self, names: Sequence[str], seen: np.ndarray) -> None: ...
-    def look(self) -> None: ...
-    def release(self, state: Any) -> None: ...
-    def careful(self) -> None: ...
+    def set_parameters(self, values: Mapping[str, float]) -> None: ...
+    def enter_initialization(self, time: float, stop: float) -> None: ...
+    def exit_initialization(self) -> None: ...
+    def watch_locals(self, names: Sequence[str], seen: np.ndarray) -> None: ...
+    def get_locals(self) -> None: ...
+    def free_state(self, state: Any) -> None: ...
+    def save_before_steps(self) -> None: ...
     def close(self) -> None: ...
 
     def reset(self) -> None:
         self.state, self.inputs = START.copy(), dict.fromkeys(self.part.inputs, 0.0)
 
-    def push(self) -> None:
+    def set_inputs(self) -> None:
         self.inputs.update(zip(self.names, self.bus[self.given].tolist(), strict=True))
 
-    def pull(self) -> None:
+    def get_outputs(self) -> None:
         values = dict(zip(self.part.outputs, self.part.output(self.state, self.inputs), strict=True))
         self.bus[self.gives] = [values[name] for name in self.wanted]
 
-    pull_states = pull_echoes = pull
+    get_outputs_without_feedthrough = get_feedthrough_outputs = get_outputs
 
-    def step(self, time: float, step: float) -> None:
+    def do_step(self, time: float, step: float) -> None:
         self.state = self.part.advance(self.state, self.inputs, step)
 
-    def save(self) -> Any:
+    def save_state(self) -> Any:
         return self.state.copy()
 
-    def restore(self, state: Any) -> None:
+    def restore_state(self, state: Any) -> None:
         self.state = state.copy()
 
 

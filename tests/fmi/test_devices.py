@@ -23,7 +23,7 @@ DEVICES = [n for n in shipped_fmus() if n.startswith("brace_")]
 def bench(name: str | Path, *axes: str, **parameters: float) -> Bench:
     path = fmu_path(name, Path.cwd(), name) if isinstance(name, str) else name
     made = Bench(Component.read("brace", path), axes)
-    made.instance.set(parameters)
+    made.instance.set_parameters(parameters)
     made.begin()
     return made
 
@@ -50,12 +50,12 @@ def test_declared_stiffness_and_damping(name: str) -> None:
                     moved = base.copy()
                     moved[i] += e
                     device._place(*((moved, other) if kind == "stiffness" else (other, moved)))
-                    device.instance.push()
-                    device.instance.pull()
+                    device.instance.set_inputs()
+                    device.instance.get_outputs()
                     torques.append(device.torques()[i])
                 device._place(a, v)
-                device.instance.push()
-                device.instance.pull()
+                device.instance.set_inputs()
+                device.instance.get_outputs()
                 sides = [
                     -(torques[0] - torques[1]) / 1e-6,
                     -(torques[1] - torques[2]) / 1e-6,

@@ -71,7 +71,7 @@ def test_one_bushing_three_ways(built: Path) -> None:
 
 def test_law_of_the_python_template(built: Path) -> None:
     bench = Bench(Component.read("brace", built / "python.fmu"), ("subtalar",))
-    bench.instance.set({"stiffness": 50.0, "damping": 0.5, "rest_angle": 0.1})
+    bench.instance.set_parameters({"stiffness": 50.0, "damping": 0.5, "rest_angle": 0.1})
     bench.begin()
     assert bench.step(np.array([0.3]), np.array([4.0]), 1e-3)[0] == pytest.approx(-50 * 0.2 - 0.5 * 4.0, rel=1e-12)
     bench.close()

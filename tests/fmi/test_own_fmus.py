@@ -53,18 +53,18 @@ class Bench:
 
     def start(self, **parameters: float) -> None:
         self.bus[:] = 0.0
-        self.instance.set(parameters)
-        self.instance.start(0.0, 1.0)
-        self.instance.push()
-        self.instance.finish_start()
-        self.instance.pull()
+        self.instance.set_parameters(parameters)
+        self.instance.enter_initialization(0.0, 1.0)
+        self.instance.set_inputs()
+        self.instance.exit_initialization()
+        self.instance.get_outputs()
 
     def step(self, time: float, step: float, **inputs: float) -> np.ndarray:
         for name, value in inputs.items():
             self.bus[self.at[name]] = value
-        self.instance.push()
-        self.instance.step(time, step)
-        self.instance.pull()
+        self.instance.set_inputs()
+        self.instance.do_step(time, step)
+        self.instance.get_outputs()
         return self.bus.copy()
 
     def __getitem__(self, name: str) -> float:
@@ -169,11 +169,11 @@ def test_plant_rolls_back_to_the_bit() -> None:
     bench = Bench(component("plant"), contact_modulus=4.5e7)
     for k in range(100):
         bench.step(k * 5e-4, 5e-4, brace_subtalar_torque=-0.1 * k)
-    state = bench.instance.save()
+    state = bench.instance.save_state()
     first = [
         bench.step(0.05 + k * 5e-4, 5e-4, brace_subtalar_torque=-20.0, brace_subtalar_stiffness=50.0) for k in range(20)
     ]
-    bench.instance.restore(state)
+    bench.instance.restore_state(state)
     second = [
         bench.step(0.05 + k * 5e-4, 5e-4, brace_subtalar_torque=-20.0, brace_subtalar_stiffness=50.0) for k in range(20)
     ]
@@ -185,9 +185,9 @@ def test_controller_rolls_back_with_its_delay_line() -> None:
     signal = np.random.default_rng(5).normal(size=60)
     for k in range(30):
         bench.step(k * 5e-4, 5e-4, **{f"{EVERTOR}_stretch_velocity": signal[k]})
-    state = bench.instance.save()
+    state = bench.instance.save_state()
     first = [bench.step(k * 5e-4, 5e-4, **{f"{EVERTOR}_stretch_velocity": signal[k]}) for k in range(30, 60)]
-    bench.instance.restore(state)
+    bench.instance.restore_state(state)
     second = [bench.step(k * 5e-4, 5e-4, **{f"{EVERTOR}_stretch_velocity": signal[k]}) for k in range(30, 60)]
     assert (np.array(first) == np.array(second)).all()
 
@@ -207,16 +207,16 @@ def test_every_own_fmu_rolls_back_to_the_bit(name: str) -> None:
     steps = [(k * 5e-4, 5e-4, {n: float(v[k]) for n, v in signals.items()}) for k in range(60)]
     for time, step, inputs in steps[:30]:
         bench.step(time, step, **inputs)
-    state, bus = bench.instance.save(), bench.bus.copy()
+    state, bus = bench.instance.save_state(), bench.bus.copy()
     runs = []
     for _ in range(3):
         runs.append([bench.step(time, step, **inputs) for time, step, inputs in steps[30:]])
-        bench.instance.restore(state)
+        bench.instance.restore_state(state)
         bench.bus[:] = bus
         bench.step(steps[30][0], 1.3e-3, **steps[45][2])  # elsewhere
-        bench.instance.restore(state)
+        bench.instance.restore_state(state)
         bench.bus[:] = bus
-    bench.instance.release(state)
+    bench.instance.free_state(state)
     assert np.isfinite(runs[0]).all()
     assert (np.array(runs[0]) == np.array(runs[1])).all()
     assert (np.array(runs[0]) == np.array(runs[2])).all()
@@ -234,11 +234,11 @@ def test_a_run_whose_every_step_is_taken_twice_is_the_same_to_the_bit(scheme: st
         record = [assembly.record.copy()]
         for k in range(160):
             if twice:
-                states, bus = [(m, m.instance.save()) for m in assembly.members], assembly.bus.copy()
+                states, bus = [(m, m.instance.save_state()) for m in assembly.members], assembly.bus.copy()
                 chosen.step(assembly, k * 5e-4, 1e-3 if k % 3 else 2.5e-4)
                 for member, state in states:
-                    member.instance.restore(state)
-                    member.instance.release(state)
+                    member.instance.restore_state(state)
+                    member.instance.free_state(state)
                     member.sent = False
                 assembly.bus[:] = bus
             chosen.step(assembly, k * 5e-4, 5e-4)
@@ -293,7 +293,7 @@ def test_a_parameter_cannot_change_during_a_run() -> None:
     with pytest.raises(
         SimulationError, match=r"plant: .* setting drop_height = 0.4: .*can only be set before initialisation"
     ):
-        bench.instance.set({"drop_height": 0.4})
+        bench.instance.set_parameters({"drop_height": 0.4})
 
 
 def test_the_plant_states_the_range_it_refuses() -> None:

@@ -64,26 +64,26 @@ def test_state(fmi: int, model_exchange: bool, tmp_path: Path) -> None:
     bus = np.zeros(2)
     instance = component.open()
     instance.bind(bus, ["subtalar_angle"], 0, ["subtalar_torque"], 1, 1)
-    instance.start(0.0, 1.0)
-    instance.finish_start()
+    instance.enter_initialization(0.0, 1.0)
+    instance.exit_initialization()
 
     def walk() -> list[float]:
         torques = []
         for k in range(2, 6):
             bus[0] = 0.1 * k
-            instance.push()
-            instance.step(1e-3 * k, 1e-3)
-            instance.pull()
+            instance.set_inputs()
+            instance.do_step(1e-3 * k, 1e-3)
+            instance.get_outputs()
             torques.append(bus[1])
         return torques
 
-    instance.push()
-    instance.step(0.0, 1e-3)
-    instance.step(1e-3, 1e-3)
-    state = instance.save()
+    instance.set_inputs()
+    instance.do_step(0.0, 1e-3)
+    instance.do_step(1e-3, 1e-3)
+    state = instance.save_state()
     first = walk()
-    instance.restore(state)
-    instance.release(state)
+    instance.restore_state(state)
+    instance.free_state(state)
     assert walk() == pytest.approx(first, rel=1e-7 if model_exchange else 1e-15)
     instance.close()
 

@@ -99,27 +99,27 @@ def test_state(tmp_path: Path) -> None:
     for opened in (component, isolated(component)):
         bus, instance, seen = np.zeros(2), opened.open(), []
         instance.bind(bus, ["subtalar_angle"], 0, ["subtalar_torque"], 1, 1)
-        instance.start(0.0, 1.0)
-        instance.finish_start()
+        instance.enter_initialization(0.0, 1.0)
+        instance.exit_initialization()
 
         def walk(k: int, bus=bus, instance=instance, seen=seen) -> None:
             bus[0] = 0.1 * k
-            instance.push()
-            instance.step(1e-3 * k, 1e-3)
-            instance.pull()
+            instance.set_inputs()
+            instance.do_step(1e-3 * k, 1e-3)
+            instance.get_outputs()
             seen.append(bus[1])
 
         walk(0)
-        first = instance.save()
+        first = instance.save_state()
         walk(1)
-        second = instance.save()
+        second = instance.save_state()
         walk(2)
-        instance.restore(first)
+        instance.restore_state(first)
         walk(1)
-        instance.restore(second)
-        instance.release(first)
+        instance.restore_state(second)
+        instance.free_state(first)
         walk(2)
-        instance.release(second)
+        instance.free_state(second)
         instance.close()
         assert seen[1:3] == seen[3:5]
         walks.append(seen)

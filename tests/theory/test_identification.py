@@ -203,7 +203,7 @@ def test_auto_without_a_plant_that_takes_stiffness() -> None:
 def test_no_probe_beyond_the_stop_time() -> None:
     brace = black_box("late", 100.0, 0.0)
     run(brace)
-    assert max(float(line.split()[1]) for line in brace.journal if line.startswith("step")) < 0.0995
+    assert max(float(line.split()[1]) for line in brace.journal if line.startswith("do_step")) < 0.0995
 
 
 def test_an_identification_begins_on_consistent_values() -> None:

@@ -25,7 +25,7 @@ def test_communication_points_come_from_the_integer() -> None:
     assert result.status == "completed"
     assert len(result.time) == 3001
     assert result.time[-1] == 3000 * 1e-4
-    steps = [float(line.split()[1]) for line in part.journal if line.startswith("step")]
+    steps = [float(line.split()[1]) for line in part.journal if line.startswith("do_step")]
     assert steps == [k * 1e-4 for k in range(3000)]
 
 

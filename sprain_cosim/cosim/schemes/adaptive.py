@@ -66,7 +66,7 @@ class Adaptive:
         self.scheme.start(assembly)
 
     def step(self, assembly: Assembly, time: float, step: float) -> None:
-        states = [(m, m.instance.save()) for m in assembly.members] if self.saves else []
+        states = [(m, m.instance.save_state()) for m in assembly.members] if self.saves else []
         bus, memory = assembly.bus.copy(), dict(vars(self.scheme))
         try:
             while True:
@@ -88,14 +88,14 @@ class Adaptive:
                     break
                 self.parts = self._number(n, residual, allowed, least=n + 1)
                 for member, state in states:
-                    member.instance.restore(state)
+                    member.instance.restore_state(state)
                     member.sent = False
                 assembly.bus[:] = bus
                 vars(self.scheme).clear()
                 vars(self.scheme).update(memory)
         finally:
             for member, state in states:
-                member.instance.release(state)
+                member.instance.free_state(state)
         self._before = rows[-2], step / n
         self._residual, self._exchanged, self._steps = (
             self._residual + residual,

@@ -28,13 +28,13 @@ class Iterative:
         bus, slots = assembly.bus, self._slots
         now, start = bus[slots].copy(), bus.copy()
         guess = now if self._before is None else 2.0 * now - self._before
-        states = [(member, member.instance.save()) for member in assembly.members]
+        states = [(member, member.instance.save_state()) for member in assembly.members]
         last: tuple[np.ndarray, np.ndarray] | None = None
         try:
             for k in range(MAX_ITERATIONS):
                 if k:
                     for member, state in states:
-                        member.instance.restore(state)
+                        member.instance.restore_state(state)
                     bus[:] = start
                 bus[slots] = 0.5 * (now + guess)
                 for member in assembly.members:
@@ -54,7 +54,7 @@ class Iterative:
                 guess = guess - np.linalg.lstsq(self._slope, gap, rcond=None)[0]
         finally:
             for member, state in states:
-                member.instance.release(state)
+                member.instance.free_state(state)
         names = ", ".join(np.array(assembly.names)[slots][np.abs(gap) > TOLERANCE])
         raise SimulationError(
             f"iterative: {names} did not settle in {MAX_ITERATIONS} iterations at {time + step:.6g} s; take a smaller "

@@ -44,16 +44,16 @@ class Bench:
 
     def begin(self) -> None:
         self.bus[:] = 0.0
-        self.instance.start(0.0, 1.0)
-        self.instance.push()
-        self.instance.finish_start()
-        self.instance.pull()
+        self.instance.enter_initialization(0.0, 1.0)
+        self.instance.set_inputs()
+        self.instance.exit_initialization()
+        self.instance.get_outputs()
 
     def step(self, k: int) -> np.ndarray:
         self.bus[: self.count] = 0.05 * np.sin(0.3 * k + np.arange(self.count))
-        self.instance.push()
-        self.instance.step(k * STEP, STEP)
-        self.instance.pull()
+        self.instance.set_inputs()
+        self.instance.do_step(k * STEP, STEP)
+        self.instance.get_outputs()
         return self.bus[self.count :].copy()
 
 
@@ -115,11 +115,11 @@ def saved_states(_: Laboratory) -> list[Row]:
         bench = Bench(chosen)
         for k in range(10):
             bench.step(k)
-        state = bench.instance.save()
+        state = bench.instance.save_state()
         first = np.array([bench.step(k) for k in range(10, 30)])
-        bench.instance.restore(state)
+        bench.instance.restore_state(state)
         again = np.array([bench.step(k) for k in range(10, 30)])
-        bench.instance.release(state)
+        bench.instance.free_state(state)
         bench.instance.close()
         rows.append(Row(name, float(np.abs(first - again).max()), 0, 0))
     return rows
