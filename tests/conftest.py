@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from tests.reference import FOLDER
+from tools.reference import FOLDER
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -8,12 +8,15 @@ contact_foot_mesh_triangles.csv]"""
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+from tools.reference import FOLDER
 
 CELL = 0.0055  # m; 8 mm costs 0.06 deg RMS of peak subtalar angle, 5.5 mm 0.02 deg
 SPREAD = 0.3
@@ -47,8 +50,7 @@ def gather(points: np.ndarray, areas: np.ndarray) -> np.ndarray:
 
 
 def main() -> None:
-    reference = Path(os.environ.get("SPRAIN_REFERENCE", "../shared/reference"))
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else reference / "model"
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER / "model"
     surface = pd.read_csv(folder / "contact_foot_mesh_triangles.csv")
     centroid = surface[["centroid_x_m", "centroid_y_m", "centroid_z_m"]].to_numpy() + OFFSET
     points, areas = sample(

@@ -27,8 +27,8 @@ import sprain_cosim as sc
 from sprain_cosim.study.summary import FACTORS
 from sprain_cosim.uq import reliability, sensitivity, statistics
 from sprain_cosim.validation.checks.paper import PEAK, RECORDS
-from tests.paper.test_studies import inputs
-from tests.reference import FOLDER, read
+from sprain_cosim.validation.checks.paper import published_inputs as to_inputs
+from tools.reference import FOLDER, read
 
 PAGE = Path(__file__).parent.parent / "docs" / "validation.md"
 BEGIN, END = "<!-- studies: begin, written by tools/study_tables.py -->", "<!-- studies: end -->"
@@ -78,8 +78,9 @@ def published_inputs(out: Path, workers: int) -> Iterator[str]:
     for n, title in TITLES.items():
         folder = out / f"records{n}"
         folder.mkdir(parents=True, exist_ok=True)
-        trials = run(f"study{n}", out, workers, inputs=inputs(n, folder)).trials
         records = read(f"paper/study{n}_trials.csv")
+        to_inputs(records).to_csv(folder / "inputs.csv", index=False)
+        trials = run(f"study{n}", out, workers, inputs=folder / "inputs.csv").trials
         ours, theirs = trials[PEAK].to_numpy(), records["peak_subtalar_deg"].to_numpy()
         gaps = {"mean": ours.mean() - theirs.mean(), "SD": ours.std(ddof=1) - theirs.std(ddof=1)}
         gaps |= {f"{p} %": np.percentile(ours, p) - np.percentile(theirs, p) for p in LEVELS}

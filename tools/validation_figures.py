@@ -13,10 +13,9 @@ from matplotlib.figure import Figure
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from sprain_cosim.figures import FAINT, GROUND, INK, SUBTALAR, TALOCRURAL
-from tests.direct import COLUMN
-from tests.paper import test_plant_landings as landings
-from tests.paper import test_plant_trials as trials
-from tests.reference import read
+from tools import published
+from tools.direct import COLUMN, plant
+from tools.reference import read
 
 FIGURES = Path(__file__).parent.parent / "docs" / "figures"
 STUDIES = {1: "1: level", 2: "2: 30° slope", 3: "3: reflex", 4: "4: co-activation", 5: "5: 240 % brace", 6: "6: mixed"}
@@ -37,9 +36,9 @@ def scatter() -> None:
     made, axes = figure(2, 3, (9.6, 6.2))
     print("| Study | trials | bias [deg] | RMS error [deg] | largest [deg] |\n|---|---|---|---|---|")
     for axis, (study, title) in zip(axes.flat, STUDIES.items(), strict=True):
-        published = read(f"paper/study{study}_trials.csv")
-        errors = trials.errors(study, published)
-        peaks = published.peak_subtalar_deg.to_numpy()
+        records = read(f"paper/study{study}_trials.csv")
+        errors = published.errors(records)
+        peaks = records.peak_subtalar_deg.to_numpy()
         low, high = peaks.min() - 1, peaks.max() + 1
         axis.plot([low, high], [low, high], color=FAINT, linewidth=0.8)
         axis.plot(peaks, peaks + errors, ".", color=SUBTALAR, markersize=3, alpha=0.5)
@@ -59,7 +58,7 @@ def overlay() -> None:
     made, axes = figure(2, 3, (9.6, 5.8))
     for axis, case in zip(axes.flat, OVERLAID, strict=True):
         reference = read(f"landing/{case}.csv.gz")
-        out = landings.simulated(case)[0]
+        out = published.simulated(case)[0]
         ms = 1e3 * reference.time_s
         for name, column, color in (
             ("subtalar", "subtalar_angle_deg", SUBTALAR),
@@ -82,18 +81,18 @@ def table() -> None:
         "|\n|---|---|---|---|---|---|---|"
     )
     groups: dict[str, list[list[float]]] = {"published pose": [], "touching pose": []}
-    for case in landings.CASES:
+    for case in published.CASES:
         reference = read(f"landing/{case}.csv.gz")
-        out, q, _, _ = landings.simulated(case)
+        out, q, _, _ = published.simulated(case)
         q = np.degrees(q)
         late = (reference.time_s > 0.005).to_numpy()
         force = reference.grf_vertical_N.to_numpy()[late]
         found = [
-            landings.rms(q[:, landings.SUBTALAR], reference.subtalar_angle_deg),
-            abs(q[:, landings.SUBTALAR].max() - reference.subtalar_angle_deg.max()),
-            landings.rms(q[:, landings.TALOCRURAL], reference.ankle_angle_deg),
-            landings.rms(q[:, landings.KNEE], reference.knee_angle_deg),
-            100 * landings.rms(out[late, COLUMN["ground_force_y"]], force) / force.max(),
+            published.rms(q[:, published.SUBTALAR], reference.subtalar_angle_deg),
+            abs(q[:, published.SUBTALAR].max() - reference.subtalar_angle_deg.max()),
+            published.rms(q[:, published.TALOCRURAL], reference.ankle_angle_deg),
+            published.rms(q[:, published.KNEE], reference.knee_angle_deg),
+            100 * published.rms(out[late, COLUMN["ground_force_y"]], force) / force.max(),
         ]
         if case != "conv_h1e-3":
             groups["touching pose" if case.startswith("nopen") else "published pose"].append(found)
@@ -101,15 +100,15 @@ def table() -> None:
         a = np.array(rows)
         cells = " | ".join(f"{np.median(a[:, k]):.3f} ({a[:, k].max():.3f}) {'%' if k == 4 else '°'}" for k in range(5))
         print(f"| {name} | {len(a)} | {cells} |")
-    worst = max(landings_muscles(case) for case in landings.MUSCLES)
+    worst = max(muscles(case) for case in published.MUSCLES)
     print(f"\nlargest RMS error of any of the 49 muscle forces: {worst:.2f} N")
 
 
-def landings_muscles(case: str) -> float:
+def muscles(case: str) -> float:
     reference = read(f"landing/{case}_muscles.csv.gz")
-    forces = landings.simulated(case)[2]
-    names = landings.plant().muscles.names
-    return max(landings.rms(forces[:, k], reference[f"F_N_{n}"]) for k, n in enumerate(names))
+    forces = published.simulated(case)[2]
+    names = plant().muscles.names
+    return max(published.rms(forces[:, k], reference[f"F_N_{n}"]) for k, n in enumerate(names))
 
 
 if __name__ == "__main__":

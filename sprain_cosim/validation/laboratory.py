@@ -8,17 +8,17 @@ import os
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..brace.new import COMPILERS
-from ..errors import SimulationError
+from ..errors import InputError, SimulationError
 from ..files import read_toml
 from ..scenario import Scenario, Value, load_scenario
-from ..shipped import FMUS, PACKAGE, SOURCES
+from ..shipped import FMUS, SOURCES
 from ..study.study import Study, load_study
 
 if TYPE_CHECKING:
@@ -33,14 +33,19 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
 class Laboratory:
-    """`quick`: smaller studies; `workers` processes for studies; `reference` the folder of trajectories and trials that
-    users do not have."""
+    """What a run of the suite shares between its checks.
+
+    - quick: studies with QUICK_TRIALS trials instead of their own number.
+    - workers: processes of a study; None: one for each processor.
+    - reference: folder of the reference trajectories and trials, which are not part of the project (by default the
+      environment variable SPRAIN_REFERENCE); None: the checks that need them say so.
+    """
 
     def __init__(self, quick: bool = False, workers: int | None = None, reference: Path | None = None) -> None:
         self.quick, self.workers = quick, workers
-        self.reference = reference or Path(
-            os.environ.get("SPRAIN_REFERENCE", PACKAGE.parent.parent / "shared" / "reference")
-        )
+        folder = os.environ.get("SPRAIN_REFERENCE")
+        self.reference = reference or (Path(folder) if folder else None)
+        self._tables: dict[str, pd.DataFrame] = {}
         self._runs: dict[Any, Result] = {}
         self._campaigns: dict[str, Campaign] = {}
 
@@ -83,12 +88,15 @@ class Laboratory:
     def study(name: str) -> Study:
         return load_study(name)
 
-    @cache  # noqa: B019 - lives as long as the laboratory
     def table(self, name: str) -> pd.DataFrame:
-        """A table of the reference folder."""
+        """A table of the reference folder, read once; for checks that need "reference"."""
         import pandas as pd
 
-        return pd.read_csv(self.reference / name)
+        if self.reference is None:
+            raise InputError(f"{name}: no folder of reference numbers (set SPRAIN_REFERENCE)")
+        if name not in self._tables:
+            self._tables[name] = pd.read_csv(self.reference / name)
+        return self._tables[name]
 
     def missing(self, need: str) -> str:
         """Why `need` is not there, or ''."""
@@ -130,8 +138,11 @@ def _browser(_: Laboratory) -> str:
 
 
 def _reference(laboratory: Laboratory) -> str:
-    there = (laboratory.reference / "landing" / "index.csv").is_file()
-    return "" if there else f"no reference trajectories and trials in {laboratory.reference} (set SPRAIN_REFERENCE)"
+    folder = laboratory.reference
+    if folder is None:
+        return "no reference trajectories and trials (set SPRAIN_REFERENCE)"
+    there = (folder / "landing" / "index.csv").is_file()
+    return "" if there else f"no reference trajectories and trials in {folder} (set SPRAIN_REFERENCE)"
 
 
 def _clone(_: Laboratory) -> str:

@@ -15,8 +15,9 @@ from scipy.spatial.transform import Rotation
 from fmus.plant import kernels
 from fmus.plant.plant import Landing, Plant
 from fmus.reflex_controller.slave import Slave as Controller
-from tests.direct import COLUMN, plant
-from tests.reference import foot_surface, needs_reference, read
+from tests.reference import needs_reference
+from tools.direct import COLUMN, plant
+from tools.reference import foot_surface, read
 
 pytestmark = needs_reference
 BODIES = ("pelvis", "femur_r", "tibia_r", "talus_r", "calcn_r", "patella_r", "torso")

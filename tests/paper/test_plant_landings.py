@@ -4,73 +4,21 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from fmus.plant.plant import Landing
-from tests.direct import COLUMN, land, plant, scale
-from tests.reference import FOLDER, needs_reference, read
+from tests.reference import needs_reference
+from tools.direct import COLUMN, land, plant
+from tools.published import CASES, DEMERS, HIP, HOLD, KNEE, MUSCLES, SUBTALAR, TALOCRURAL, number, rms, simulated
+from tools.reference import read
 
 pytestmark = needs_reference
-KNEE, TALOCRURAL, SUBTALAR, HIP = 9, 10, 11, slice(6, 9)
-HOLD = 2.5e-4  # s: the references hold their controls that long
-CASES = list(pd.read_csv(FOLDER / "landing" / "index.csv").case) if FOLDER.is_dir() else []
-MUSCLES = [case for case in CASES if (FOLDER / "landing" / f"{case}_muscles.csv.gz").is_file()]
-DEMERS = list(pd.read_csv(FOLDER / "demers2017" / "index.csv").case) if FOLDER.is_dir() else []
-COARSE = {"conv_h1e-3": 1e-3}  # this reference holds its controls for 1 ms
-# its body reflexes are held as well, which the plant's are not: half a millisecond of delay
+# holds its controls, body reflexes included, for 1 ms; the plant's reflexes are not held: half a millisecond of delay
 HELD = pytest.mark.xfail(
     strict=True, reason="conv_h1e-3 delays the body reflexes by half a millisecond; subtalar 0.153 deg RMS, 0.15 asked"
 )
-
-
-def number(value: float, default: float = 0.0) -> float:
-    return default if math.isnan(value) else float(value)
-
-
-@cache
-def simulated(case: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Outputs (n, k), coordinates (n, 15) [rad, m], tendon forces (n, 49) [N] and the ground reaction at t = 0 [N],
-    every 1 ms."""
-    row = read("landing/index.csv").set_index("case").loc[case]
-    landing = Landing(
-        platform_incline=math.radians(row.incline_deg),
-        drop_height=row.drop_height_m,
-        contact_modulus=row.contact_modulus,
-        contact_dissipation=row.contact_dissipation,
-        passive_angle_scale=scale(row.ankle_stiff),
-        talocrural_angle_at_contact=math.radians(row.talocrural_deg),
-        subtalar_angle_at_contact=math.radians(row.subtalar_deg),
-        subtalar_velocity_at_contact=math.radians(row.subtalar_u0),
-        ankle_strength_scale=1.0 + row.strength,
-        initial_pose=Landing.TOUCHING if case.startswith("nopen") else Landing.PUBLISHED,
-        internal_brace_angle_scale=0.0 if math.isnan(row.brace) else scale(row.brace),
-        body_reflex_scale=float(row.body_ctrl),
-        initial_ankle_activation=number(row.init_act),
-    )
-    states: list[np.ndarray] = []
-    step = COARSE.get(case, HOLD)
-    out = land(
-        landing,
-        row.coactivation,
-        row.reflex_gain,
-        row.reflex_delay_s,
-        row.inv_ratio,
-        stop=row["T"],
-        step=step,
-        every=round(1e-3 / step),
-        on=plant(),
-        probe=lambda p: states.append(np.r_[p.state["q"], p.state["tendon_force"][0]]),
-    )
-    history = np.array(states)
-    return out, history[:, :15], history[:, 15:], out[0, COLUMN["ground_force_x"] : COLUMN["ground_force_z"] + 1]
-
-
-def rms(a: np.ndarray, b: np.ndarray) -> float:
-    return float(np.sqrt(np.mean((a - b) ** 2)))
 
 
 @pytest.mark.parametrize("case", [pytest.param(case, marks=HELD) if case == "conv_h1e-3" else case for case in CASES])

@@ -14,7 +14,8 @@ import sprain_cosim as sc
 from sprain_cosim.uq import statistics
 from sprain_cosim.uq.reliability import amv, amv_plus, hmv, mean_value
 from sprain_cosim.validation.checks.paper import RECORDS, published_inputs
-from tests.reference import needs_reference, read
+from tests.reference import needs_reference
+from tools.reference import read
 
 PEAK = "peak_subtalar_angle_deg"
 

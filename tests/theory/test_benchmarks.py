@@ -33,7 +33,7 @@ from sprain_cosim.uq.statistics import (
     replicated_percentile,
     wilks_size,
 )
-from tests.reference import FOLDER
+from tools.reference import FOLDER
 
 CLOSED, ITERATED = 1e-9, 1e-6
 OPENTURNS_STOPS = 2e-5  # its design points, see test_design_points_are_stationary; its beta is second order in that

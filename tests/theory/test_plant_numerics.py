@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from fmus.plant.plant import Landing
-from tests.direct import COLUMN, plant
+from tools.direct import COLUMN, plant
 
 DOMAIN = {
     "talocrural_angle_at_contact": (math.radians(-49), math.radians(-19)),

@@ -34,7 +34,7 @@ def braced() -> Landing:
 
 
 def test_pose_is_that_of_mujoco() -> None:
-    from tests.direct import plant
+    from tools.direct import plant
 
     mine, theirs = Skeleton.read(PLANT), plant()
     assert list(mine.coordinates) == theirs.skeleton.coordinates

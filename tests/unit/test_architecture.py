@@ -25,7 +25,7 @@ def imports(path: Path, of_types: bool = False) -> set[str]:
     package = (
         ["sprain_cosim", *path.relative_to(PACKAGE).parts[:-1]]
         if path.is_relative_to(PACKAGE)
-        else ["fmus", *path.relative_to(ROOT / "fmus").parts[:-1]]
+        else [*path.relative_to(ROOT).parts[:-1]]
     )
     skipped = {
         n
@@ -79,6 +79,11 @@ def test_arrows_point_downwards(path: Path) -> None:
 @pytest.mark.parametrize("path", sources(ROOT / "fmus"), ids=lambda p: str(p.relative_to(ROOT)))
 def test_fmus_do_not_know_the_package(path: Path) -> None:
     assert not [name for name in imports(path) if name.startswith("sprain_cosim")]
+
+
+@pytest.mark.parametrize("path", sources(ROOT / "tools"), ids=lambda p: p.name)
+def test_tools_do_not_know_the_tests(path: Path) -> None:
+    assert not [name for name in imports(path) if name.split(".")[0] == "tests"]
 
 
 def test_every_floor_exists() -> None:

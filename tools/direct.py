@@ -10,6 +10,7 @@ import numpy as np
 
 from fmus.plant.interface import OUTPUTS
 from fmus.plant.plant import Landing, Plant
+from tools.reference import foot_surface
 
 COLUMN = {name: k for k, name in enumerate(OUTPUTS)}
 INVERTOR_RATIO = 0.9322
@@ -17,8 +18,6 @@ INVERTOR_RATIO = 0.9322
 
 @lru_cache(maxsize=4)
 def plant(own_sole: bool = True) -> Plant:
-    from tests.reference import foot_surface
-
     return Plant() if own_sole else Plant(foot_surface())
 
 
