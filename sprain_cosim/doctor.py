@@ -9,6 +9,7 @@ import tempfile
 
 from .errors import SprainError
 from .fmu import archive
+from .sandbox.kernel import offered
 
 REQUIRED = ("fmpy", "numpy", "scipy", "pandas", "matplotlib", "click", "mujoco-core", "numba")
 
@@ -25,7 +26,7 @@ def findings() -> list[Finding]:
             found.append((True, name, importlib.metadata.version(name)))
         except importlib.metadata.PackageNotFoundError:
             found.append((False, name, f"not installed; run `pip install {name}`"))
-    found.append(_cache())
+    found += [_cache(), _sandbox()]
     if all(ok for ok, _, _ in found):
         found += [*_fmus(), _landing()]
     return found
@@ -41,6 +42,15 @@ def _cache() -> Finding:
         return False, "cache", f"{folder}: {problem.strerror}; set SPRAIN_COSIM_CACHE to a folder that can be written"
     compiled = sum(1 for _ in (folder / "kernels").glob("*/*/__pycache__/*.nbi"))
     return True, "cache", f"{folder} ({compiled} compiled kernels; the first landing compiles what is missing)"
+
+
+def _sandbox() -> Finding:
+    """Never a reason to fail: without a sandbox everything runs, less protected."""
+    offer = offered()
+    gaps = offer.gaps()
+    if not gaps:
+        return True, "sandbox", f"{offer}: files, network, signals, processes are held"
+    return True, "sandbox", f"{offer}; not protected: {'; '.join(gaps)}"
 
 
 def _fmus() -> list[Finding]:
