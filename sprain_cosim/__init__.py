@@ -15,7 +15,7 @@ __version__ = "0.2.0"
 _HOME = {
     "load_scenario": "scenario",
     "Scenario": "scenario",
-    "load_study": "study.study",
+    "load_study": "study.file",
     "Study": "study.study",
     "check_brace": "brace.check",
     "compare_braces": "brace.compare",
@@ -43,8 +43,8 @@ if TYPE_CHECKING:
     from .fmu.component import Component as Component
     from .scenario import Scenario as Scenario
     from .scenario import load_scenario as load_scenario
+    from .study.file import load_study as load_study
     from .study.study import Study as Study
-    from .study.study import load_study as load_study
 
 
 def __getattr__(name: str) -> Any:

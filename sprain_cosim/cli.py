@@ -187,9 +187,9 @@ def study(
     as_json: bool,
 ) -> None:
     """Run many landings: STUDY is a file, or the name of one that ships."""
+    from .study.file import load_study
     from .study.progress import reporter
     from .study.runner import first_trajectories, part
-    from .study.study import load_study
     from .study.summary import text
 
     chosen = _changed(load_study(study), fmus, maps, settings)

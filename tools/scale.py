@@ -20,7 +20,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from sprain_cosim.study.backends.backend import Task, open_backend
+from sprain_cosim.study.backends.backend import Task
+from sprain_cosim.study.backends.choice import open_backend
 from sprain_cosim.study.dispatch import Dispatch
 from sprain_cosim.study.ledger import FILE, Ledger
 from sprain_cosim.uq.distributions import JointDistribution, Normal

@@ -25,7 +25,9 @@ from ..folders import run as runfolder
 from ..process import Limits
 from ..scenario import NAME, Scenario, Value, load_scenario
 from ..shipped import shipped_scenarios, shipped_studies
-from ..study.study import SAMPLED, Study, load_study
+from ..study.file import load_study
+from ..study.plan import SAMPLED
+from ..study.study import Study
 from ..study.summary import QUESTIONS
 from ..uq import statistics
 from .bench import POSTURES, Bench
@@ -149,8 +151,15 @@ def compare_braces(
                         means = {k: m.mean for k, m in variant.marginals.items() if k.startswith("brace.")}
                         entry = replace(entry, resistance=bench.hold(means))
                     bench.close()
-                    options = {"workers": workers, "limits": limits, "progress": progress, "command": command}
-                    campaign = variant.run(out=folder / name, resume=resume, max_failed=max_failed, **options)
+                    campaign = variant.run(
+                        out=folder / name,
+                        workers=workers,
+                        resume=resume,
+                        max_failed=max_failed,
+                        limits=limits,
+                        progress=progress,
+                        command=command,
+                    )
                     entry = replace(entry, landings=campaign.trials)
                 else:
                     entry = replace(entry, landings=bench.land(folder / name))

@@ -20,7 +20,7 @@ from ..scenario import Scenario
 from ..shipped import fmu_path
 from ..study import folder as studyfolder
 from ..study.ledger import FILE, Ledger
-from ..study.study import Study
+from ..study.plan import Plan
 from ..study.trajectories import file as recorded
 from ..units import quantity
 from . import run as runfolder
@@ -182,7 +182,7 @@ def _recorded(path: Path, row: pd.Series) -> Result | None:
         raise InputError(f"{path}: cannot be read: {problem}") from None
 
 
-def _again(study: Study, values: dict[str, float], row: pd.Series, what: str) -> Result:
+def _again(study: Plan, values: dict[str, float], row: pd.Series, what: str) -> Result:
     if row["status"] not in ("completed", "failed"):
         raise InputError(f"{what}: {row['status']}: {row['message']}; there is nothing to show")
     with study.scenario.recording("plant.*").open() as session:

@@ -14,14 +14,13 @@ from ..cosim.master import Master
 from ..errors import InputError
 from ..scenario import Scenario
 from ..uq import distributions
-from .study import Study
+from .plan import Plan
 
-CLASSES: dict[str, Any] = {
+STUDY = "Study"  # the name under which a plan stands in a file
+CLASSES: dict[str, Any] = {STUDY: Plan, "Scenario": Scenario, "Master": Master} | {
     kind.__name__: kind
-    for kind in (Study, Scenario, Master, *vars(distributions).values())
-    if isinstance(kind, type)
-    and dataclasses.is_dataclass(kind)
-    and (kind in (Study, Scenario, Master) or issubclass(kind, distributions.Marginal))
+    for kind in vars(distributions).values()
+    if isinstance(kind, type) and dataclasses.is_dataclass(kind) and issubclass(kind, distributions.Marginal)
 }
 
 
@@ -29,7 +28,7 @@ def encode(value: Any) -> Any:
     """What json.dumps takes. A path becomes absolute."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {
-            "!": type(value).__name__,
+            "!": STUDY if isinstance(value, Plan) else type(value).__name__,
             **{f.name: encode(getattr(value, f.name)) for f in dataclasses.fields(value) if f.init},
         }
     if isinstance(value, Path):

@@ -19,7 +19,7 @@ from ..errors import EnvironmentProblem, InputError
 from ..files import read_json, sweep, whole, write, write_json
 from .codec import decode
 from .ledger import FILE, LOCK, RESUME, Ledger
-from .study import Study
+from .plan import Plan
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,16 +42,16 @@ def check(folder: Path, resume: bool) -> None:
         raise InputError(f"{folder}: holds other files; name a new folder with --out")
 
 
-def described(folder: Path, ledger: Ledger) -> Study:
+def described(folder: Path, ledger: Ledger) -> Plan:
     """The study that a ledger was made with, whatever has become of its files. Raises InputError when the ledger does
     not say."""
     study = decode(json.loads(ledger.facts.get("study", "null")))
-    if not isinstance(study, Study):
+    if not isinstance(study, Plan):
         raise InputError(f"{folder}: the ledger does not say what study it belongs to")
     return study
 
 
-def load(folder: Path, ledger: Ledger) -> Study:
+def load(folder: Path, ledger: Ledger) -> Plan:
     """The study that a ledger was made with. Raises InputError when one of its files is gone or has changed."""
     study = described(folder, ledger)
     for name, path in (*study.scenario.fmus.items(), *study.scenario.maps.items()):
@@ -78,7 +78,7 @@ def _differences(before: Any, now: Any) -> list[str]:
     return [f"{before} then, {now} now"]
 
 
-def manifest(study: Study, command: str, before: Mapping[str, Any]) -> dict[str, Any]:
+def manifest(study: Plan, command: str, before: Mapping[str, Any]) -> dict[str, Any]:
     """With what the study was run. `before` is the manifest that stands in the folder, {} for none: it keeps when the
     study began."""
     identity = study.identity
@@ -105,7 +105,7 @@ def _version(package: str) -> str | None:
         return None
 
 
-def begin(folder: Path, study: Study, command: str) -> None:
+def begin(folder: Path, study: Plan, command: str) -> None:
     """study.toml and manifest.json."""
     sweep(folder)
     try:
@@ -116,7 +116,7 @@ def begin(folder: Path, study: Study, command: str) -> None:
     write(folder / "manifest.json", json.dumps(manifest(study, command, before), indent=2) + "\n", RESUME)
 
 
-def tables(study: Study, ledger: Ledger, wanted: np.ndarray | None) -> tuple[pd.DataFrame, pd.DataFrame]:
+def tables(study: Plan, ledger: Ledger, wanted: np.ndarray | None) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Trials and timing of the ledger's rows whose numbers are `wanted` (None: all), in the order of their numbers."""
     import pandas as pd
 
@@ -152,7 +152,7 @@ def tables(study: Study, ledger: Ledger, wanted: np.ndarray | None) -> tuple[pd.
     )
 
 
-def failures(folder: Path, study: Study, ledger: Ledger) -> None:
+def failures(folder: Path, study: Plan, ledger: Ledger) -> None:
     """failures.json: of each failed trial its inputs, how it ended, the last lines printed and the command that runs it
     again."""
     listed = [

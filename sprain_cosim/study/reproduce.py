@@ -16,9 +16,10 @@ from ..files import read_json
 from ..shipped import fmu_path
 from . import folder as studyfolder
 from .dispatch import Progress
+from .file import load_study
 from .ledger import FILE, Ledger
+from .plan import Plan
 from .runner import run
-from .study import Study, load_study
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -141,7 +142,7 @@ def _table(folder: Path) -> pd.DataFrame:
         raise InputError(f"{folder / 'trials.csv'}: cannot be read: {problem}") from None
 
 
-def _study(folder: Path, then: Mapping[str, Any]) -> Study:
+def _study(folder: Path, then: Mapping[str, Any]) -> Plan:
     if (folder / FILE).is_file():
         with Ledger.read(folder) as ledger:
             study = studyfolder.described(folder, ledger)

@@ -25,11 +25,12 @@ from ..errors import EnvironmentProblem, InputError, SimulationError, nearest
 from ..process import Limits
 from ..uq.distributions import Array
 from . import folder as studyfolder
-from .backends.backend import Task, open_backend
+from .backends.backend import Task
+from .backends.choice import open_backend
 from .codec import encode
 from .dispatch import Dispatch, Progress
 from .ledger import Ledger, Row
-from .study import SEARCHES, Study
+from .plan import SEARCHES, Plan
 from .summary import summarise
 from .trajectories import FIRST, Trajectories, roles
 from .worker import Outcome, Worker
@@ -45,7 +46,7 @@ class Campaign:
     """A finished study: `trials` one row each, `timing` what depends on the machine, `summary` as in summary.json;
     `out` its folder or None."""
 
-    study: Study
+    study: Plan
     trials: pd.DataFrame
     timing: pd.DataFrame
     summary: dict[str, Any]
@@ -53,7 +54,7 @@ class Campaign:
 
 
 def run(
-    study: Study,
+    study: Plan,
     *,
     out: Path | str | None = None,
     workers: int | None = None,
@@ -183,7 +184,7 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
 class Replay:
     """A trial of a study once more: what the ledger has of it, how it ended now, `same` to the bit or not."""
 
-    study: Study
+    study: Plan
     row: Row
     outcome: Outcome
 
@@ -243,20 +244,20 @@ def first_trajectories(text: str) -> int:
     return ALL if text == "all" else 0 if text == "none" else int(text)
 
 
-def _numbers(study: Study, shard: tuple[int, int] | None) -> np.ndarray:
+def _numbers(study: Plan, shard: tuple[int, int] | None) -> np.ndarray:
     """(n,) numbers of the trials, ascending as far as the study numbers them so."""
     count = int(np.prod([len(levels) for levels in study.grid.values()])) if study.method == "grid" else study.trials
     numbers = np.array(study.numbers or range(count), np.int64)
     return numbers if shard is None else numbers[numbers % shard[1] == shard[0] - 1]
 
 
-def _part(study: Study, shard: tuple[int, int] | None) -> Iterator[tuple[np.ndarray, Array]]:
+def _part(study: Plan, shard: tuple[int, int] | None) -> Iterator[tuple[np.ndarray, Array]]:
     for numbers, x in study.blocks():
         mine = slice(None) if shard is None else numbers % shard[1] == shard[0] - 1
         yield numbers[mine], x[mine]
 
 
-def _search(study: Study, dispatch: Dispatch) -> Any:
+def _search(study: Plan, dispatch: Dispatch) -> Any:
     response, count = study.responses[0], 0
 
     def function(x: Array) -> Array:
@@ -286,7 +287,7 @@ def _response(outcome: Outcome, name: str, trial: int) -> float:
     return outcome.metrics[name]
 
 
-def _roles(study: Study, table: pd.DataFrame, found: Any) -> dict[str, int]:
+def _roles(study: Plan, table: pd.DataFrame, found: Any) -> dict[str, int]:
     """{role: trial} of the first response: the percentiles and extremes of a sample, the trials of a search that gave
     its levels' values."""
     done = table[table["status"] == "completed"]

@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import InputError, nearest
 from ..uq import reliability, sensitivity, statistics
 from ..uq.distributions import Array, Marginal, Normal, Uniform
-from .study import Study
+from .plan import Plan
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,7 +35,7 @@ QUESTIONS = {
 }
 
 
-def summarise(study: Study, trials: pd.DataFrame, found: Any) -> dict[str, Any]:
+def summarise(study: Plan, trials: pd.DataFrame, found: Any) -> dict[str, Any]:
     """Content of summary.json. Raises InputError for a response that is no metric.
 
     What the trials cannot tell is left out or null, and `notes` says why."""
@@ -117,7 +117,7 @@ class _Sample:
     replicates: int | None
 
     @classmethod
-    def of(cls, study: Study, done: pd.DataFrame, failed: int, notes: list[str]) -> Self:
+    def of(cls, study: Plan, done: pd.DataFrame, failed: int, notes: list[str]) -> Self:
         replicates = None
         if study.method == "sobol":
             whole = (
@@ -172,7 +172,7 @@ class _Sample:
         return out
 
 
-def _grid(study: Study, trials: pd.DataFrame) -> dict[str, Any]:
+def _grid(study: Plan, trials: pd.DataFrame) -> dict[str, Any]:
     """The responses as an array of the grid's shape (nested lists, null where a trial failed), in the order of
     `axes`."""
     shape = [len(levels) for levels in study.grid.values()]
@@ -187,7 +187,7 @@ def _grid(study: Study, trials: pd.DataFrame) -> dict[str, Any]:
     return {"axes": axes, "responses": {name: v.tolist() for name, v in values.items()}}
 
 
-def _sensitivity(study: Study, x: Array, y: Array) -> dict[str, Any]:
+def _sensitivity(study: Plan, x: Array, y: Array) -> dict[str, Any]:
     marginals = tuple(study.marginals.values())
     active = [i for i, m in enumerate(marginals) if not m.is_fixed]
     if not active or not np.ptp(y) > 0:
@@ -242,11 +242,11 @@ def _ended(found: Any) -> dict[str, Any]:
     }
 
 
-def _named(study: Study, values: Any, *more: str) -> dict[str, float]:
+def _named(study: Plan, values: Any, *more: str) -> dict[str, float]:
     return dict(zip((*study.names, *more), (float(v) for v in values), strict=True))
 
 
-def _form(study: Study, found: reliability.FormResult) -> dict[str, Any]:
+def _form(study: Plan, found: reliability.FormResult) -> dict[str, Any]:
     uncertain = isinstance(study.threshold, Marginal)
     threshold = (
         {"distribution": repr(study.threshold), "mean": study.threshold.mean}
@@ -264,7 +264,7 @@ def _form(study: Study, found: reliability.FormResult) -> dict[str, Any]:
     }
 
 
-def _sobol(study: Study, found: sensitivity.SobolIndices) -> dict[str, Any]:
+def _sobol(study: Plan, found: sensitivity.SobolIndices) -> dict[str, Any]:
     ends = ("first", "first_low", "first_high", "total", "total_low", "total_high")
     return {
         "response": study.responses[0],
@@ -275,7 +275,7 @@ def _sobol(study: Study, found: sensitivity.SobolIndices) -> dict[str, Any]:
     }
 
 
-def _levels(study: Study, found: reliability.LevelResult) -> dict[str, Any]:
+def _levels(study: Plan, found: reliability.LevelResult) -> dict[str, Any]:
     levels = {}
     for p, value in found.value.items():
         key = f"{100 * p:g}"
@@ -297,7 +297,7 @@ def _levels(study: Study, found: reliability.LevelResult) -> dict[str, Any]:
     }
 
 
-def _questions_of_levels(study: Study, found: reliability.LevelResult, notes: list[str]) -> dict[str, Any]:
+def _questions_of_levels(study: Plan, found: reliability.LevelResult, notes: list[str]) -> dict[str, Any]:
     name = study.responses[0]
     if name not in QUESTIONS:
         notes.append(
@@ -333,7 +333,7 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def text(study: Study, summary: Mapping[str, Any]) -> str:
+def text(study: Plan, summary: Mapping[str, Any]) -> str:
     """The tables that `study` prints: percentiles, correlations, sensitivities, moments of every metric, beside the
     published figures."""
     lines = [
@@ -372,7 +372,7 @@ def text(study: Study, summary: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _sample_lines(study: Study, summary: Mapping[str, Any]) -> list[str]:
+def _sample_lines(study: Plan, summary: Mapping[str, Any]) -> list[str]:
     published, lines = study.published, []
     for name in study.responses if summary["responses"] else ():
         r = summary["responses"][name]
@@ -447,7 +447,7 @@ def _ending(found: Mapping[str, Any]) -> list[str]:
     return lines + [f"  {reason}" for reason in found["reasons"]]
 
 
-def _level_lines(study: Study, found: Mapping[str, Any]) -> list[str]:
+def _level_lines(study: Plan, found: Mapping[str, Any]) -> list[str]:
     published, known = study.published, study.published.get("monte_carlo", {})
     lines = [
         "",

@@ -19,7 +19,8 @@ from ..errors import InputError, SimulationError
 from ..files import read_toml
 from ..scenario import Scenario, Value, load_scenario
 from ..shipped import FMUS, SOURCES
-from ..study.study import Study, load_study
+from ..study.file import load_study
+from ..study.study import Study
 
 if TYPE_CHECKING:
     import pandas as pd

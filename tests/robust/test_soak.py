@@ -15,7 +15,8 @@ import sprain_cosim as sc
 from sprain_cosim.cosim.master import Master
 from sprain_cosim.process import Limits
 from sprain_cosim.scenario import Scenario
-from sprain_cosim.study.backends.backend import Task, open_backend
+from sprain_cosim.study.backends.backend import Task
+from sprain_cosim.study.backends.choice import open_backend
 from sprain_cosim.study.backends.local import Local
 from sprain_cosim.study.dispatch import Dispatch
 from sprain_cosim.study.ledger import Ledger

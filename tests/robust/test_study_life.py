@@ -26,7 +26,7 @@ LANDING = "20 ms"  # short, for many of them
 DRIVER = f"""if True:
     import sys
     from dataclasses import replace
-    import sprain_cosim.uq.study as module
+    import sprain_cosim.study.file as module
     from sprain_cosim import cli
     load = module.load_study
     def shorter(name):

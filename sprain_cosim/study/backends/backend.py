@@ -1,11 +1,5 @@
-"""Where trials run. A backend takes batches of jobs and gives back rows, in any order; nothing else of a study depends
-on it.
-
-| Backend | Workers | Chosen by |
-|---|---|---|
-| local | threads of this process, each with a child process | default |
-| dask | threads of Dask workers, each with such a child | `--scheduler tcp://...`, `tls://...`, `local-cluster` |
-"""
+"""What a backend is: it takes batches of jobs and gives back rows, in any order; nothing else of a study depends on
+it."""
 
 from __future__ import annotations
 
@@ -53,14 +47,3 @@ class Backend(Protocol):
 
     def close(self) -> list[Row]:
         """Ends what runs; what had been finished."""
-
-
-def open_backend(task: Task, workers: int | None, scheduler: str | None) -> Backend:
-    """`workers` processes here, or the Dask cluster at `scheduler`. Raises InputError, EnvironmentProblem."""
-    if scheduler is None:
-        from .local import Local
-
-        return Local(task, workers)
-    from .dask import Dask
-
-    return Dask(task, workers, scheduler)

@@ -32,7 +32,8 @@ from ...errors import InputError, nearest
 from ...files import read_toml
 from ...metrics import unit_of
 from ...scenario import Scenario, load_scenario
-from ...study.study import Study, load_study
+from ...study.file import load_study
+from ...study.study import Study
 from ..check import Check, Row
 from ..laboratory import Laboratory
 

@@ -1,0 +1,356 @@
+"""The plan of a study: what is varied, how its trials are drawn, what is asked of them. A description, frozen and
+picklable; it knows no files and runs nothing (study.py does)."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import __version__
+from ..cosim.system import System, problems_to_error
+from ..errors import InputError, nearest
+from ..fmu.component import Component
+from ..scenario import Scenario, Value
+from ..uq import sampling
+from ..uq.distributions import Array, Fixed, JointDistribution, Marginal
+from .inputs import parameter as varied_parameter
+from .inputs import read_table
+
+if TYPE_CHECKING:
+    from ..uq.reliability import Difference, Space
+
+SAMPLED = ("monte-carlo", "lhs", "sobol", "grid", "table")
+SEARCHES = ("mean-value", "amv", "amv+", "hmv", "form", "sobol-indices")  # the trials depend on the method's own plan
+METHODS = (*SAMPLED, *SEARCHES)
+IMPOSSIBLE = 1e-6  # a marginal may lie outside its parameter's range with at most this probability
+TOLERANCE = 1e-3  # of searches, in standard deviations of the response: a landing's own noise is 1e-4 of them
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is varied and asked. `sample()` gives the trials of a method that draws them, `search()` runs one that
+    chooses them one after another.
+
+    title        heading of tables and figures
+    scenario     what runs in every trial
+    marginals    {"component.parameter": its distribution, in the parameter's own unit}
+    units        {the same names and those of `grid`: that unit; "" where there is no dimension}
+    responses    names of metrics; the first is the one that a search and a stopping rule look at
+    method       one of METHODS
+    trials       number of trials; of landings for method sobol-indices
+    seed         of everything random
+    correlation  (d, d) Pearson correlations of the marginals in their order, joined by a Gaussian copula; None: none
+    grid         {"component.parameter": levels in its own unit}, for method grid
+    levels       probabilities at which a search looks for the response's value, and a stopping rule for its interval
+    threshold    for method form: a value of the first response, or a distribution of it
+    half_width   stopping rule: the half width that the widest of the levels' intervals may have, in the first
+                 response's unit
+    replicates   scrambled sequences that the trials of method sobol or sobol-indices are divided into
+    space        of amv and its kin: "x", inputs as they are, or "u", the standard normal space
+    step         of differences, in standard deviations of the input
+    difference   "forward" or "central"; None: forward for mean-value and amv, as in the paper, else central
+    tolerance    at which a search ends, in standard deviations of the response
+    budget       landings that a search may take at most
+    table        (n, d) inputs of method table, in the order of `marginals`
+    numbers      (n,) their trial numbers; empty: 0 ... n-1
+    published    figures to print beside the results, with their source
+    source       the file, or the name of one that ships
+    text         the file as it was read
+    warnings     one line each
+    """
+
+    title: str
+    scenario: Scenario
+    marginals: Mapping[str, Marginal]
+    units: Mapping[str, str]
+    responses: tuple[str, ...] = ("peak_subtalar_angle_deg",)
+    method: str = "monte-carlo"
+    trials: int = 1000
+    seed: int = 0
+    correlation: Array | None = None
+    grid: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    levels: tuple[float, ...] = (0.05, 0.5, 0.95)
+    threshold: float | Marginal | None = None
+    half_width: float | None = None
+    replicates: int = 8
+    space: Space = "x"
+    step: float = 0.1
+    difference: Difference | None = None
+    tolerance: float = TOLERANCE
+    budget: int = 2000
+    table: Array | None = None
+    numbers: tuple[int, ...] = ()
+    published: Mapping[str, Any] = field(default_factory=dict)
+    source: str = ""
+    text: str = ""
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The varied parameters, in the order of the columns."""
+        return tuple(self.grid) if self.method == "grid" else tuple(self.marginals)
+
+    @property
+    def headings(self) -> list[str]:
+        """Columns of the inputs: "component.parameter [unit]"."""
+        return [f"{name} [{self.units[name]}]" if self.units[name] else name for name in self.names]
+
+    @property
+    def joint(self) -> JointDistribution:
+        return JointDistribution(tuple(self.marginals.values()), self.correlation)
+
+    def sample(self) -> Array:
+        """(n, d) inputs in their own units, one row a trial. Row i of a Monte Carlo or Sobol' study depends on the
+        study and i alone.
+
+        Raises InputError for a method that is a search, not a sample."""
+        if self.method == "monte-carlo":
+            return sampling.monte_carlo(self.joint, self.trials, self.seed)
+        if self.method == "lhs":
+            return sampling.latin_hypercube(self.joint, self.trials, self.seed)
+        if self.method == "sobol":
+            return sampling.sobol(self.joint, self.trials, self.seed, self.replicates)
+        if self.method == "grid":
+            return sampling.full_factorial([self.grid[name] for name in self.names])
+        if self.method == "table":
+            assert self.table is not None
+            return self.table
+        raise InputError(f"method {self.method} chooses its trials one after another; there is no sample")
+
+    def blocks(self) -> Iterator[tuple[NDArray[np.int64], Array]]:
+        """The sample piece by piece: numbers (k,) and inputs (k, d). A Monte Carlo study of any size is drawn in
+        constant memory."""
+        if self.method == "monte-carlo":
+            for first, x in sampling.monte_carlo_blocks(self.joint, self.trials, self.seed):
+                yield np.arange(first, first + len(x)), x
+        else:
+            x = self.sample()
+            yield np.array(self.numbers or range(len(x)), np.int64), x
+
+    def search(self, function: Callable[[Array], Array]) -> Any:
+        """Runs the method, one of SEARCHES, on `function`: (n, d) inputs in their own units to (n,) values of the first
+        response.
+
+        Differences are forward for mean-value and amv, as in the paper, and central for the others, unless the study
+        says otherwise."""
+        from ..uq import reliability, sensitivity
+
+        marginals = tuple(self.marginals.values())
+        if self.method == "sobol-indices":
+            return sensitivity.sobol_indices(function, marginals, self.trials, self.seed, replicates=self.replicates)
+        first_order = self.method in ("mean-value", "amv")
+        options: dict[str, Any] = {
+            "correlation": self.correlation,
+            "step": self.step,
+            "difference": self.difference or ("forward" if first_order else "central"),
+        }
+        if not first_order:
+            options |= {"tolerance": self.tolerance, "budget": self.budget}
+        if self.method == "form":
+            assert self.threshold is not None
+            return reliability.form_exceedance(function, marginals, self.threshold, **options)
+        method = {
+            "mean-value": reliability.mean_value,
+            "amv": reliability.amv,
+            "amv+": reliability.amv_plus,
+            "hmv": reliability.hmv,
+        }[self.method]
+        return method(function, marginals, levels=self.levels, space=self.space, **options)
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What a ledger must have been made with to be continued. The number of trials counts only where a row depends
+        on it."""
+        scenario = self.scenario
+        return {
+            "version": __version__,
+            "fmus": {name: Component.read(name, path).sha256 for name, path in scenario.fmus.items()},
+            **(
+                {"maps": {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in scenario.maps.items()}}
+                if scenario.maps
+                else {}
+            ),
+            "parameters": dict(scenario.parameters),
+            "connections": dict(scenario.connections),
+            "master": [scenario.master.communication_step, scenario.master.stop, scenario.master.scheme],
+            "marginals": {name: repr(marginal) for name, marginal in self.marginals.items()},
+            "correlation": None if self.correlation is None else self.correlation.tolist(),
+            "grid": {name: list(levels) for name, levels in self.grid.items()},
+            "method": self.method,
+            "seed": self.seed,
+            "trials": self.trials if self.method in ("lhs", "sobol-indices") else None,
+            "replicates": self.replicates if self.method in ("sobol", "sobol-indices") else None,
+            "search": [
+                *self.levels,
+                repr(self.threshold),
+                self.space,
+                self.step,
+                self.difference,
+                self.tolerance,
+                self.budget,
+                self.responses[0],
+            ]
+            if self.method in SEARCHES
+            else None,
+            "table": None
+            if self.table is None
+            else hashlib.sha256(self.table.tobytes() + repr(self.numbers).encode()).hexdigest(),
+        }
+
+    @property
+    def digest(self) -> str:
+        return hashlib.sha256(json.dumps(self.identity, sort_keys=True).encode()).hexdigest()
+
+    def checked(self) -> Self:
+        """Itself. Raises InputError with all problems: names, samples outside a parameter's range, sizes,
+        correlations."""
+        problems = [*self._range_problems(self.scenario.system()), *self._method_problems(), *self._size_problems()]
+        if not problems and self.marginals:
+            try:
+                _ = self.joint
+            except ValueError as problem:
+                problems.append(f"correlation: {problem}")
+        problems_to_error(self.source or self.title, problems)
+        return self
+
+    def _range_problems(self, system: System) -> Iterator[str]:
+        """Names that are no parameters, marginals and levels outside a parameter's range."""
+        for name in (*self.marginals, *self.grid):
+            try:
+                connector = varied_parameter(system, name)
+            except InputError as problem:
+                yield str(problem)
+                continue
+            allowed = f"{connector.minimum:g} ... {connector.maximum:g} {self.units[name]}"
+            marginal = self.marginals.get(name)
+            outside = marginal.probability_outside(connector.minimum, connector.maximum) if marginal else 0.0
+            if outside > IMPOSSIBLE:
+                yield (
+                    f"marginals.{name}: {100 * outside:.2g} % of the trials would lie outside {allowed}; correct mean "
+                    "and sd (and their units), take lognormal, or truncate with low and high"
+                )
+            for level in self.grid.get(name, ()):
+                if not connector.minimum <= level <= connector.maximum:
+                    yield f"grid.{name}: {level:g} lies outside {allowed}"
+
+    def _method_problems(self) -> Iterator[str]:
+        """What the method needs and the plan lacks."""
+        if self.method not in METHODS:
+            yield f"method {self.method!r}: unknown{nearest(self.method, METHODS)}; one of {', '.join(METHODS)}"
+        if self.method == "grid" and not self.grid:
+            yield 'method grid: needs [grid] with "component.parameter" = [levels]'
+        if self.method == "table" and self.table is None:
+            yield "method table: needs --inputs TABLE.csv"
+        if self.method == "form" and self.threshold is None:
+            yield (
+                'method form: needs study.threshold, such as "35 deg" or { normal = { mean = "35 deg", sd = "6 deg" } }'
+            )
+        if self.method not in ("grid", "table") and not self.marginals:
+            yield "no marginals: nothing would vary"
+
+    def _size_problems(self) -> Iterator[str]:
+        if self.trials < 1:
+            yield f"trials = {self.trials}: must be at least 1"
+        if self.method.startswith("sobol") and (self.replicates < 1 or self.trials % self.replicates):
+            yield f"trials = {self.trials}: a Sobol' study needs a multiple of its {self.replicates} replicates"
+        if self.method == "sobol-indices" and self.correlation is not None:
+            yield "method sobol-indices: defined for independent inputs only; leave [correlation] out"
+
+    def override(self, parameter: str, value: Value) -> Self:
+        """The same study with a parameter at another value; a marginal of it is thereby fixed."""
+        scenario = self.scenario.override(parameter, value)
+        if parameter in self.marginals:
+            connector = scenario.system().find(parameter)
+            return replace(self, marginals={**self.marginals, parameter: Fixed(connector.value(value, parameter))})
+        return replace(self, scenario=scenario, grid={k: v for k, v in self.grid.items() if k != parameter})
+
+    def replace_fmu(self, name: str, fmu: Path | str, mapping: Path | str | None = None) -> Self:
+        """Another device; marginals and grid columns of it that it lacks are dropped with a warning."""
+        scenario = self.scenario.replace_fmu(name, fmu, mapping)
+        component = Component.read(name, scenario.fmus[name])
+        lost = [
+            k
+            for k in (*self.marginals, *self.grid)
+            if k.startswith(f"{name}.") and k.partition(".")[2] not in component.parameters
+        ]
+        correlation = self.correlation
+        if correlation is not None:
+            kept = [i for i, k in enumerate(self.marginals) if k not in lost]
+            correlation = correlation[np.ix_(kept, kept)]
+        warning = (
+            (f"{name}: {Path(fmu).name} has no {', '.join(k.partition('.')[2] for k in lost)}; not varied",)
+            if lost
+            else ()
+        )
+        return replace(
+            self,
+            scenario=scenario,
+            marginals={k: m for k, m in self.marginals.items() if k not in lost},
+            grid={k: v for k, v in self.grid.items() if k not in lost},
+            correlation=correlation,
+            warnings=self.warnings + warning,
+        )
+
+    def without(self, name: str) -> Self:
+        """The same study without a component; what varied of it goes with it."""
+        kept = [i for i, k in enumerate(self.marginals) if not k.startswith(f"{name}.")]
+        return replace(
+            self,
+            scenario=self.scenario.without(name),
+            marginals={k: m for k, m in self.marginals.items() if not k.startswith(f"{name}.")},
+            grid={k: v for k, v in self.grid.items() if not k.startswith(f"{name}.")},
+            correlation=None if self.correlation is None else self.correlation[np.ix_(kept, kept)],
+        )
+
+    def with_rows(self, names: Sequence[str], rows: Array, numbers: Sequence[int]) -> Self:
+        """Method table: the given `rows` (n, len(names)) instead of a sample; columns of parameters that this study
+        does not vary are left out, and a marginal that is fixed stays at its value."""
+        gridded = self.method == "grid"
+        varied: dict[str, Marginal] = {name: Fixed(0.0) for name in self.grid} if gridded else dict(self.marginals)
+        columns = {name: rows[:, k] for k, name in enumerate(names)}
+        table = np.empty((len(rows), len(varied)))
+        for k, (name, marginal) in enumerate(varied.items()):
+            table[:, k] = columns[name] if name in columns and (gridded or not marginal.is_fixed) else marginal.mean
+        return replace(
+            self,
+            method="table",
+            table=table,
+            numbers=tuple(numbers),
+            trials=len(rows),
+            marginals=varied,
+            correlation=None,
+            grid={},
+        )
+
+    def isolated(self) -> Self:
+        """The same with every FMU in a process of its own beside its worker."""
+        return replace(self, scenario=self.scenario.isolated())
+
+    def with_inputs(self, path: Path) -> Self:
+        """Method table: the rows of a CSV file with header `component.parameter [unit]`, an optional column `trial`
+        numbering them.
+
+        Marginals without a column stay at their mean. Raises InputError naming row and column."""
+        rows = read_table(path, self.scenario.system(), self.names)
+        n = len(rows.numbers)
+        marginals = {**self.marginals, **{name: Fixed(0.0) for name in rows.columns if name not in self.marginals}}
+        table = np.column_stack([rows.columns.get(name, np.full(n, m.mean)) for name, m in marginals.items()])
+        return replace(
+            self,
+            method="table",
+            table=table,
+            numbers=rows.numbers,
+            trials=n,
+            marginals=marginals,
+            units={**self.units, **rows.units},
+            correlation=None,
+            grid={},
+            warnings=(*self.warnings, *rows.warnings),
+        )
