@@ -22,8 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from ..cosim.system import problems_to_error
-from ..errors import InputError, nearest
+from ..errors import InputError, nearest, problems_to_error
 from ..files import parse_toml, read_text
 from ..fmu.component import Connector
 from ..metrics import unit_of
