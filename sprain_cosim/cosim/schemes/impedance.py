@@ -45,9 +45,8 @@ class Impedance(GaussSeidel):
         """The mean of a torque that starts at the device's and changes with K and C over the step."""
         turned, quickened = np.diff(exchange.angle, axis=0), np.diff(exchange.velocity, axis=0)
         stiffness, damping = exchange.stiffness[:-1], exchange.damping[:-1]
-        return exchange.torque[:-1] - 0.5 * (
-            np.einsum("nij,nj->ni", stiffness, turned) + np.einsum("nij,nj->ni", damping, quickened)
-        )
+        change: Values = np.einsum("nij,nj->ni", stiffness, turned) + np.einsum("nij,nj->ni", damping, quickened)
+        return exchange.torque[:-1] - 0.5 * change
 
     def save(self) -> Any:
         return self._count, self._recent
