@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
 from ..distributions import JointDistribution, Marginal
+from ..distributions.marginal import as_array
 from .differences import Difference, check_differences, differences, standard_gradient, unit
 from .points import DEFAULT_BUDGET, Array, BudgetSpent, Evaluations, Function, PointLedger, Status
 
@@ -69,8 +70,7 @@ def form(
     ValueError as `amv` does.
     """
     joint = JointDistribution(marginals, correlation)
-    if not len(joint.active):
-        raise ValueError("every input is fixed: there is nothing to vary")
+    joint.require_slopes()
     if not math.isfinite(threshold):
         raise ValueError(f"the threshold must be finite, got {threshold}")
     check_differences(step, difference)
@@ -157,7 +157,7 @@ def form_exceedance(
         if fresh:
             values = np.asarray(function(np.array(list(fresh.values()))), dtype=float)
             known.update(zip(fresh, values.tolist(), strict=True))
-        return x[:, -1] - np.array([known[key] for key in keys])
+        return as_array(x[:, -1] - np.array([known[key] for key in keys]))
 
     return form(margin, [*marginals, threshold], 0.0, joined, **options)
 

@@ -57,7 +57,8 @@ def linear_extreme(joint: JointDistribution, gradient: Array, radius: float, sig
         directions[keep], value[keep], slope[keep] = moved[keep], new_value[keep], new_slope[keep]
         if not falls.any() and np.max(change) < 1e-14:
             break
-    return radius * directions[int(np.argmax(value))]
+    best: Array = radius * directions[int(np.argmax(value))]
+    return best
 
 
 @dataclass(frozen=True)
@@ -81,8 +82,7 @@ class Setting:
         difference: Difference,
     ) -> Setting:
         joint = JointDistribution(marginals, correlation)
-        if not len(joint.active):
-            raise ValueError("every input is fixed: there is nothing to vary")
+        joint.require_slopes()
         if not levels or any(not 0 < p < 1 for p in levels):
             raise ValueError(f"levels must lie between 0 and 1, got {list(levels)}")
         if space not in ("x", "u"):
