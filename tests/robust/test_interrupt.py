@@ -20,7 +20,7 @@ def test_interrupt(wait: str, tmp_path: Path) -> None:
     code = f"""if True:
         import sys
         from sprain_cosim import cli
-        from sprain_cosim.cosim import system
+        from sprain_cosim.cosim import assembly
         from sprain_cosim.fmu import instance
         def tell(function):
             def told(*arguments, **keywords):
@@ -30,7 +30,7 @@ def test_interrupt(wait: str, tmp_path: Path) -> None:
         if {wait!r} == "Loading":
             instance.FmiInstance._instantiate = tell(instance.FmiInstance._instantiate)
         else:
-            system.Assembly.start = tell(system.Assembly.start)
+            assembly.Assembly.start = tell(assembly.Assembly.start)
         cli.main(["run", "incline30", "--step", "0.001 ms", "--out", {str(tmp_path / "out")!r}])
     """
     child = subprocess.Popen(
