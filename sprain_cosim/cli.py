@@ -188,9 +188,9 @@ def study(
 ) -> None:
     """Run many landings: STUDY is a file, or the name of one that ships."""
     from .study.file import load_study
+    from .study.listing import study_listing
     from .study.progress import reporter
     from .study.runner import first_trajectories, part
-    from .study.summary import text
 
     chosen = _changed(load_study(study), fmus, maps, settings)
     if isolate:
@@ -224,22 +224,22 @@ def study(
     except (Interrupted, SimulationError):
         click.echo(f"{chr(10) if sys.stderr.isatty() else ''}continue with: {again} --resume", err=True)
         raise
-    if done.summary.get("not_reproduced"):
+    if done.summary.not_reproduced:
         click.echo(
-            f"warning: trials {done.summary['not_reproduced']} gave other numbers when they were run again for their "
-            "trajectories",
+            f"warning: trials {list(done.summary.not_reproduced)} gave other numbers when they were run again "
+            "for their trajectories",
             err=True,
         )
-    if done.summary["n_failed"]:
+    if done.summary.n_failed:
         click.echo(
-            f"warning: {done.summary['n_failed']} trials failed; how, and the commands that run them again: "
+            f"warning: {done.summary.n_failed} trials failed; how, and the commands that run them again: "
             f"{folder / 'failures.json'}",
             err=True,
         )
     click.echo(
-        json.dumps(done.summary, allow_nan=False)
+        json.dumps(done.summary.to_json(), allow_nan=False)
         if as_json
-        else f"{text(done.study, done.summary)}\n\nwritten: {folder}"
+        else f"{study_listing(done.study, done.summary)}\n\nwritten: {folder}"
     )
 
 
@@ -250,14 +250,14 @@ def study(
 @JSON
 def merge(folders: tuple[Path, ...], out: Path | None, parquet: bool, as_json: bool) -> None:
     """Join the FOLDERS of a study's shards into one, as if it had run in one piece."""
+    from .study.listing import study_listing
     from .study.runner import merge as join
-    from .study.summary import text
 
     done = join(folders, out, parquet)
     click.echo(
-        json.dumps(done.summary, allow_nan=False)
+        json.dumps(done.summary.to_json(), allow_nan=False)
         if as_json
-        else f"{text(done.study, done.summary)}\n\nwritten: {done.out}"
+        else f"{study_listing(done.study, done.summary)}\n\nwritten: {done.out}"
     )
 
 

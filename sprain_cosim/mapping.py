@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from .contract import INPUTS, OUTPUTS
-from .errors import InputError, nearest, problems_to_error
+from .cosim.system import problems_to_error
+from .errors import InputError, nearest
 from .files import parse_toml, read_text
 from .fmu import archive
 from .fmu.component import Component, Connector

@@ -24,7 +24,7 @@ import pandas as pd
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import sprain_cosim as sc
-from sprain_cosim.study.summary import FACTORS
+from sprain_cosim.study.evaluation import FACTORS
 from sprain_cosim.uq import reliability, sensitivity, statistics
 from sprain_cosim.validation.checks.paper import PEAK, RECORDS
 from sprain_cosim.validation.checks.paper import published_inputs as to_inputs
@@ -457,7 +457,7 @@ def speed(campaigns: dict[int, Any], spent: dict[int, tuple[float, float]]) -> I
     for n, (workers, driver) in spent.items():
         yield (
             f"| {n}: {TITLES[n]} | {workers:.1f} | {driver:.1f} | {driver / workers:.1%} | "
-            f"{campaigns[n].summary['wall_s']:.0f} |"
+            f"{campaigns[n].summary.wall_s:.0f} |"
         )
 
 

@@ -13,7 +13,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..cosim.loops import make_consistent
 from ..errors import EnvironmentProblem, SimulationError, SprainError
 from ..folders import run as runfolder
 from ..process import Child, Gone, Limits, listen
@@ -120,8 +119,8 @@ def hold(
             assembly.start({**system.parameters, **values, **still}, 0.0, scenario.master.stop)
             for k in range(max(1, round(HOLD / h))):
                 assembly.transfer(device)
-                assembly.advance(device, k * h, h, all_outputs=True)
-            make_consistent(assembly)
+                assembly.advance(device, k * h, h, whole=True)
+            assembly.agree()
             out[posture] = math.copysign(1.0, degrees) * assembly.si(f"plant.brace_{axis}_moment")
     finally:
         assembly.close()

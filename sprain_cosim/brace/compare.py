@@ -25,10 +25,10 @@ from ..folders import run as runfolder
 from ..process import Limits
 from ..scenario import NAME, Scenario, Value, load_scenario
 from ..shipped import shipped_scenarios, shipped_studies
+from ..study.evaluation import QUESTIONS
 from ..study.file import load_study
 from ..study.plan import SAMPLED
 from ..study.study import Study
-from ..study.summary import QUESTIONS
 from ..uq import statistics
 from .bench import POSTURES, Bench
 

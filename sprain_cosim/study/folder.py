@@ -20,6 +20,8 @@ from ..files import read_json, sweep, whole, write, write_json
 from .codec import decode
 from .ledger import FILE, LOCK, RESUME, Ledger
 from .plan import Plan
+from .summary import FILE as SUMMARY
+from .summary import StudySummary
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -171,7 +173,7 @@ def failures(folder: Path, study: Plan, ledger: Ledger) -> None:
         write(folder / FAILURES, json.dumps(listed, indent=2) + "\n", RESUME)
 
 
-def finish(folder: Path, trials: pd.DataFrame, timing: pd.DataFrame, summary: Mapping[str, Any], parquet: bool) -> None:
+def finish(folder: Path, trials: pd.DataFrame, timing: pd.DataFrame, summary: StudySummary, parquet: bool) -> None:
     """The exports; the summary is the last, so that it stands for a complete folder."""
     for table, name in ((trials, "trials.csv"), (timing, "timing.csv")):
         with whole(folder / name, RESUME) as partial:
@@ -179,15 +181,7 @@ def finish(folder: Path, trials: pd.DataFrame, timing: pd.DataFrame, summary: Ma
     if parquet:
         with whole(folder / "trials.parquet", RESUME) as partial:
             trials.to_parquet(partial, index=False, compression="zstd")
-    write_json(folder / "summary.json", summary, RESUME)
-
-
-def summary(folder: Path) -> dict[str, Any]:
-    """summary.json; {} for a folder that is not complete."""
-    try:
-        return read_json(folder / "summary.json")
-    except InputError:
-        return {}
+    write_json(folder / SUMMARY, summary.to_json(), RESUME)
 
 
 def missing(numbers: Sequence[int], limit: int = 5) -> str:

@@ -29,9 +29,10 @@ from .backends.backend import Task
 from .backends.choice import open_backend
 from .codec import encode
 from .dispatch import Dispatch, Progress
+from .evaluation import summarise
 from .ledger import Ledger, Row
 from .plan import SEARCHES, Plan
-from .summary import summarise
+from .summary import Kept, StudySummary, read_summary
 from .trajectories import FIRST, Trajectories, roles
 from .worker import Outcome, Worker
 
@@ -49,7 +50,7 @@ class Campaign:
     study: Plan
     trials: pd.DataFrame
     timing: pd.DataFrame
-    summary: dict[str, Any]
+    summary: StudySummary
     out: Path | None
 
 
@@ -110,16 +111,18 @@ def run(
             if folder is not None:
                 kept = _roles(study, table, found)
                 changed = dispatch.repeat(recorder.lacks(_recorded(table, recorder, kept)))
-                summary["trajectories"] = kept | {"first": int((table["trial"] < recorder.first).sum())}
-                if changed:
-                    summary["not_reproduced"] = changed
+                summary = replace(
+                    summary,
+                    trajectories=Kept(kept, int((table["trial"] < recorder.first).sum())),
+                    not_reproduced=tuple(changed) or None,
+                )
         finally:
             dispatch.close()
             if folder is not None:
                 studyfolder.failures(folder, study, ledger)
     if shard is not None:
-        summary |= {"shard": list(shard), "n_requested": len(table)}
-    summary["wall_s"] = round(perf_counter() - began, 3)
+        summary = replace(summary, shard=shard, n_requested=len(table))
+    summary = replace(summary, wall_s=round(perf_counter() - began, 3))
     if folder is not None:
         studyfolder.finish(folder, table, timing, summary, parquet)
     return Campaign(study, table, timing, summary, folder)
@@ -169,13 +172,12 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
     finally:
         for part in parts:
             part.close()
-    summary = summarise(study, table, None)
-    first = sum(studyfolder.summary(f).get("trajectories", {}).get("first", 0) for f in folders)
-    summary |= {
-        "trajectories": kept | {"first": first},
-        "wall_s": round(float(timing["wall_s"].sum()), 3),
-        "merged": [str(f) for f in folders],
-    }
+    summary = replace(
+        summarise(study, table, None),
+        trajectories=Kept(kept, sum(_first_kept(f) for f in folders)),
+        wall_s=round(float(timing["wall_s"].sum()), 3),
+        merged=tuple(str(f) for f in folders),
+    )
     studyfolder.finish(folder, table, timing, summary, parquet)
     return Campaign(study, table, timing, summary, folder)
 
@@ -305,6 +307,14 @@ def _recorded(table: pd.DataFrame, recorder: Trajectories, kept: Mapping[str, in
     lost."""
     first = table["trial"][(table["trial"] < recorder.first) & table["status"].isin(("completed", "failed"))]
     return [*first, *kept.values(), *table["trial"][table["status"] == "failed"]]
+
+
+def _first_kept(folder: Path) -> int:
+    """How many first trials of a shard have their signals; 0 for one that is not complete."""
+    try:
+        return read_summary(folder).first_kept
+    except InputError:
+        return 0
 
 
 def _content(row: Row) -> tuple[Any, ...]:

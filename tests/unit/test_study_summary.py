@@ -1,322 +1,76 @@
-"""What a study says about trials that need no landing: the questions from every kind of sample, intervals, the stopping
-rule, honest gaps."""
+"""A study's summary: the same file comes back, the previous version's is read, users' scripts keep their keys."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
+import json
 from pathlib import Path
-from time import perf_counter
+from typing import Any
 
-import numpy as np
-import pandas as pd
 import pytest
 
-import sprain_cosim as sc
 from sprain_cosim.errors import InputError
-from sprain_cosim.shipped import shipped_studies
-from sprain_cosim.study.summary import summarise, text
-from sprain_cosim.uq import Normal, Uniform
-from sprain_cosim.uq.reliability import LevelResult, amv, form_exceedance
-from sprain_cosim.uq.statistics import exceedance
+from sprain_cosim.study.summary import FORMAT, FormSearch, LevelSearch, StudySummary, Threshold, read_summary
 
-INVERSION, MOMENT, PEAK = (
-    "peak_inversion_from_neutral_deg",
-    "anatomy_jcs_inversion_moment_Nm",
-    "peak_subtalar_angle_deg",
-)
+BEFORE = Path(__file__).parent.parent / "folders_0_1"  # folders of version 0.1.0, signals with fewer columns
+PEAK = "peak_subtalar_angle_deg"
 
 
-@pytest.fixture(scope="module")
-def study6():
-    return sc.load_study("study6")
+@pytest.mark.parametrize("kind", ["study", "search", "form"])
+def test_a_summary_of_the_previous_version_is_read_whole(kind: str) -> None:
+    """Nothing but the format is added when it is written again."""
+    before = json.loads((BEFORE / kind / "summary.json").read_text())
+    summary = read_summary(BEFORE / kind)
+    assert summary.to_json() == before | {"format": FORMAT}
+    assert StudySummary.from_json(summary.to_json(), "again") == summary
 
 
-def peak(study, x: np.ndarray) -> np.ndarray:
-    """Linear in the inputs, with the spread that study 6 has."""
-    weights = dict.fromkeys(study.names, 0.3) | {
-        "plant.drop_height": 2.0,
-        "plant.subtalar_angle_at_contact": 1.8,
-        "controller.coactivation": -1.2,
-    }
-    return 29.0 + (x - study.joint.means) / study.joint.sds @ np.array([weights[n] for n in study.names])
+def test_the_fields_are_those_of_the_file() -> None:
+    summary = read_summary(BEFORE / "study")
+    before = json.loads((BEFORE / "study" / "summary.json").read_text())
+    median = before["responses"][PEAK]["percentiles"]["50"]
+    assert summary.responses[PEAK].percentiles["50"].ci_high == median["ci_high"]
+    drop = summary.sensitivity[PEAK].inputs["plant.drop_height"]
+    assert drop.ci.dsd_dsd == tuple(before["sensitivity"][PEAK]["plant.drop_height"]["ci"]["dsd_dsd"])
+    assert summary.sensitivity[PEAK].linear is not None
+    assert summary.trajectories is not None
+    assert summary.trajectories.roles["p50"] == before["trajectories"]["p50"]
+    assert summary.first_kept == 24
+    assert summary.search is None
+    assert isinstance(read_summary(BEFORE / "search").search, LevelSearch)
+    form = read_summary(BEFORE / "form").search
+    assert isinstance(form, FormSearch)
+    assert form.threshold.mean is not None
 
 
-def landings(study, failed: int = 0) -> pd.DataFrame:
-    x = study.sample()
-    y = peak(study, x)
-    table = pd.DataFrame({"trial": study.numbers or np.arange(len(x)), "status": "completed", "message": ""})
-    table[study.headings] = x
-    table[PEAK], table[INVERSION], table[MOMENT] = y, 0.7 * y, y - 25
-    table.loc[: failed - 1, "status"] = "timeout" if failed else "completed"
-    return table
+def test_scripts_read_it_by_keys() -> None:
+    summary = read_summary(BEFORE / "study")
+    assert summary["responses"][PEAK]["percentiles"]["50"]["value"] == summary.responses[PEAK].percentiles["50"].value
+    assert "amv" not in summary
+    assert summary.get("amv", {}) == {}
+    assert json.loads(json.dumps(dict(summary))) == summary.to_json()
 
 
-@pytest.fixture(scope="module")
-def exact(study6) -> dict[str, float]:
-    """The probabilities of the two questions from two million landings of the same formula."""
-    y = peak(study6, study6.joint.from_standard(np.random.default_rng(5).standard_normal((400_000, 10))))
-    return {
-        INVERSION: exceedance(0.7 * y, Normal(35.0, 6.0)).value,
-        MOMENT: exceedance(y - 25, Uniform(2.7, 4.3)).value,
-    }
-
-
-@pytest.mark.parametrize(("method", "trials"), [("monte-carlo", 1000), ("sobol", 1024), ("lhs", 1000), ("table", 1000)])
-def test_questions_with_intervals_from_every_sample(study6, exact, method: str, trials: int) -> None:
-    study = replace(study6, method="sobol" if method == "table" else method, trials=trials)
-    if method == "table":
-        study = replace(
-            study6,
-            method="table",
-            trials=trials,
-            table=replace(study6, seed=2, trials=trials).sample(),
-            numbers=tuple(range(trials)),
-        )
-    summary = summarise(study, landings(study), None)
-    for name, expected in exact.items():
-        q = summary["questions"][name]
-        assert q["ci_low"] <= q["probability"] <= q["ci_high"]
-        wide = q["ci_high"] - q["ci_low"]
-        assert q["ci_low"] - 0.5 * wide <= expected <= q["ci_high"] + 0.5 * wide
-    if method != "monte-carlo":
-        assert summary["notes"], "how the intervals come about is said"
-    assert (summary["responses"][PEAK]["percentiles"]["5"]["ci_low"] is None) == (method == "lhs")
-
-
-def test_sobol_replicates_are_narrower_than_monte_carlo(study6) -> None:
-    ends = []
-    for method in ("monte-carlo", "sobol"):
-        study = replace(study6, method=method, trials=1024)
-        q = summarise(study, landings(study), None)["questions"][INVERSION]
-        ends.append(q["ci_high"] - q["ci_low"])
-    assert ends[1] < 0.5 * ends[0]
-
-
-def test_failed_trials_widen_and_are_counted(study6) -> None:
-    study = replace(study6, trials=400)
-    whole, holed = (summarise(study, landings(study, failed), None) for failed in (0, 8))
-    assert holed["n_failed"] == 8
-    assert holed["failures"] == {"timeout": 8}
-    q, r = (s["questions"][INVERSION] for s in (whole, holed))
-    assert r["ci_high"] - r["ci_low"] >= q["ci_high"] - q["ci_low"] + 0.01
-    low, high = holed["responses"][PEAK]["percentiles"]["50"]["with_failures"]
-    assert low <= whole["responses"][PEAK]["percentiles"]["50"]["value"] <= high
-    sobol = replace(study6, method="sobol", trials=400)
-    broken = summarise(sobol, landings(sobol, 8), None)
-    assert broken["responses"][PEAK]["percentiles"]["50"]["ci_low"] is None
-    assert "complete replicates" in broken["notes"][0]
-
-
-@pytest.mark.parametrize(("trials", "said"), [(3, "no moments"), (12, "no sensitivities")])
-def test_too_few_trials_say_so(study6, trials: int, said: str) -> None:
-    study = replace(study6, trials=trials)
-    summary = summarise(study, landings(study), None)
-    assert any(said in note for note in summary["notes"])
-    assert not summary["questions"]
-    assert not summary["sensitivity"]
-    assert bool(summary["responses"]) == (trials >= 4)
-
-
-def test_stopping_rule(study6) -> None:
-    """The widest of the three intervals against the one wanted, and how many trials it would take."""
-    wide, narrow = (
-        summarise(s, landings(s), None)["stopping"]
-        for s in (replace(study6, trials=300, half_width=w) for w in (2.0, 0.3))
-    )
-    assert wide["met"]
-    assert not narrow["met"]
-    assert 300 < narrow["trials_needed"] == math.ceil(300 * (max(narrow["half_width"].values()) / 0.3) ** 2)
-    x = replace(study6, trials=narrow["trials_needed"] + 300).sample()
-    enough = replace(study6, method="table", table=x, trials=len(x), half_width=0.4)
-    assert summarise(enough, landings(enough), None)["stopping"]["met"]
-
-
-def test_sensitivities_have_errors_and_intervals(study6) -> None:
-    study = replace(study6, trials=600)
-    found = summarise(study, landings(study), None)["sensitivity"][PEAK]
-    drop, inert = found["plant.drop_height"], found["controller.reflex_gain"]
-    for factor in ("dmean_dmean", "dmean_dsd", "dsd_dmean", "dsd_dsd"):
-        low, high = drop["ci"][factor]
-        assert low < drop[factor] < high
-        assert 0 < drop["standard_error"][factor] < 0.3
-    assert drop["ci"]["dsd_dsd"][0] > 0, "the largest contributor is beyond noise"
-    assert inert["ci"]["dsd_dsd"][0] < 0.1
-    total = sum(v["importance"] ** 2 for k, v in found.items() if not k.startswith("_"))
-    assert total == pytest.approx(1.0)
-    assert found["_given_data"]["q2"] > 0.95
-    assert sum(v["sobol_first"] for k, v in found.items() if not k.startswith("_")) == pytest.approx(1.0, abs=0.05)
-
-
-def test_a_grid_becomes_a_table_and_no_probability(study6) -> None:
-    study = sc.load_study("demers2017")
-    x = study.sample()
-    assert x.shape == (121, 2)
-    table = pd.DataFrame({"trial": range(121), "status": "completed", "message": ""})
-    table[study.headings] = x
-    table[PEAK] = table[INVERSION] = 50 - 30 * x[:, 0] - x[:, 1]
-    table.loc[5, "status"] = "failed"
-    summary = summarise(study, table, None)
-    values = summary["grid"]["responses"][PEAK]
-    assert (len(values), len(values[0])) == (11, 11)
-    assert values[0][5] is None
-    assert values[10][10] == pytest.approx(10.0)
-    assert not summary["questions"]
-    printed = text(study, summary | {"wall_s": 1.0})
-    assert "controller.coactivation down, controller.reflex_gain across" in printed
-    assert "failed" in printed
-
-
-def test_levels_answer_the_question_without_an_interval(study6, exact) -> None:
-    study = replace(sc.load_study("amv6"), responses=(INVERSION,))
-    found = amv(lambda x: 0.7 * peak(study, x), tuple(study.marginals.values()))
-    summary = summarise(
-        study,
-        pd.DataFrame({"trial": [], "status": [], "message": [], **{h: [] for h in study.headings}, INVERSION: []}),
-        found,
-    )
-    q = summary["questions"][INVERSION]
-    assert q["probability"] == pytest.approx(exact[INVERSION], rel=0.05)
-    assert q["ci_low"] is None
-    assert "own error is not known" in " ".join(summary["notes"])
-
-
-def test_form_with_an_uncertain_threshold(study6) -> None:
-    """Inputs and threshold normal, response linear: the probability is exact; the threshold is the last entry."""
-    inputs = [Normal(20.0, 3.0), Normal(0.0, 5.0)]
-    calls = []
-
-    def response(x: np.ndarray) -> np.ndarray:
-        calls.append(len(x))
-        return x[:, 0] + 0.5 * x[:, 1]
-
-    found = form_exceedance(response, inputs, Normal(35.0, 6.0))
-    beta = 15 / math.sqrt(9 + 6.25 + 36)
-    assert found.beta == pytest.approx(beta, abs=1e-6)
-    assert found.alpha == pytest.approx(np.array([3, 2.5, -6]) / math.sqrt(51.25), abs=1e-5)
-    assert sum(calls) < found.evaluations.executed, "a step of the threshold alone is no evaluation of the response"
-    fixed = form_exceedance(response, inputs, 30.0)
-    assert fixed.beta == pytest.approx(10 / math.sqrt(15.25), abs=1e-6)
-
-
-def test_amv_is_judged_by_the_records_monte_carlo() -> None:
-    """At 5 and 50 % the authors' AMV lies outside the intervals of their own Monte Carlo trials, and the output says
-    so."""
-    study = sc.load_study("amv6")
-    published = amv(lambda x: peak(study, x), tuple(study.marginals.values()))
-    found: LevelResult = replace(published, value={0.05: 25.2, 0.5: 30.7, 0.95: 34.3})
-    empty = pd.DataFrame({"trial": [], "status": [], "message": [], **{h: [] for h in study.headings}, PEAK: []})
-    summary = summarise(study, empty, found) | {"wall_s": 1.0}
-    verdicts = [summary["amv"]["levels"][level]["against_monte_carlo"] for level in ("5", "50", "95")]
-    assert verdicts == ["above by 1.2", "above by 1", "inside"]
-    assert "above by 1.2 / above by 1.2" in text(study, summary)
+def test_a_threshold_is_a_number_or_a_distribution() -> None:
+    for threshold in (Threshold(35.0), Threshold(35.0, "Normal(mean=35, sd=6)")):
+        assert Threshold.from_json(threshold.to_json(), "") == threshold
+    assert Threshold(35.0).to_json() == 35.0
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("changed", "cause"),
     [
-        (
-            '{ lognormal = { mean = "0.30 m", sd = "0.05 m" } }',
-            '{ normal = { mean = "0.30 m", sd = "0.2 m" } }',
-            "6.7 % of the trials would lie outside",
-        ),
-        ('"0.30 m", sd = "0.05 m"', '0.30, sd = "0.05 m"', "needs a unit"),
-        ('"-34 deg"', '"-34 rad"', "of the trials would lie outside"),
-        ('"-34 deg"', '"-34"', "needs a unit"),
-        ("{ lognormal = { mean = 0.20, sd = 0.05 } }", "{ lognormal = { mean = 0, sd = 0 } }", "write { fixed = 0 }"),
-        ("mean = 5.0, sd = 1.0", "mean = 5.0, sd = -1.0", "must be positive"),
-        (
-            "[study]",
-            '[correlation]\n"plant.drop_height, controller.coactivation" = -0.99\n[study]',
-            "cannot be attained",
-        ),
-        (
-            "[study]",
-            '[correlation]\n"plant.ankle_strength_scale, plant.passive_angle_scale" = '
-            '0.9\n"plant.ankle_strength_scale, brace.angle_scale" = 0.9\n'
-            '"plant.passive_angle_scale, brace.angle_scale" = -0.9\n[study]',
-            "not positive definite",
-        ),
-        (
-            "[study]",
-            '[correlation]\n"plant.drop_height, brace.angle_scale" = 0.3\n'
-            '"brace.angle_scale, plant.drop_height" = 0.2\n[study]',
-            "is stated twice, also as 'plant.drop_height, brace.angle_scale'; remove one",
-        ),
-        ('method = "monte-carlo"', 'method = "form"\nthreshold = "35 m"', "expected rad"),
-        ('method = "monte-carlo"', 'method = "form"', "needs study.threshold"),
-        ('method = "monte-carlo"', 'method = "monte-carlo"\nhalf_width = "0 deg"', "must be a positive value"),
-        ('method = "monte-carlo"', 'method = "sobol-indices"\nreplicates = 3', "multiple of its 3 replicates"),
+        ({"format": 99}, "has format 99, this version reads up to"),
+        ({"n_failed": "2"}, "n_failed: must be a whole number"),
+        ({"responses": {PEAK: {"mean": 1.0, "sd": "wide"}}}, f"responses, {PEAK}, sd: must be a number"),
+        ({"sensitivity": {PEAK: []}}, f"sensitivity, {PEAK}: must be an object"),
+        ({"trajectories": 5}, "trajectories: must be an object"),
+        ({"title": 5}, "title: must be a text"),
     ],
 )
-def test_impossible_studies_are_refused_in_one_line(tmp_path, old: str, new: str, said: str) -> None:
-    from sprain_cosim.shipped import scenario_folder
-
-    source = (scenario_folder() / "studies" / "study6.toml").read_text()
-    assert old in source
-    path = tmp_path / "mine.toml"
-    path.write_text(source.replace(old, new, 1))
-    with pytest.raises(InputError, match=r".") as problem:
-        sc.load_study(path)
-    assert said in str(problem.value)
-    assert len(str(problem.value).splitlines()) <= 2
-
-
-def test_radians_written_as_degrees_are_warned_about(tmp_path) -> None:
-    from sprain_cosim.shipped import scenario_folder
-
-    path = tmp_path / "mine.toml"
-    shipped = (scenario_folder() / "studies" / "study6.toml").read_text()
-    path.write_text(shipped.replace('mean = "-34 deg", sd = "5 deg"', 'mean = "-0.593 deg", sd = "0.0873 deg"'))
-    assert "radians written as degrees" in sc.load_study(path).warnings[-1]
-    assert not sc.load_study("study6").warnings
-
-
-def test_samples_keep_their_rows_and_columns(study6) -> None:
-    """Enlarging Monte Carlo and Sobol' keeps rows; another marginal without correlation leaves the other columns; a
-    Latin hypercube has one size."""
-    for method in ("monte-carlo", "sobol"):
-        small, large = (replace(study6, method=method, trials=n).sample() for n in (64, 256))
-        assert np.array_equal(large[:64], small)
-    correlation = np.eye(10)
-    correlation[0, 7] = correlation[7, 0] = 0.4
-    joined = replace(study6, trials=64, correlation=correlation)
-    other = joined.override("plant.contact_modulus", "60 MPa/m")
-    kept = [i for i, name in enumerate(study6.names) if name != "plant.contact_modulus"]
-    assert np.array_equal(joined.sample()[:, kept], other.sample()[:, kept])
-    identities = [replace(study6, method="lhs", trials=n).identity["trials"] for n in (64, 65)]
-    assert identities[0] != identities[1]
-
-
-def test_the_study_on_the_page_loads(tmp_path) -> None:
-    page = (Path(__file__).parent.parent.parent / "docs" / "studies.md").read_text()
-    path = tmp_path / "mine.toml"
-    path.write_text(page.partition("```toml\n")[2].partition("```")[0])
-    study = sc.load_study(path)
-    assert study.half_width == 1.0
-    assert study.sample().shape == (200, 4)
-    assert {name for name in shipped_studies() if f"`{name}`" in page} >= {
-        "amv6",
-        "form6",
-        "demers2017",
-        "brace_scaling",
-    }
-    for name in shipped_studies():
-        assert sc.load_study(name).checked().source == name
-
-
-def test_a_large_study_is_summed_up_in_seconds(study6) -> None:
-    """100 000 trials: no bootstrap, polynomial chaos from the first ones; the factors' intervals by their standard
-    errors."""
-    rng = np.random.default_rng(3)
-    x = study6.joint.from_standard(rng.standard_normal((100_000, 10)))
-    table = pd.DataFrame({"trial": np.arange(len(x)), "status": "completed", "message": ""})
-    table[study6.headings] = x
-    table[PEAK] = peak(study6, x) + rng.standard_normal(len(x))
-    began = perf_counter()
-    found = summarise(replace(study6, trials=len(x)), table, None)["sensitivity"][PEAK]
-    assert perf_counter() - began < 60
-    drop = found["plant.drop_height"]
-    assert drop["ci"]["dsd_dsd"][1] - drop["ci"]["dsd_dsd"][0] == pytest.approx(
-        3.92 * drop["standard_error"]["dsd_dsd"]
-    )
+def test_an_edited_summary_is_named_to_the_key(tmp_path: Path, changed: dict[str, Any], cause: str) -> None:
+    content = json.loads((BEFORE / "study" / "summary.json").read_text())
+    (tmp_path / "summary.json").write_text(json.dumps(content | changed))
+    with pytest.raises(InputError) as caught:
+        read_summary(tmp_path)
+    assert str(caught.value).startswith(f"{tmp_path / 'summary.json'}")
+    assert cause in str(caught.value)

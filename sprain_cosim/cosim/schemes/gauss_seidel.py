@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from ..assembly import Assembly
-from ..energy import Exchange, Values
+from ..energy import Exchange
+from ..system import Assembly
 
 
 class GaussSeidel:
@@ -18,16 +16,10 @@ class GaussSeidel:
 
     def step(self, assembly: Assembly, time: float, step: float) -> None:
         for member in assembly.members:
-            if not member.inputs_set:
+            if not member.sent:
                 assembly.transfer(member)
             assembly.advance(member, time, step)
-        assembly.refresh_feedback()
+        assembly.settle()
 
-    def applied(self, exchange: Exchange) -> Values:
+    def applied(self, exchange: Exchange) -> Exchange.Torques:
         return exchange.torque[:-1]
-
-    def save(self) -> Any:
-        return None
-
-    def restore(self, memory: Any) -> None:
-        pass

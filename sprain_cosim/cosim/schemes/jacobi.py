@@ -3,10 +3,8 @@ in parallel."""
 
 from __future__ import annotations
 
-from typing import Any
-
-from ..assembly import Assembly
-from ..energy import Exchange, Values
+from ..energy import Exchange
+from ..system import Assembly
 
 
 class Jacobi:
@@ -19,15 +17,9 @@ class Jacobi:
 
     def step(self, assembly: Assembly, time: float, step: float) -> None:
         for member in assembly.members:
-            assembly.advance(member, time, step, all_outputs=True)
+            assembly.advance(member, time, step, whole=True)
         for member in assembly.members:
             assembly.transfer(member)
 
-    def applied(self, exchange: Exchange) -> Values:
+    def applied(self, exchange: Exchange) -> Exchange.Torques:
         return exchange.torque[:-1]
-
-    def save(self) -> Any:
-        return None
-
-    def restore(self, memory: Any) -> None:
-        pass

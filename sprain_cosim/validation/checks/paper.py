@@ -18,6 +18,7 @@ import pandas as pd
 from scipy import stats
 
 from ...metrics import unit_of
+from ...study.summary import LevelSearch
 from ..check import Check, Gap, Row
 from ..laboratory import Laboratory, rms
 
@@ -116,7 +117,7 @@ def inputs(laboratory: Laboratory) -> list[Row]:
 
 
 def failures(laboratory: Laboratory) -> list[Row]:
-    return [Row(name, float(laboratory.campaign(name).summary["n_failed"]), 0, 0, "trials") for name in STUDIES]
+    return [Row(name, float(laboratory.campaign(name).summary.n_failed), 0, 0, "trials") for name in STUDIES]
 
 
 def statistics(study: str) -> Any:
@@ -208,28 +209,34 @@ def deviations(laboratory: Laboratory) -> list[Row]:
 
 def amv_levels(laboratory: Laboratory) -> list[Row]:
     campaign = laboratory.campaign("amv6")
-    levels = campaign.summary["amv"]["levels"]
-    return [
-        Row(f"{p} %", levels[p]["value"], campaign.study.published[f"{p} % [deg]"], 0.2, "deg")
-        for p in ("5", "50", "95")
-    ]
+    levels, published = _search(laboratory).levels, campaign.study.published
+    return [Row(f"{p} %", _known(levels[p].value), published[f"{p} % [deg]"], 0.2, "deg") for p in ("5", "50", "95")]
 
 
 def amv_cost(laboratory: Laboratory) -> list[Row]:
-    return [
-        Row("evaluations requested", float(laboratory.campaign("amv6").summary["amv"]["evaluations_requested"]), 14, 0)
-    ]
+    return [Row("evaluations requested", float(_search(laboratory).evaluations_requested), 14, 0)]
 
 
 def amv_importance(laboratory: Laboratory) -> list[Row]:
-    found = laboratory.campaign("amv6").summary["amv"]["linear_importance"]
+    found = _search(laboratory).linear_importance
     expected = {
         "plant.drop_height": 0.62,
         "plant.subtalar_angle_at_contact": 0.56,
         "controller.coactivation": -0.38,
         "plant.talocrural_angle_at_contact": 0.27,
     }
-    return [Row(name, found[name], value, 0.03) for name, value in expected.items()]
+    return [Row(name, _known(found[name]), value, 0.03) for name, value in expected.items()]
+
+
+def _search(laboratory: Laboratory) -> LevelSearch:
+    found = laboratory.campaign("amv6").summary.amv
+    assert found is not None
+    return found
+
+
+def _known(value: float | None) -> float:
+    """NaN, which no row passes with, for a number that the search does not give."""
+    return math.nan if value is None else value
 
 
 def _errors(laboratory: Laboratory, study: str) -> np.ndarray:

@@ -27,7 +27,8 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import InputError, nearest, problems_to_error
+from ...cosim.system import problems_to_error
+from ...errors import InputError, nearest
 from ...files import read_toml
 from ...metrics import unit_of
 from ...scenario import Scenario, load_scenario

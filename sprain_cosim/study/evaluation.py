@@ -1,0 +1,358 @@
+"""What a study's trials say: moments, percentiles with intervals, sensitivities, injury questions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from ..errors import InputError, nearest
+from ..records import finite
+from ..uq import sensitivity, statistics
+from ..uq.distributions import Array, Marginal, Normal, Uniform
+from ..uq.reliability import FormResult, LevelResult
+from ..uq.sensitivity import SobolIndices
+from .plan import Plan
+from .summary import (
+    Axis,
+    ChaosFit,
+    Coefficient,
+    FactorIntervals,
+    Factors,
+    FormSearch,
+    Grid,
+    InputSensitivity,
+    Level,
+    LevelSearch,
+    LinearFit,
+    Percentile,
+    Question,
+    Response,
+    Sensitivity,
+    SobolIndex,
+    SobolSearch,
+    StoppingRule,
+    StudySummary,
+    Threshold,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Found = LevelResult | FormResult | SobolIndices  # by a search
+
+PERCENTILES = (5, 50, 95)
+FEWEST = 4  # completed trials for moments
+LEAST = 20  # completed trials for sensitivities and probabilities
+RESAMPLES = 1000  # of the bootstrap
+# trials above which intervals of sensitivity factors are ± 1.96 standard errors, and polynomial chaos takes the first
+# rows alone
+MANY = 20_000
+FOR_CHAOS = 100  # completed trials for polynomial chaos
+CHAOS_DEGREE = 3  # at most; seconds instead of minutes for ten inputs and thousands of trials
+FACTORS = ("dmean_dmean", "dmean_dsd", "dsd_dmean", "dsd_dsd")
+# Injury thresholds: inversion of cadaver ankles at failure, counted from the neutral pose, and the anatomy's inversion
+# moment there.
+QUESTIONS = {
+    "peak_inversion_from_neutral_deg": ("above 35 ± 6 deg", Normal(35.0, 6.0)),
+    "anatomy_jcs_inversion_moment_Nm": ("above 2.7 ... 4.3 N·m", Uniform(2.7, 4.3)),
+}
+
+
+def summarise(study: Plan, trials: pd.DataFrame, found: Found | None) -> StudySummary:
+    """What the trials say, or what a search `found`. Raises InputError for a response that is no metric.
+
+    What they cannot say is left out or None, and `notes` says why."""
+    done = trials[trials["status"] == "completed"]
+    metrics = list(trials.columns[3 + len(study.names) :])
+    for name in study.responses:
+        if len(done) and name not in metrics:
+            raise InputError(f"response {name!r}: no such metric{nearest(name, metrics)}")
+    summary = StudySummary(
+        study=study.source,
+        title=study.title,
+        method=study.method,
+        seed=study.seed,
+        initial_pose=study.scenario.initial_pose(),
+        n_requested=study.trials if found is None and study.method != "grid" else len(trials),
+        n_completed=len(done),
+        n_failed=len(trials) - len(done),
+        failures={
+            str(status): int(count)
+            for status, count in trials["status"].value_counts().items()
+            if status != "completed"
+        },
+        dropped=tuple(study.scenario.dropped),
+    )
+    if found is not None:
+        return _with_search(summary, study, found)
+    return _with_sample(summary, study, trials, done, metrics)
+
+
+def _with_search(summary: StudySummary, study: Plan, found: Found) -> StudySummary:
+    if isinstance(found, FormResult):
+        return replace(summary, form=_form(study, found))
+    if isinstance(found, SobolIndices):
+        return replace(summary, sobol=_sobol(study, found))
+    notes: list[str] = []
+    questions = _questions_of_levels(study, found, notes)
+    return replace(summary, amv=_levels(study, found), questions=questions, notes=tuple(notes))
+
+
+def _with_sample(
+    summary: StudySummary, study: Plan, trials: pd.DataFrame, done: pd.DataFrame, metrics: Sequence[str]
+) -> StudySummary:
+    notes: list[str] = []
+    sample = _Sample.of(study, done, summary.n_failed, notes)
+    if len(done) < FEWEST:
+        notes.append(f"{len(done)} completed trials: no moments below {FEWEST}")
+    elif len(done) < LEAST:
+        notes.append(f"{len(done)} completed trials: no sensitivities and no probabilities below {LEAST}")
+    values = {name: done[name].to_numpy(float) for name in metrics}
+    responses = {name: sample.response(y) for name, y in values.items()} if len(done) >= FEWEST else {}
+    moved: dict[str, Sensitivity] = {}
+    if study.method == "monte-carlo" and len(done) >= LEAST:
+        x = done[study.headings].to_numpy(float)
+        moved = {name: _sensitivity(study, x, values[name]) for name in study.responses}
+    questions = {}
+    if len(done) >= LEAST and study.method != "grid":
+        for name in QUESTIONS:
+            if name in values:
+                questions[name] = sample.question(name, values[name])
+    return replace(
+        summary,
+        responses=responses,
+        sensitivity=moved,
+        questions=questions,
+        notes=tuple(notes),
+        grid=_grid(study, trials) if study.method == "grid" else None,
+        stopping=_stopping(study, sample, values[study.responses[0]]) if responses else None,
+    )
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """How the trials were drawn, hence which intervals they allow.
+
+    failed       number of trials that did not complete
+    independent  rows are independent draws
+    replicates   of a complete Sobol' study, else None
+    """
+
+    failed: int
+    independent: bool
+    replicates: int | None
+
+    @classmethod
+    def of(cls, study: Plan, done: pd.DataFrame, failed: int, notes: list[str]) -> Self:
+        """Adds to `notes` how the intervals come about."""
+        replicates = None
+        if study.method == "sobol":
+            whole = (
+                not failed and np.array_equal(done["trial"], np.arange(len(done))) and len(done) % study.replicates == 0
+            )
+            if whole and study.replicates >= statistics.MIN_REPLICATES:
+                replicates = study.replicates
+                notes.append(f"intervals from the spread over {replicates} scrambled Sobol' sequences")
+            else:
+                notes.append(
+                    f"no intervals of percentiles: they need {statistics.MIN_REPLICATES} complete replicates; "
+                    "probabilities as from independent trials"
+                )
+        elif study.method == "lhs":
+            notes.append(
+                "one Latin hypercube has no intervals of its own: percentiles are given without; those of mean and "
+                "probabilities are the ones of independent "
+                "trials, which a Latin hypercube does not exceed (A. B. Owen, SIAM J. Numer. Anal. 34, 1997, 1884)"
+            )
+        elif study.method == "table":
+            notes.append("intervals hold if the given rows are independent draws")
+        elif study.method == "grid":
+            notes.append("a grid is no sample: moments and percentiles describe its points, no probability is theirs")
+        return cls(failed, study.method in ("monte-carlo", "table"), replicates)
+
+    def percentile(self, y: Array, p: float) -> statistics.Estimate:
+        if self.replicates:
+            return statistics.replicated_percentile(y, self.replicates, p)
+        e = statistics.percentile(y, p)
+        return e if self.independent else statistics.Estimate(e.value, math.nan, math.nan)
+
+    def question(self, name: str, y: Array) -> Question:
+        """The probability that the response `name` exceeds its threshold, one of QUESTIONS."""
+        event, threshold = QUESTIONS[name]
+        if self.replicates:
+            e = statistics.replicated_exceedance(y, self.replicates, threshold)
+        else:
+            e = statistics.exceedance(y, threshold, failed=self.failed)
+        return Question(event, finite(e.value), finite(e.low), finite(e.high))
+
+    def response(self, y: Array) -> Response:
+        if self.replicates:
+            mean = statistics.replicated(y, self.replicates, np.mean)
+            sd = statistics.replicated(y, self.replicates, lambda v: np.std(v, ddof=1))
+        else:
+            mean, sd = statistics.mean(y), statistics.standard_deviation(y)
+        percentiles = {}
+        for p in PERCENTILES:
+            e = self.percentile(y, p / 100)
+            bounds = None
+            if self.failed:
+                low, high = statistics.percentile_bounds(y, self.failed, p / 100)
+                bounds = (finite(low), finite(high))
+            percentiles[str(p)] = Percentile(finite(e.value), finite(e.low), finite(e.high), bounds)
+        if not (self.independent or self.replicates):
+            return Response(finite(mean.value), finite(sd.value), percentiles)
+        ends = ((finite(e.low), finite(e.high)) for e in (mean, sd))
+        return Response(finite(mean.value), finite(sd.value), percentiles, *ends)
+
+
+def _stopping(study: Plan, sample: _Sample, y: Array) -> StoppingRule | None:
+    if study.half_width is None:
+        return None
+    rule = statistics.stopping_of({p: sample.percentile(y, p) for p in study.levels}, len(y), study.half_width)
+    half = {f"{100 * p:g}": finite(h) for p, h in rule.half_width.items()}
+    return StoppingRule(study.responses[0], rule.wanted, half, rule.met, rule.needed)
+
+
+def _grid(study: Plan, trials: pd.DataFrame) -> Grid:
+    shape = [len(levels) for levels in study.grid.values()]
+    axes = tuple(Axis(name, study.units[name], tuple(levels)) for name, levels in study.grid.items())
+    if len(trials) != math.prod(shape):
+        return Grid(axes, {})
+    values = {
+        name: trials[name].where(trials["status"] == "completed").to_numpy(float).reshape(shape)
+        for name in study.responses
+        if name in trials
+    }
+    return Grid(axes, {name: _nested(v) for name, v in values.items()})
+
+
+def _nested(values: Array) -> list[Any]:
+    """An array as nested lists, None for NaN."""
+    if values.ndim == 1:
+        return [finite(v) for v in values]
+    return [_nested(row) for row in values]
+
+
+def _sensitivity(study: Plan, x: Array, y: Array) -> Sensitivity:
+    marginals = tuple(study.marginals.values())
+    active = [i for i, m in enumerate(marginals) if not m.is_fixed]
+    if not active or not np.ptp(y) > 0:
+        return Sensitivity()
+    r, rho = sensitivity.pearson(x[:, active], y), sensitivity.spearman(x[:, active], y)
+    factors = sensitivity.sensitivity_factors(
+        x, y, marginals, study.correlation, resamples=RESAMPLES if len(y) <= MANY else 0, seed=study.seed
+    )
+    fit = sensitivity.importance(x, y, marginals, study.correlation) if len(y) > len(active) + 1 else None
+    chaos = None
+    if study.correlation is None and len(y) >= FOR_CHAOS:
+        chaos = sensitivity.given_data_indices(x[:MANY], y[:MANY], marginals, CHAOS_DEGREE)
+    inputs = {}
+    for k, i in enumerate(active):
+        inputs[study.names[i]] = InputSensitivity(
+            _coefficient(r, k),
+            _coefficient(rho, k),
+            **{f: finite(getattr(factors, f)[i]) for f in FACTORS},
+            standard_error=Factors(*(finite(getattr(factors.standard_error, f)[i]) for f in FACTORS)),
+            ci=FactorIntervals(*(_factor_interval(factors, f, i) for f in FACTORS)),
+            importance=None if fit is None else finite(fit.alpha[i]),
+            importance_standard_error=None if fit is None else finite(fit.standard_error[i]),
+            sobol_first=None if chaos is None else finite(chaos.first[i]),
+            sobol_total=None if chaos is None else finite(chaos.total[i]),
+        )
+    return Sensitivity(
+        inputs,
+        None if fit is None else LinearFit(finite(fit.r2)),
+        None if chaos is None else ChaosFit(chaos.degree, chaos.terms, finite(chaos.q2)),
+    )
+
+
+def _factor_interval(factors: sensitivity.SensitivityFactors, name: str, i: int) -> tuple[float | None, float | None]:
+    if factors.low and factors.high:
+        return finite(getattr(factors.low, name)[i]), finite(getattr(factors.high, name)[i])
+    value, half = float(getattr(factors, name)[i]), 1.96 * float(getattr(factors.standard_error, name)[i])
+    return finite(value - half), finite(value + half)
+
+
+def _coefficient(r: sensitivity.Correlation, k: int) -> Coefficient:
+    return Coefficient(*(finite(np.atleast_1d(end)[k]) for end in (r.value, r.low, r.high)))
+
+
+def _named(names: Iterable[str], values: Iterable[float]) -> dict[str, float | None]:
+    return {name: finite(value) for name, value in zip(names, values, strict=True)}
+
+
+def _form(study: Plan, found: FormResult) -> FormSearch:
+    threshold, names = study.threshold, list(study.names)
+    if isinstance(threshold, Marginal):
+        limit = Threshold(finite(threshold.mean), repr(threshold))
+        names.append("threshold")
+    else:
+        limit = Threshold(finite(threshold))
+    return FormSearch(
+        found.evaluations.requested,
+        found.evaluations.executed,
+        found.status,
+        tuple(found.reasons),
+        study.responses[0],
+        finite(found.beta),
+        finite(found.probability),
+        limit,
+        _named(names, found.alpha),
+        _named(names, found.design_point),
+    )
+
+
+def _sobol(study: Plan, found: SobolIndices) -> SobolSearch:
+    ends = (found.first, found.first_low, found.first_high, found.total, found.total_low, found.total_high)
+    indices = {name: SobolIndex(*(finite(end[i]) for end in ends)) for i, name in enumerate(study.names)}
+    return SobolSearch(study.responses[0], finite(found.mean), finite(found.variance), found.evaluations, indices)
+
+
+def _levels(study: Plan, found: LevelResult) -> LevelSearch:
+    levels = {}
+    for p, value in found.value.items():
+        key = f"{100 * p:g}"
+        known = study.published.get("monte_carlo", {}).get(f"{key} % [deg]")
+        levels[key] = Level(
+            finite(value),
+            _named(study.names, found.importance[p]),
+            _named(study.names, found.design_point[p]),
+            found.iterations[p],
+            # a method of the mean value family matches Monte Carlo if it lies in its interval
+            statistics.agreement(value, statistics.Estimate(*known)) if known else None,
+        )
+    return LevelSearch(
+        found.evaluations.requested,
+        found.evaluations.executed,
+        found.status,
+        tuple(found.reasons),
+        study.responses[0],
+        levels,
+        _named(study.names, found.linear_importance),
+        finite(found.mean),
+        finite(found.sd),
+    )
+
+
+def _questions_of_levels(study: Plan, found: LevelResult, notes: list[str]) -> dict[str, Question]:
+    name = study.responses[0]
+    if name not in QUESTIONS:
+        notes.append(
+            f"no injury probabilities: they need a response among {', '.join(QUESTIONS)}, or method form with a "
+            "threshold"
+        )
+        return {}
+    event, threshold = QUESTIONS[name]
+    notes.append(
+        "probabilities interpolate the levels; a search has no sampling error, and its own error is not known: no "
+        "interval"
+    )
+    try:
+        return {name: Question(event, finite(statistics.exceedance_of_levels(found.value, threshold)))}
+    except ValueError as problem:
+        notes.append(f"no probability: {problem}")
+        return {}

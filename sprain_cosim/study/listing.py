@@ -1,0 +1,228 @@
+"""The tables that `study` prints: percentiles, correlations, sensitivities, moments of every metric, what a search
+found, beside the published figures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from ..uq import statistics
+from .evaluation import FACTORS
+from .plan import Plan
+from .summary import (
+    PAIR,
+    Axis,
+    FormSearch,
+    Grid,
+    InputSensitivity,
+    LevelSearch,
+    Response,
+    Sensitivity,
+    SobolSearch,
+    StoppingRule,
+    StudySummary,
+)
+
+
+def study_listing(study: Plan, summary: StudySummary) -> str:
+    """The whole text."""
+    lines = [
+        f"{summary.title}  ·  {summary.method}, pose {summary.initial_pose}, "
+        f"{summary.n_completed} of {summary.n_requested} trials completed, {_number(summary.wall_s, '.1f')} s wall time"
+    ]
+    lines += [f"failed: {count} {status}" for status, count in summary.failures.items()]
+    if summary.amv is not None:
+        lines += _levels(study, summary.amv)
+    elif summary.form is not None:
+        lines += _form(summary.form)
+    elif summary.sobol is not None:
+        lines += _sobol(summary.sobol)
+    elif summary.grid is not None:
+        lines += _grid(summary.grid)
+    else:
+        lines += _sample(study, summary)
+    for key, q in summary.questions.items():
+        bounds = "" if q.ci_low is None else f"  ({q.ci_low:.3f} ... {_number(q.ci_high, '.3f')})"
+        lines.append(f"P({key} {q.event}) = {_number(q.probability, '.3f')}{bounds}")
+    if summary.stopping is not None:
+        lines.append(_stopping(summary.stopping))
+    lines += [f"note: {note}" for note in summary.notes]
+    if study.published:
+        lines += ["", f"published: {study.published['source']}"]
+    return "\n".join(lines)
+
+
+def _stopping(rule: StoppingRule) -> str:
+    widest = max((w for w in rule.half_width.values() if w is not None), default=math.nan)
+    needed = ""
+    if not rule.met and rule.trials_needed:
+        needed = f"; about {rule.trials_needed} trials needed: --trials {rule.trials_needed} --resume"
+    met = "met" if rule.met else "not met"
+    return f"stopping rule, half-width {rule.wanted:g}: {met}, widest level {widest:.2g}{needed}"
+
+
+def _sample(study: Plan, summary: StudySummary) -> list[str]:
+    published, lines = study.published, []
+    for name in study.responses if summary.responses else ():
+        first = published if name == "peak_subtalar_angle_deg" else {}
+        lines += ["", f"{name:34}{'here':>10}{'95 % interval':>20}{'published':>12}"]
+        for label, value, (low, high) in _rows(summary.responses[name]):
+            beside = _number(first.get(f"{label} [deg]"))
+            lines.append(f"  {label:32}{_number(value, '.2f'):>10}{_interval(low, high):>20}{beside:>12}")
+        moved = summary.sensitivity.get(name)
+        if moved is not None and moved.inputs:
+            lines += _correlations(moved, published.get("pearson", {}) if first else {})
+            lines += _factors(moved.inputs)
+    if summary.responses:
+        lines += ["", f"{'metric (mean ± SD)':48}{'here':>20}{'published':>16}"]
+    for key, r in summary.responses.items():
+        pair = published.get("metrics", {}).get(key)
+        beside = f"{pair[0]:g} ± {pair[1]:g}" if pair else ""
+        lines.append(f"  {key:46}{_number(r.mean, '.1f'):>11} ± {_number(r.sd, '.1f'):<6}{beside:>16}")
+    return lines
+
+
+def _correlations(moved: Sensitivity, published: Mapping[str, Any]) -> list[str]:
+    lines = [
+        "",
+        f"{'Pearson r':34}{'here':>10}{'95 % interval':>20}{'published':>12}{'importance ± SE':>18}"
+        f"{'Sobol first total':>19}",
+    ]
+    for key, s in moved.inputs.items():
+        alpha = ""
+        if s.importance is not None:
+            alpha = f"{s.importance:.2f} ± {_number(s.importance_standard_error, '.2f')}"
+        indices = ""
+        if s.sobol_first is not None:
+            indices = f"{s.sobol_first:.2f}  {_number(s.sobol_total, '.2f')}"
+        lines.append(
+            f"  {key:32}{_number(s.pearson.value, '.2f'):>10}{_interval(s.pearson.low, s.pearson.high):>20}"
+            f"{_number(published.get(key)):>12}{alpha:>18}{indices:>19}"
+        )
+    if moved.chaos is not None:
+        lines.append(
+            f"  Sobol' indices from polynomial chaos of degree {moved.chaos.degree}, {moved.chaos.terms} terms, which "
+            f"predicts {_number(moved.chaos.q2, '.0%')} of left-out variance"
+        )
+    return lines
+
+
+def _factors(inputs: Mapping[str, InputSensitivity]) -> list[str]:
+    lines = [
+        "",
+        f"{'sensitivity factors ± SE':34}{'dmean/dmean':>16}{'dmean/dsd':>16}{'dsd/dmean':>16}{'dsd/dsd':>16}    "
+        "(* 95 % interval without 0)",
+    ]
+    for key, s in inputs.items():
+        cells = []
+        for f in FACTORS:
+            value, error, interval = (getattr(held, f) for held in (s, s.standard_error, s.ci))
+            mark = "*" if _beyond_noise(interval) else " "
+            cells.append(f"{_number(value, '.2f') or '-'} ± {_number(error, '.2f') or '-'}{mark}")
+        lines.append(f"  {key:32}" + "".join(f"{cell:>16}" for cell in cells))
+    return lines
+
+
+def _beyond_noise(interval: PAIR | None) -> bool:
+    low, high = interval or (None, None)
+    return low is not None and high is not None and (low > 0 or high < 0)
+
+
+def _rows(r: Response) -> Iterable[tuple[str, float | None, PAIR]]:
+    yield "mean", r.mean, r.mean_ci or (None, None)
+    yield "sd", r.sd, r.sd_ci or (None, None)
+    for p, e in r.percentiles.items():
+        yield f"{p} %", e.value, (e.ci_low, e.ci_high)
+
+
+def _ending(found: LevelSearch | FormSearch) -> list[str]:
+    return [
+        "",
+        f"evaluations: {found.evaluations_requested} requested, {found.evaluations_executed} executed; gate: "
+        f"{found.status}",
+        *(f"  {reason}" for reason in found.reasons),
+    ]
+
+
+def _levels(study: Plan, found: LevelSearch) -> list[str]:
+    published, known = study.published, study.published.get("monte_carlo", {})
+    lines = [
+        "",
+        f"{found.response:34}{'here':>10}{'published':>12}"
+        + (f"{'their Monte Carlo':>24}   here / published against its interval" if known else ""),
+    ]
+    for level, entry in found.levels.items():
+        key = f"{level} % [deg]"
+        theirs, sampled = published.get(key), known.get(key)
+        line = f"  {level + ' %':32}{_number(entry.value, '.2f'):>10}{_number(theirs):>12}"
+        if sampled and theirs is not None:
+            verdict = statistics.agreement(theirs, statistics.Estimate(*sampled))
+            interval = f"{sampled[0]:g} ({sampled[1]:g} ... {sampled[2]:g})"
+            line += f"{interval:>24}   {entry.against_monte_carlo} / {verdict}"
+        lines.append(line)
+    lines += ["", f"{'importance':34}{'linear':>10}" + "".join(f"{level + ' %':>10}" for level in found.levels)]
+    for name, value in found.linear_importance.items():
+        cells = (value, *(e.importance.get(name) for e in found.levels.values()))
+        lines.append(f"  {name:32}" + "".join(f"{_number(cell, '.2f'):>10}" for cell in cells))
+    return lines + _ending(found)
+
+
+def _form(found: FormSearch) -> list[str]:
+    threshold = found.threshold.distribution or _number(found.threshold.mean)
+    lines = [
+        "",
+        f"P({found.response} > {threshold}) = {_number(found.probability, '.4g')}   "
+        f"beta {_number(found.beta, '.3f')}   (first order: no interval)",
+        "",
+        f"{'':34}{'importance':>12}{'design point':>16}",
+    ]
+    for name, value in found.importance.items():
+        point = found.design_point.get(name)
+        lines.append(f"  {name:32}{_number(value, '.2f'):>12}{_number(point, '.5g'):>16}")
+    return lines + _ending(found)
+
+
+def _sobol(found: SobolSearch) -> list[str]:
+    sd = None if found.variance is None else math.sqrt(found.variance)
+    lines = [
+        "",
+        f"{found.response}: mean {_number(found.mean, '.3f')}, SD {_number(sd, '.3f')}, {found.evaluations} landings",
+        "",
+        f"{'Sobol indices':34}{'first':>8}{'95 % interval':>20}{'total':>8}{'95 % interval':>20}",
+    ]
+    for name, i in found.indices.items():
+        lines.append(
+            f"  {name:32}{_number(i.first, '.2f'):>8}{_interval(i.first_low, i.first_high):>20}"
+            f"{_number(i.total, '.2f'):>8}{_interval(i.total_low, i.total_high):>20}"
+        )
+    return lines
+
+
+def _grid(grid: Grid) -> list[str]:
+    lines: list[str] = []
+    for name, values in grid.responses.items():
+        if len(grid.axes) > 2:
+            lines += ["", f"{name}: {len(grid.axes)} axes, see trials.csv"]
+            continue
+        rows, columns = grid.axes[0], grid.axes[1] if len(grid.axes) > 1 else None
+        lines += ["", f"{name}: {_axis(rows)} down" + (f", {_axis(columns)} across" if columns else "")]
+        if columns:
+            lines.append(" " * 10 + "".join(f"{level:9.4g}" for level in columns.levels))
+        for level, row in zip(rows.levels, values, strict=True):
+            cells = row if isinstance(row, list) else [row]
+            lines.append(f"{level:10.4g}" + "".join(f"{'failed' if v is None else f'{v:.2f}':>9}" for v in cells))
+    return lines
+
+
+def _axis(axis: Axis) -> str:
+    return f"{axis.name} [{axis.unit}]" if axis.unit else axis.name
+
+
+def _interval(low: float | None, high: float | None) -> str:
+    return "" if low is None or high is None else f"{low:.2f} ... {high:.2f}"
+
+
+def _number(value: float | None, form: str = "g") -> str:
+    """Nothing for a number that is not known, such as the factors of a uniform input."""
+    return "" if value is None else f"{value:{form}}"
