@@ -56,6 +56,45 @@ OUTPUTS: dict[str, Unit] = {
     "strap_tension": unit("N"),
 }
 
+# ---- a brace and the plant, as "component.variable"
+PLANT = "plant"
+MOTION = {"stiffness": "angle", "damping": "velocity"}  # what each of a brace's impedances multiplies
+
+
+def torque_input(axis: str) -> str:
+    """The plant's input for the brace's torque about `axis` [N.m]."""
+    return f"{PLANT}.brace_{axis}_torque"
+
+
+def torque_axis(connector: str) -> str | None:
+    """The axis whose torque_input() this is; None for any other connector."""
+    axis = connector.removeprefix(f"{PLANT}.brace_").removesuffix("_torque")
+    return axis if connector == torque_input(axis) else None
+
+
+def impedance_input(axis: str, other: str, kind: str) -> str:
+    """The plant's input for -d(torque about `axis`)/d(angle or velocity of `other`) [SI]; `kind` is a key of MOTION."""
+    return f"{PLANT}.brace_{axis}_{kind}" if axis == other else f"{PLANT}.brace_{axis}_{other}_{kind}"
+
+
+def motion_output(axis: str, kind: str) -> str:
+    """The plant's output that a brace's stiffness or damping (`kind`) about `axis` multiplies: angle [rad] or velocity
+    [rad/s]."""
+    return f"{PLANT}.{axis}_{MOTION[kind]}"
+
+
+def inertia_output(axis: str) -> str:
+    """The plant's output for its effective inertia about `axis` [kg.m2]."""
+    return f"{PLANT}.{axis}_effective_inertia"
+
+
+def is_torque(connector: str) -> bool:
+    return connector.endswith("_torque")
+
+
+def is_impedance(connector: str) -> bool:
+    return connector.endswith(tuple(f"_{kind}" for kind in MOTION))
+
 
 def plain(name: str) -> str:
     """`.`, `_` and letter case do not count in names."""

@@ -46,6 +46,15 @@ class EnvironmentProblem(SprainError):
     exit_code = 4
 
 
+def problems_to_error(place: str, problems: Iterable[str]) -> None:
+    """Raises one InputError in one line for all problems; nothing for none."""
+    found = list(dict.fromkeys(problems))
+    if len(found) == 1:
+        raise InputError(f"{place}: {found[0]}")
+    if found:
+        raise InputError(f"{place}: {len(found)} problems: " + "; ".join(f"({k}) {p}" for k, p in enumerate(found, 1)))
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """' (did you mean X?)' for the nearest of the known names, or the known names themselves if they are few."""
     known = list(known)

@@ -18,8 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from .contract import INPUTS, OUTPUTS
-from .cosim.system import problems_to_error
-from .errors import InputError, nearest
+from .errors import InputError, nearest, problems_to_error
 from .files import parse_toml, read_text
 from .fmu import archive
 from .fmu.component import Component, Connector

@@ -19,11 +19,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
+from .cosim.assembly import Assembly
 from .cosim.coupling import check_scheme
 from .cosim.master import Master
 from .cosim.result import Result
-from .cosim.system import Assembly, System, connect, problems_to_error
-from .errors import InputError, SimulationError, nearest
+from .cosim.system import System, connect
+from .errors import InputError, SimulationError, nearest, problems_to_error
 from .files import read_toml
 from .fmu.component import Component
 from .fmu.isolated import isolated

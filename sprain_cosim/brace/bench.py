@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..cosim.loops import make_consistent
 from ..errors import EnvironmentProblem, SimulationError, SprainError
 from ..folders import run as runfolder
 from ..process import Child, Gone, Limits, listen
@@ -119,8 +120,8 @@ def hold(
             assembly.start({**system.parameters, **values, **still}, 0.0, scenario.master.stop)
             for k in range(max(1, round(HOLD / h))):
                 assembly.transfer(device)
-                assembly.advance(device, k * h, h, whole=True)
-            assembly.agree()
+                assembly.advance(device, k * h, h, all_outputs=True)
+            make_consistent(assembly)
             out[posture] = math.copysign(1.0, degrees) * assembly.si(f"plant.brace_{axis}_moment")
     finally:
         assembly.close()

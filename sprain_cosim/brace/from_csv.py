@@ -21,8 +21,7 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from ..cosim.system import problems_to_error
-from ..errors import InputError, nearest
+from ..errors import InputError, nearest, problems_to_error
 from ..files import write
 from ..fmu.archive import read
 from ..fmu.build import EPOCH

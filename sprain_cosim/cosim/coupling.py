@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, nearest
+from .assembly import Assembly
 from .energy import exchange, residual
-from .identification import Found, Identification
+from .identification import Identification, Linearisation
 from .schemes.adaptive import Adaptive
 from .schemes.extrapolated import Extrapolated
 from .schemes.gauss_seidel import GaussSeidel
@@ -18,7 +19,6 @@ from .schemes.iterative import Iterative
 from .schemes.jacobi import Jacobi
 from .schemes.protocol import Scheme
 from .stability import WARNING, growth, verdict
-from .system import Assembly
 
 __all__ = ["SCHEMES", "Coupling", "Scheme", "begin", "check_scheme"]
 
@@ -35,7 +35,12 @@ def check_scheme(name: str) -> None:
 
 @dataclass(frozen=True)
 class Coupling:
-    """The scheme of one run, why it was taken, and what has to be said before the run."""
+    """The scheme of one run, started.
+
+    scheme   what couples
+    reason   why it was taken, in words
+    warning  of the stability guard and the identification; empty for none
+    """
 
     scheme: Scheme
     reason: str
@@ -61,9 +66,9 @@ class Coupling:
 def begin(
     name: str, assembly: Assembly, step: float, steps: int, identify: int = 1, guard: bool = True, adaptive: float = 0.0
 ) -> Coupling:
-    """Chooses and starts the scheme of an assembly that has started, for `steps` steps of `step` [s]; `identify`: after
-    how many steps stiffness and damping are found anew; `adaptive` > 0: the tolerance of steps divided as the residual
-    energy asks. Raises InputError for a scheme that the system cannot run or, with `guard`, that would be unstable."""
+    """Chooses and starts the scheme of an assembly that has started, for `steps` steps of `step` [s]; `identify`,
+    `guard` and `adaptive` as in Master. Raises InputError for a scheme that the system cannot run or, with `guard`,
+    that would be unstable."""
     check_scheme(name)
     unable = [m.name for m in assembly.members if not m.component.capabilities.state]
     if name == Iterative.name and unable:
@@ -73,7 +78,7 @@ def begin(
         )
     probing = guard or name in ("auto", Impedance.name)
     identification = Identification(assembly, step) if probing else None
-    found = identification.found if identification else None
+    found = identification.linearisation if identification else None
     reason = "asked for"
     if name == "auto":
         name, reason = _choose(found, not unable, step, steps)
@@ -89,15 +94,15 @@ def begin(
     if guard:
         finest = scheme.allowed[-1] if isinstance(scheme, Adaptive) else 1
         others = [Impedance.name] if unable else [Impedance.name, Iterative.name]
-        level, said = verdict(name, found, step / finest, steps * finest, others)
+        level, message = verdict(name, found, step / finest, steps * finest, others)
         if level == "refusal":
-            raise InputError(said)
-        warnings = [said, found.doubt if found else ""]
+            raise InputError(message)
+        warnings = [message, found.doubt if found else ""]
     scheme.start(assembly)
     return Coupling(scheme, reason, "; ".join(w for w in warnings if w))
 
 
-def _choose(found: Found | None, states: bool, step: float, steps: int) -> tuple[str, str]:
+def _choose(found: Linearisation | None, states: bool, step: float, steps: int) -> tuple[str, str]:
     """Impedance hand-over wherever something can be handed over; else Gauss-Seidel, if it is stable; else iteration, if
     all can repeat a step."""
     if found is None:
@@ -112,7 +117,7 @@ def _choose(found: Found | None, states: bool, step: float, steps: int) -> tuple
     return GaussSeidel.name, why
 
 
-def _handed_over(found: Found | None) -> str:
+def _handed_over(found: Linearisation | None) -> str:
     if found is None or not (found.declared or found.identified):
         return "nothing to hand over"
     parts = [f"the device declares {', '.join(found.declared)}"] if found.declared else []

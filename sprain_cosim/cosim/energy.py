@@ -8,76 +8,79 @@ Pedersen, Energy conservation and power bonds in co-simulations, Eng. Comput. 33
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .system import Assembly, impedance_input
+from ..contract import MOTION, impedance_input, motion_output, torque_input
+from .assembly import Assembly
 
-TORQUE = "_torque"
+Values = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Exchange:
-    """What passed between devices and plant at the n communication points: `torque`, `angle`, `velocity` (n, axes) in
-    SI, `stiffness` and `damping` (n, axes, axes) as handed over (zeros otherwise); `steps` (n - 1,) their distances, in
-    any unit."""
+    """What passed between devices and plant at n communication points, SI.
 
-    Torques = NDArray[np.float64]
+    torque             (n, axes) of the devices on the foot
+    angle, velocity    (n, axes) of the plant
+    stiffness, damping (n, axes, axes) as handed over; zeros otherwise
+    steps              (n - 1,) distances of the points, in any unit
+    """
 
-    torque: NDArray[np.float64]
-    angle: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    stiffness: NDArray[np.float64]
-    damping: NDArray[np.float64]
-    steps: NDArray[np.float64]
+    torque: Values
+    angle: Values
+    velocity: Values
+    stiffness: Values
+    damping: Values
+    steps: Values
 
 
 class Applies(Protocol):
-    """`lag`: how many steps a device's recorded torque is behind the angle recorded with it."""
+    """What `shares` asks of a coupling scheme (schemes/protocol.py)."""
 
     lag: int
 
-    def applied(self, exchange: Exchange) -> Exchange.Torques:
-        """Mean torque (n - 1, axes) that the scheme let the plant apply over each step."""
-        ...
+    def applied(self, exchange: Exchange) -> Values: ...
 
 
-def exchange(
-    assembly: Assembly, values: NDArray[np.float64], steps: NDArray[np.float64] | None = None
-) -> Exchange | None:
+def exchange(assembly: Assembly, values: Values, steps: Values | None = None) -> Exchange | None:
     """From a record (n, slots) of the assembly's bus at points `steps` (n - 1,) apart (equal ones if left out); None
     without a device that gives a torque about an axis of the plant."""
-    system = assembly.system
+    axes = list(assembly.system.torques)
+    if not axes:
+        return None
 
-    def column(name: str) -> NDArray[np.float64]:
+    def column(name: str) -> Values:
         unit = assembly.units[assembly.index[name]]
         raw = values[:, assembly.index[name]]
         return raw if unit is None else unit.factor * raw + unit.offset
 
-    axes = list(system.torques)
-    if not axes:
-        return None
+    def columns(names: Iterable[str]) -> Values:
+        return np.stack([column(name) for name in names], axis=1)
+
     n, d = len(values), len(axes)
-    matrices = {kind: np.zeros((n, d, d)) for kind in ("stiffness", "damping")}
+    matrices = {kind: np.zeros((n, d, d)) for kind in MOTION}
     for kind, matrix in matrices.items():
         for i, a in enumerate(axes):
             for j, b in enumerate(axes):
                 name = impedance_input(a, b, kind)
                 if name in assembly.index:
                     matrix[:, i, j] = column(name)
-    torque, angle, velocity = (
-        np.stack([column(name.format(a)) for a in axes], axis=1)
-        for name in ("plant.brace_{}_torque", "plant.{}_angle", "plant.{}_velocity")
-    )
     return Exchange(
-        torque, angle, velocity, matrices["stiffness"], matrices["damping"], np.ones(n - 1) if steps is None else steps
+        columns(torque_input(a) for a in axes),
+        columns(motion_output(a, "stiffness") for a in axes),
+        columns(motion_output(a, "damping") for a in axes),
+        matrices["stiffness"],
+        matrices["damping"],
+        np.ones(n - 1) if steps is None else steps,
     )
 
 
-def shares(scheme: Applies, passed: Exchange | None) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+def shares(scheme: Applies, passed: Exchange | None) -> tuple[Values, Values] | None:
     """Residual and exchanged energy [J] of each step, both (n - 1,) magnitudes."""
     if passed is None or len(passed.torque) < 2:
         return None
@@ -88,8 +91,8 @@ def shares(scheme: Applies, passed: Exchange | None) -> tuple[NDArray[np.float64
         device = np.vstack(
             [passed.torque[scheme.lag :], [passed.torque[-1] + (k + 1) * slope for k in range(scheme.lag)]]
         )
-    given = 0.5 * (device[1:] + device[:-1])
-    return np.abs(((scheme.applied(passed) - given) * moved).sum(axis=1)), np.abs(given * moved).sum(axis=1)
+    mean = 0.5 * (device[1:] + device[:-1])
+    return np.abs(((scheme.applied(passed) - mean) * moved).sum(axis=1)), np.abs(mean * moved).sum(axis=1)
 
 
 def residual(scheme: Applies, passed: Exchange | None) -> float | None:

@@ -11,39 +11,47 @@ A stiffness is the secant over the angle that the plant is about to turn by, a d
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from operator import mul
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .system import Assembly, Member, impedance_input
+from ..contract import MOTION, impedance_input, inertia_output, motion_output
+from .assembly import Assembly, Member
 
 ANGLE, VELOCITY = 1e-4, 0.05  # rad, rad/s: least movements
 DRIFT = 1e-3  # of a change of torque that the slopes may miss before they are found anew
 ROUNDING = 1e-9
-KINDS = (("stiffness", "angle"), ("damping", "velocity"))
+KINDS = tuple(MOTION)  # the first index of Slopes
+STIFFNESS = KINDS.index("stiffness")
 
 DIRECT, STEP, START = "direct", "step", "start"
 
 Matrix = NDArray[np.float64]
 Slopes = NDArray[np.float64]  # (2, d, d): stiffness and damping
-Recent = tuple[list[list[float]], list[float]]
+Recent = tuple[list[list[float]], list[float]]  # torques by inputs; inputs and torques, all in the units of the bus
 
 
 @dataclass(frozen=True)
-class Found:
-    """About `axes` at the start, SI: `stiffness` and `damping` (d, d) of the devices, `given_stiffness` and
-    `given_damping` (d, d) that a scheme can hand over (declared or identified), the plant's `inertia` (d,) or None
-    where it does not tell. `declared` and `identified` name the outputs and how; `doubt` is a sentence about what is
-    declared but not true, or cannot be found."""
+class Linearisation:
+    """The devices at the start, SI.
+
+    axes                    about which they give torques (d)
+    stiffness, damping      (d, d) that their torques show where they can be found, else as declared
+    handed_stiffness, handed_damping  (d, d) that a scheme can hand over: declared or identified
+    inertia                 (d,) effective inertia of the plant; None where the plant has no such outputs
+    declared                the outputs that declare
+    identified              what was found by finite differences, and how, in words
+    doubt                   a sentence about what is declared but not true, or cannot be found
+    """
 
     axes: tuple[str, ...]
     stiffness: Matrix
     damping: Matrix
-    given_stiffness: Matrix
-    given_damping: Matrix
+    handed_stiffness: Matrix
+    handed_damping: Matrix
     inertia: Matrix | None
     declared: tuple[str, ...] = ()
     identified: tuple[str, ...] = ()
@@ -59,13 +67,15 @@ class Found:
         return 0
 
     def size(self) -> str:
+        """Stiffness and damping about the stiffest axis, in words."""
         k = self.stiffest
         text = f"stiffness {self.stiffness[k, k] + 0.0:.4g} N.m/rad, damping {self.damping[k, k] + 0.0:.3g} N.m.s/rad"
         return f"{text} about {self.axes[k]}"
 
 
 class Identification:
-    """Of an assembly that has started. `found` once at the start (None without a device), `update` along the run."""
+    """Of an assembly that has started: `linearisation` once at the start (None without a device), `update` along the
+    run."""
 
     def __init__(self, assembly: Assembly, step: float) -> None:
         self.assembly = assembly
@@ -76,87 +86,104 @@ class Identification:
             rows = [k for k, torque in enumerate(torques.values()) if torque.startswith(f"{member.name}.")]
             if rows:
                 self._devices.append(_Device(assembly, member, self.axes, rows))
-        self.found = self._at_start(step) if self._devices else None
-        self._open = [device for device in self._devices if device.targets and device.held is None]
+        self.linearisation = self._at_start(step) if self._devices else None
+        self._repeated = [device for device in self._devices if device.targets and device.constant is None]
 
     def update(self, time: float, step: float) -> bool:
         """Finds what is not declared anew, at the present values of the bus and over a step of that size, for devices
-        whose torques have changed otherwise than the last numbers say. The plant's inputs are left to be transferred;
-        False where nothing was found."""
+        whose torques have changed otherwise than the last numbers predict. The plant's inputs are left to be
+        transferred; False where nothing was found."""
         found = False
-        for device in self._open:
-            if device.due():
-                slopes = device.again(time, step)
+        for device in self._repeated:
+            if device.has_drifted():
+                slopes = device.repeat(time, step)
                 if np.isfinite(slopes).all():  # else the coming step will fail and say where
                     device.write(slopes)
                     found = True
         return found
 
     @property
-    def memory(self) -> list[Recent]:
+    def recent(self) -> list[Recent]:
         """What `update` judges by; to be put back when a step is taken back."""
-        return [device.recent for device in self._open]
+        return [device.recent for device in self._repeated]
 
-    @memory.setter
-    def memory(self, memory: list[Recent]) -> None:
-        for device, recent in zip(self._open, memory, strict=True):
-            device.recent = recent
+    @recent.setter
+    def recent(self, recent: list[Recent]) -> None:
+        for device, own in zip(self._repeated, recent, strict=True):
+            device.recent = own
 
-    def _at_start(self, step: float) -> Found:
-        assembly, axes = self.assembly, self.axes
-        connections, d = assembly.system.connections, len(self.axes)
-        probed, given = np.zeros((2, d, d)), np.zeros((2, d, d))
-        declared, identified, doubts = list[str](), list[str](), list[str]()
+    def _at_start(self, step: float) -> Linearisation:
+        assembly, axes, d = self.assembly, self.axes, len(self.axes)
+        found = _Findings(np.zeros((2, d, d)), np.zeros((2, d, d)))
         for device in self._devices:
-            slopes = np.nan_to_num(device.choose(assembly.time, step), nan=0.0, posinf=0.0, neginf=0.0)
+            slopes = np.nan_to_num(device.linearise(assembly.time, step), nan=0.0, posinf=0.0, neginf=0.0)
             device.write(slopes)
-            for kind, (name, _) in enumerate(KINDS):
+            for kind in range(len(KINDS)):
                 for row in device.rows:
-                    own = impedance_input(axes[row], axes[row], name)
-                    probed[kind, row] = slopes[kind, row]
-                    if own not in connections:
-                        continue
-                    declared.append(connections[own])
-                    names = [impedance_input(axes[row], other, name) for other in axes]
-                    given[kind, row] = [assembly.si(connections[n]) if n in connections else 0.0 for n in names]
-                    if not device.answers:
-                        probed[kind, row] = given[kind, row]
-                        continue
-                    says, does = given[kind, row, row], probed[kind, row, row]
-                    if any(c.axis == row and c.kind == kind for c in device.columns) and abs(says - does) > max(
-                        0.5 * abs(does), 0.02 * np.abs(probed[kind]).max(), 1e-3
-                    ):
-                        doubts.append(
-                            f"{connections[own]} says {says:.4g} where the torque answers with {does:.4g} (SI)"
-                        )
+                    self._compare(device, kind, row, slopes, found)
             for t in device.targets:
-                given[t.kind, t.row, t.column] = slopes[t.kind, t.row, t.column]
+                found.handed[t.kind, t.row, t.column] = slopes[t.kind, t.row, t.column]
             if device.targets:
-                missing = " and ".join(
-                    name for kind, (name, _) in enumerate(KINDS) if any(t.kind == kind for t in device.targets)
-                )
-                about = ", ".join(axes[row] for row in device.rows if any(t.row == row for t in device.targets))
-                if not device.hidden:
-                    identified.append(f"{missing} of {device.member.name} about {about} {device.how}")
-                if device.held is not None:
-                    what = (
-                        "and allows one instance only: they stay unknown"
-                        if device.hidden
-                        else "so they are held as found at the start"
-                    )
-                    doubts.append(
-                        f"{device.member.name} declares no {missing}, answers only in a step, cannot save its state "
-                        f"{what}"
-                    )
-        inertia = [f"plant.{axis}_effective_inertia" for axis in axes]
-        told = (
-            np.array([assembly.si(name) for name in inertia])
-            if all(name in assembly.index for name in inertia)
-            else None
+                self._name_targets(device, found)
+        inertia = [inertia_output(axis) for axis in axes]
+        return Linearisation(
+            axes=axes,
+            stiffness=found.shown[0],
+            damping=found.shown[1],
+            handed_stiffness=found.handed[0],
+            handed_damping=found.handed[1],
+            inertia=np.array([assembly.si(n) for n in inertia]) if set(inertia) <= set(assembly.index) else None,
+            declared=tuple(found.declared),
+            identified=tuple(found.identified),
+            doubt="; ".join(found.doubts),
         )
-        return Found(
-            axes, probed[0], probed[1], given[0], given[1], told, tuple(declared), tuple(identified), "; ".join(doubts)
-        )
+
+    def _compare(self, device: _Device, kind: int, row: int, slopes: Slopes, found: _Findings) -> None:
+        """What a device declares about one axis against what its torques show."""
+        assembly, axes, connections = self.assembly, self.axes, self.assembly.system.connections
+        own = impedance_input(axes[row], axes[row], KINDS[kind])
+        found.shown[kind, row] = slopes[kind, row]
+        if own not in connections:
+            return
+        found.declared.append(connections[own])
+        names = [impedance_input(axes[row], other, KINDS[kind]) for other in axes]
+        found.handed[kind, row] = [assembly.si(connections[n]) if n in connections else 0.0 for n in names]
+        if not device.answers:
+            found.shown[kind, row] = found.handed[kind, row]
+            return
+        declared, shown = found.handed[kind, row, row], found.shown[kind, row, row]
+        tolerance = max(0.5 * abs(shown), 0.02 * np.abs(found.shown[kind]).max(), 1e-3)
+        if any(c.axis == row and c.kind == kind for c in device.columns) and abs(declared - shown) > tolerance:
+            found.doubts.append(
+                f"{connections[own]} says {declared:.4g} where the torque answers with {shown:.4g} (SI)"
+            )
+
+    def _name_targets(self, device: _Device, found: _Findings) -> None:
+        missing = " and ".join(n for kind, n in enumerate(KINDS) if any(t.kind == kind for t in device.targets))
+        about = ", ".join(self.axes[row] for row in device.rows if any(t.row == row for t in device.targets))
+        if not device.inaccessible:
+            found.identified.append(f"{missing} of {device.member.name} about {about} {device.how}")
+        if device.constant is not None:
+            consequence = (
+                "and allows one instance only: they stay unknown"
+                if device.inaccessible
+                else "so they are held as found at the start"
+            )
+            found.doubts.append(
+                f"{device.member.name} declares no {missing}, answers only in a step, cannot save its state "
+                f"{consequence}"
+            )
+
+
+@dataclass
+class _Findings:
+    """What the start adds up over all devices: the (2, d, d) slopes shown and handed over, and words."""
+
+    shown: Slopes
+    handed: Slopes
+    declared: list[str] = field(default_factory=list)
+    identified: list[str] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -171,8 +198,8 @@ class _Target:
 
 @dataclass(frozen=True)
 class _Column:
-    """One output of the plant that the device reads: its slot, the slot of its rate (angles only) and its unit's
-    factor."""
+    """One output of the plant that the device reads: its slot, the slot of its rate (angles only), the kind of slope
+    and axis that it belongs to, and its unit's factor."""
 
     slot: int
     rate: int
@@ -182,8 +209,17 @@ class _Column:
 
 
 class _Device:
-    """The probes of one device. `ways` by column; `held` what was found once and for all, None where it is found again
-    along the run."""
+    """The probes of one device.
+
+    rows          the axes about which it gives torques
+    columns       the outputs of the plant that it reads
+    targets       the slots for what it does not declare
+    ways          by column, how its slopes are found
+    answers       its torques follow its inputs directly
+    inaccessible  no probe can reach its law
+    constant      the slopes that were found once and for all; None where they are found again along the run
+    recent        what `has_drifted` judges by
+    """
 
     def __init__(self, assembly: Assembly, member: Member, axes: tuple[str, ...], rows: list[int]) -> None:
         self.assembly, self.member, self.axes, self.rows = assembly, member, axes, rows
@@ -192,78 +228,79 @@ class _Device:
         self._factors = np.array([_factor(assembly, k) for k in self._torques])
         read = {system.connections.get(name) for name in assembly.names[member.inputs]}
         self.columns = [
-            _Column(index[name], index[f"plant.{axis}_velocity"], kind, k, _factor(assembly, index[name]))
-            for kind, (_, moved) in enumerate(KINDS)
+            _Column(index[name], index[motion_output(axis, "damping")], kind, k, _factor(assembly, index[name]))
+            for kind, impedance in enumerate(KINDS)
             for k, axis in enumerate(axes)
-            if (name := f"plant.{axis}_{moved}") in read
+            if (name := motion_output(axis, impedance)) in read
         ]
         self.targets = [
             _Target(slot, kind, row, column)
-            for kind, (name, _) in enumerate(KINDS)
+            for kind, impedance in enumerate(KINDS)
             for row in rows
             for column in range(len(axes))
-            if (slot := assembly.identified.get(impedance_input(axes[row], axes[column], name))) is not None
+            if (slot := assembly.identified.get(impedance_input(axes[row], axes[column], impedance))) is not None
         ]
-        self._looked_at = np.array([c.slot for c in self.columns] + self._torques, dtype=np.intp)
-        self.recent: Recent = ([], [])  # of `write` and `due`: torques by inputs, and both
+        self._law = np.array([c.slot for c in self.columns] + self._torques, dtype=np.intp)
+        self.recent: Recent = ([], [])
         self.ways = [DIRECT] * len(self.columns)
-        self.answers, self.hidden = False, False
-        self.held: Slopes | None = None
+        self.answers, self.inaccessible = False, False
+        self.constant: Slopes | None = None
 
     @property
     def how(self) -> str:
-        if self.held is not None:
+        if self.constant is not None:
             return "over its first step"
         return "from its direct answer" if STEP not in self.ways else "over a repeated step"
 
-    def choose(self, time: float, span: float) -> Slopes:
-        """Direct where the device answers at once; for inputs it does not answer to, over a step where that shows more.
-        Returns what was found."""
-        found = self._probe(DIRECT, self.columns, time, span)
-        moves = [bool(found[c.kind][self.rows, c.axis].any()) for c in self.columns]
+    def linearise(self, time: float, span: float) -> Slopes:
+        """Directly where the device answers at once; for inputs it does not answer to, over a step where that shows
+        more."""
+        slopes = self._probe(DIRECT, self.columns, time, span)
+        moves = [bool(slopes[c.kind][self.rows, c.axis].any()) for c in self.columns]
         self.answers = any(moves)
         if not self.targets or all(moves):
-            return found
+            return slopes
         still = [c for c, moved in zip(self.columns, moves, strict=True) if not moved]
         if self.member.component.capabilities.state:
-            late = self._probe(STEP, still, time, span)
-            if late.any() or not self.answers:
+            over_a_step = self._probe(STEP, still, time, span)
+            if over_a_step.any() or not self.answers:
                 self.ways = [STEP if c in still else DIRECT for c in self.columns]
-            return found + late
+            return slopes + over_a_step
         if not self.answers:
-            self.hidden = self.member.component.capabilities.single
-            first = found if self.hidden else self._probe(START, self.columns, time, span)
-            if self.hidden or first.any():
-                self.held = first
+            self.inaccessible = self.member.component.capabilities.single
+            first = slopes if self.inaccessible else self._probe(START, self.columns, time, span)
+            if self.inaccessible or first.any():
+                self.constant = first
             return first
-        return found
+        return slopes
 
-    def again(self, time: float, span: float) -> Slopes:
-        found = np.zeros((2, len(self.axes), len(self.axes)))
+    def repeat(self, time: float, span: float) -> Slopes:
+        """The slopes at the present values, each in the way that was chosen at the start."""
+        slopes = np.zeros((2, len(self.axes), len(self.axes)))
         for way in dict.fromkeys(self.ways):
-            found += self._probe(
-                way, [c for c, own in zip(self.columns, self.ways, strict=True) if own == way], time, span
-            )
-        return found
+            columns = [c for c, own in zip(self.columns, self.ways, strict=True) if own == way]
+            slopes += self._probe(way, columns, time, span)
+        return slopes
 
-    def due(self) -> bool:
+    def has_drifted(self) -> bool:
         """Whether the torques have changed since the last call otherwise than by the slopes at hand. Plain lists: it
         runs at every step."""
         law, before = self.recent
-        now = self.assembly.bus.take(self._looked_at).tolist()
+        now = self.assembly.bus.take(self._law).tolist()
         self.recent = law, now
         moved = [x - y for x, y in zip(now, before, strict=True)]
         n = len(self.columns)
-        told = [sum(map(mul, row, moved)) for row in law]
-        missed = max(abs(change - t) for change, t in zip(moved[n:], told, strict=True))
-        return not missed <= DRIFT * max(map(abs, told)) + ROUNDING * max(map(abs, now[n:]))
+        predicted = [sum(map(mul, row, moved)) for row in law]
+        missed = max(abs(change - p) for change, p in zip(moved[n:], predicted, strict=True))
+        return not missed <= DRIFT * max(map(abs, predicted)) + ROUNDING * max(map(abs, now[n:]))
 
     def write(self, slopes: Slopes) -> None:
+        """Puts the slopes onto the bus."""
         law = [
             [-float(slopes[c.kind, row, c.axis]) * c.factor / f for c in self.columns]
             for row, f in zip(self.rows, self._factors, strict=True)
         ]
-        self.recent = law, self.assembly.bus.take(self._looked_at).tolist()
+        self.recent = law, self.assembly.bus.take(self._law).tolist()
         for t in self.targets:
             self.assembly.bus[t.slot] = slopes[t.kind, t.row, t.column]
 
@@ -280,16 +317,16 @@ class _Device:
         )  # an input that moves is an event of a model exchange FMU
         state = member.instance.save_state() if saved else None
         try:
-            base = self._present() if way == DIRECT else self._answer(way, time, span, state)
+            base = self._torques_on_bus() if way == DIRECT else self._response(way, time, span, state)
             for c in columns:
                 bus[:] = kept
                 delta = VELOCITY
-                if c.kind == 0:
+                if c.kind == STIFFNESS:
                     turn = assembly.bus[c.rate] * _factor(assembly, c.rate) * span
                     delta = math.copysign(max(abs(turn), ANGLE), turn)
                 bus[c.slot] += delta / c.factor
                 assembly.transfer(member)
-                out[c.kind, self.rows, c.axis] = (base - self._answer(way, time, span, state)) / delta
+                out[c.kind, self.rows, c.axis] = (base - self._response(way, time, span, state)) / delta
         finally:
             bus[:] = kept
             if saved:
@@ -300,28 +337,29 @@ class _Device:
             member.instance.set_inputs()
         return out
 
-    def _present(self) -> Matrix:
-        return self.assembly.bus[self._torques] * self._factors
+    def _torques_on_bus(self) -> Matrix:
+        torques: Matrix = self.assembly.bus[self._torques] * self._factors
+        return torques
 
-    def _answer(self, way: str, time: float, span: float, state: Any) -> Matrix:
+    def _response(self, way: str, time: float, span: float, state: Any) -> Matrix:
         """The torques [SI] for the inputs on the bus."""
         instance = self.member.instance
         if way == START:
-            return self._of_a_second_instance(time, span)
+            return self._response_of_a_second_instance(time, span)
         instance.set_inputs()
         if way == STEP:
             instance.do_step(time, span)
         instance.get_outputs()
         if way == STEP:
             instance.restore_state(state)
-        return self._present()
+        return self._torques_on_bus()
 
-    def _of_a_second_instance(self, time: float, span: float) -> Matrix:
+    def _response_of_a_second_instance(self, time: float, span: float) -> Matrix:
         member, assembly = self.member, self.assembly
-        n = len(member.given)
+        n = len(member.input_values)
         if member.spare is None:
             member.spare = member.component.open()
-            member.spare_bus = np.zeros(n + len(member.gives))
+            member.spare_bus = np.zeros(n + len(member.output_values))
             names = [
                 name.partition(".")[2] for name in (*assembly.names[member.inputs], *assembly.names[member.outputs])
             ]
@@ -331,13 +369,14 @@ class _Device:
         spare, bus = member.spare, member.spare_bus
         spare.set_parameters(assembly.parameters_of(member))
         spare.enter_initialization(assembly.time, assembly.stop)
-        bus[:n] = member.given
+        bus[:n] = member.input_values
         spare.set_inputs()
         spare.exit_initialization()
         spare.set_inputs()
         spare.do_step(time, span)
         spare.get_outputs()
-        return bus[[n + k - member.outputs.start for k in self._torques]] * self._factors
+        torques: Matrix = bus[[n + k - member.outputs.start for k in self._torques]] * self._factors
+        return torques
 
 
 def _factor(assembly: Assembly, slot: int) -> float:

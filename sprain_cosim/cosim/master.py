@@ -21,18 +21,25 @@ from time import perf_counter
 import numpy as np
 
 from ..errors import InputError, SimulationError, SimulationStopped, StepDiscarded
+from .assembly import Assembly
 from .coupling import begin
 from .result import Result
-from .system import Assembly
 
 
 @dataclass(frozen=True)
 class Master:
-    """Times in s. `guard`: refuse a run whose coupling would be unstable, before it starts. `record`: patterns of local
-    variables to record besides the connectors, such as "plant.*"; they cost nothing when left out. `identify`: number
-    of steps after which stiffness and damping that a device does not declare are found anew; 0: at the start only.
-    `adaptive`: the communication steps are divided where the residual energy exceeds this share of the energy
-    exchanged; 0: never. The record stays on the regular grid."""
+    """How a system is driven through time.
+
+    communication_step, stop, start  [s]
+    scheme    of schemes/, or auto
+    guard     refuse a run whose coupling would be unstable, before it starts
+    record    patterns of local variables to record besides the connectors, such as "plant.*"; they cost nothing when
+              left out
+    identify  number of steps after which stiffness and damping that a device does not declare are found anew; 0: at the
+              start only
+    adaptive  the communication steps are divided where the residual energy exceeds this share of the energy exchanged;
+              0: never. The record stays on the regular grid
+    """
 
     communication_step: float = 5e-4
     stop: float = 0.150
@@ -72,14 +79,14 @@ class Master:
         try:
             return self._run(assembly, parameters)
         except StepDiscarded:
-            assembly.careful()
+            assembly.save_before_steps()
             return self._run(assembly, parameters)
 
     def _run(self, assembly: Assembly, parameters: Mapping[str, float]) -> Result:
         began = perf_counter()
         n, h = self.steps, self.communication_step
         record = np.empty((n + 1, len(assembly.names)))
-        more, their_units = assembly.watch(self.record) if self.record else ([], [])
+        more, their_units = assembly.watch_locals(self.record) if self.record else ([], [])
         seen = np.empty((n + 1, len(more)))
         coupling, done, status, message = None, 0, "completed", ""
         try:
@@ -88,13 +95,13 @@ class Master:
             scheme = coupling.scheme
             record[0] = assembly.record
             if more:
-                seen[0] = assembly.look()
+                seen[0] = assembly.local_values()
             done = 1
             for k in range(n):
                 scheme.step(assembly, self.start + k * h, h)
                 record[k + 1] = assembly.record
                 if more:
-                    seen[k + 1] = assembly.look()
+                    seen[k + 1] = assembly.local_values()
                 done = k + 2
         except StepDiscarded:
             raise

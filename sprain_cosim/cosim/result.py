@@ -19,14 +19,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Result:
-    """`time` (n,) [s]; `values` (n, m), one column for each of `names` ("component.variable") in `units`; None is an
-    undeclared unit.
+    """One run.
 
-    `status` is completed, stopped (an FMU asked to end the run) or failed; the latter two have the record until then
-    and a `message`, but no metrics. `scheme` is the coupling scheme that ran and `scheme_reason` why, `coupling_error`
-    the residual energy as a share of the exchanged or None, `warning` what the stability guard has to say, `wall` the
-    wall time [s], `parameters` those that were set. `exchanges` counts the communication steps taken, the
-    `smallest_step` [s] of which is shorter than the record's under an adaptive step."""
+    time            (n,) [s]
+    values          (n, m), one column for each of `names` in its unit
+    names           "component.variable"
+    units           of the columns; None is an undeclared unit
+    status          completed, stopped (an FMU asked to end the run) or failed; the latter two have the record until
+                    then and a message, but no metrics
+    message         why it did not complete; empty where it did
+    scheme          the coupling scheme that ran
+    scheme_reason   why it was taken
+    warning         of the stability guard; empty for none
+    parameters      those that were set, in their own units
+    coupling_error  the residual energy as a share of the exchanged energy; None where nothing was exchanged
+    wall            wall time [s]
+    exchanges       communication steps taken
+    smallest_step   of those [s]; shorter than the record's under an adaptive step
+    """
 
     time: np.ndarray
     values: np.ndarray

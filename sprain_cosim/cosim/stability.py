@@ -1,6 +1,6 @@
 """Stability before the run: does a scheme, at its step, let an oscillation of the device on the foot grow?
 
-The device is taken as linear, torque = -K angle - C velocity, as it is at the start (identify.py), on the plant's
+The device is taken as linear, torque = -K angle - C velocity, as it is at the start (identification.py), on the plant's
 effective inertia I about the device's axes and without any damping of the plant's own. One communication step is then a
 matrix, written down for each scheme; its spectral radius to the power of the number of steps is the growth over the
 run. The foot's own damping makes the truth better, not worse."""
@@ -12,14 +12,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .identification import Found
+from .identification import Linearisation
 
 WARNING, REFUSAL = 10.0, 1000.0
 
 Matrix = NDArray[np.floating]
 
 
-def growth(scheme: str, device: Found, step: float, steps: int) -> float:
+def growth(scheme: str, device: Linearisation, step: float, steps: int) -> float:
     """Factor by which the fastest growing oscillation grows in `steps` steps of `step` [s]; at most 1 where none
     grows."""
     d = len(device.axes)
@@ -38,12 +38,12 @@ def growth(scheme: str, device: Found, step: float, steps: int) -> float:
         half = 0.5 * push @ law
         matrix = np.linalg.solve(np.eye(2 * d) + half, free - half)
     else:  # impedance: what is handed over acts within the step, exactly; the rest is held
-        given = np.hstack([device.given_stiffness, device.given_damping])
+        handed = np.hstack([device.handed_stiffness, device.handed_damping])
         motion = np.zeros((3 * d, 3 * d))
         motion[:d, d : 2 * d] = unit
-        motion[d : 2 * d, : 2 * d], motion[d : 2 * d, 2 * d :] = -given / inertia[:, None], unit / inertia[:, None]
+        motion[d : 2 * d, : 2 * d], motion[d : 2 * d, 2 * d :] = -handed / inertia[:, None], unit / inertia[:, None]
         exact = _exponential(step * motion)
-        matrix = exact[: 2 * d, : 2 * d] + exact[: 2 * d, 2 * d :] @ (given - law)
+        matrix = exact[: 2 * d, : 2 * d] + exact[: 2 * d, 2 * d :] @ (handed - law)
     radius = float(np.abs(np.linalg.eigvals(matrix)).max())
     return float(np.exp(min(700.0, steps * np.log(max(radius, 1e-300)))))
 
@@ -62,7 +62,7 @@ def _exponential(matrix: Matrix) -> Matrix:
     return out
 
 
-def largest_step(scheme: str, device: Found, step: float, span: float) -> float:
+def largest_step(scheme: str, device: Linearisation, step: float, span: float) -> float:
     """The largest step [s] of the form `step`/n whose growth over `span` [s] stays below the warning."""
     for n in (2, 4, 5, 8, 10, 20, 25, 40, 50, 100, 200, 500, 1000):
         if growth(scheme, device, step / n, round(span * n / step)) <= WARNING:
@@ -70,7 +70,9 @@ def largest_step(scheme: str, device: Found, step: float, span: float) -> float:
     return step / 1000
 
 
-def verdict(scheme: str, device: Found | None, step: float, steps: int, others: Sequence[str] = ()) -> tuple[str, str]:
+def verdict(
+    scheme: str, device: Linearisation | None, step: float, steps: int, others: Sequence[str] = ()
+) -> tuple[str, str]:
     """("stable" | "warning" | "refusal", what to say); `others` are the schemes that could run instead."""
     if device is None or device.inertia is None:
         return "stable", ""

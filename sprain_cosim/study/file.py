@@ -22,8 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from ..cosim.system import problems_to_error
-from ..errors import InputError, nearest
+from ..errors import InputError, nearest, problems_to_error
 from ..files import parse_toml, read_text
 from ..fmu.component import Connector
 from ..metrics import unit_of
@@ -172,6 +171,7 @@ def _correlation(spec: Mapping[str, Any], names: Sequence[str], problems: list[s
     if not spec:
         return None
     matrix = np.eye(len(names))
+    stated: dict[frozenset[str], str] = {}
     for pair, rho in spec.items():
         both = [p.strip() for p in pair.split(",")]
         unknown = [p for p in both if p not in names]
@@ -186,6 +186,8 @@ def _correlation(spec: Mapping[str, Any], names: Sequence[str], problems: list[s
             problems.append(f"correlation.{pair} = {rho!r}: must be a number between -1 and 1")
         else:
             i, j = names.index(both[0]), names.index(both[1])
+            if (other := stated.setdefault(frozenset(both), pair)) != pair:
+                problems.append(f"correlation.{pair}: is stated twice, also as {other!r}; remove one")
             matrix[i, j] = matrix[j, i] = rho
     return matrix
 

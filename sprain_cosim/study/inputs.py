@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..cosim.system import System, problems_to_error
-from ..errors import InputError, nearest
+from ..cosim.system import System
+from ..errors import InputError, nearest, problems_to_error
 from ..fmu.component import Connector
 from ..units import Unit
 from ..uq.distributions import Array

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..cosim.system import System, problems_to_error
-from ..errors import InputError, nearest
+from ..cosim.system import System
+from ..errors import InputError, nearest, problems_to_error
 from ..fmu.component import Component
 from ..scenario import Scenario, Value
 from ..uq import sampling

@@ -1,9 +1,33 @@
-"""Uncertainty: marginals, samples, reliability, sensitivities; studies and their runner.
+"""Uncertainty: marginals, samples, reliability, sensitivities.
 
-The numerics (`distributions`, `sampling`, `reliability`, `sensitivity`, `statistics`) take functions and
+The numerics (`distributions`, `fitting`, `sampling`, `reliability`, `sensitivity`, `statistics`) take functions and
 arrays, know nothing of FMUs and import numpy and scipy alone.
 """
 
-from .distributions import Fixed, LogNormal, Normal, Truncated, Uniform
+from .distributions import (
+    Beta,
+    Choices,
+    Empirical,
+    Exponential,
+    Fixed,
+    LogNormal,
+    Normal,
+    Triangular,
+    Truncated,
+    Uniform,
+    Weibull,
+)
 
-__all__ = ["Fixed", "LogNormal", "Normal", "Truncated", "Uniform"]
+__all__ = [
+    "Beta",
+    "Choices",
+    "Empirical",
+    "Exponential",
+    "Fixed",
+    "LogNormal",
+    "Normal",
+    "Triangular",
+    "Truncated",
+    "Uniform",
+    "Weibull",
+]

@@ -47,6 +47,11 @@ class Stream(IntEnum):
     LATIN_HYPERCUBE = 1
     SOBOL = 2
     BOOTSTRAP = 3
+    FIT = 4
+    THRESHOLD = 5
+    CHECK = 6
+    RARE_EVENT = 7
+    DESIGN = 8
 
 
 def _sequence(seed: int, *key: int) -> np.random.SeedSequence:

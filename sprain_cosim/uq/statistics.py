@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import bdtr, betaincinv, ndtr, ndtri, stdtrit
+from scipy.special import bdtr, betaincinv, ndtri, stdtrit
 
-from .distributions import Marginal, Uniform
+from .distributions import Marginal
 
 __all__ = [
     "MIN_REPLICATES",
@@ -257,9 +257,7 @@ def _threshold_below(threshold: float | Marginal, values: Array) -> Array:
         return (values > threshold).astype(float)
     if threshold.is_fixed:
         raise ValueError("give a fixed threshold as a number")
-    if isinstance(threshold, Uniform):
-        return np.clip((values - threshold.low) / (threshold.high - threshold.low), 0.0, 1.0)
-    return ndtr(threshold.to_standard(values))
+    return threshold.cdf(values)
 
 
 @dataclass(frozen=True)

@@ -168,7 +168,7 @@ def test_a_device_that_hangs_when_it_is_loaded_is_one_message(tmp_path: Path) ->
 
 def test_a_hang_is_ended_in_time_with_its_grandchildren(study: Study) -> None:
     names, limits = ("brace.fault",), Limits(trial=LIMIT)
-    child = Child(limits)
+    child = Child(limits, "sprain_cosim.study.worker")
     try:
         child.open((study.scenario, names, limits), limits.start)
         for fault in ("none", "fork"):

@@ -19,17 +19,18 @@ def test_interrupt(wait: str, tmp_path: Path) -> None:
     there."""
     code = f"""if True:
         import sys
-        from sprain_cosim import cli, system
-        from sprain_cosim.component import common
+        from sprain_cosim import cli
+        from sprain_cosim.cosim import assembly
+        from sprain_cosim.fmu import instance
         def tell(function):
             def told(*arguments, **keywords):
                 print("here", flush=True)
                 return function(*arguments, **keywords)
             return told
         if {wait!r} == "Loading":
-            common.FmiInstance._instantiate = tell(common.FmiInstance._instantiate)
+            instance.FmiInstance._instantiate = tell(instance.FmiInstance._instantiate)
         else:
-            system.Assembly.start = tell(system.Assembly.start)
+            assembly.Assembly.start = tell(assembly.Assembly.start)
         cli.main(["run", "incline30", "--step", "0.001 ms", "--out", {str(tmp_path / "out")!r}])
     """
     child = subprocess.Popen(

@@ -238,6 +238,12 @@ def test_amv_is_judged_by_the_records_monte_carlo() -> None:
             '"plant.passive_angle_scale, brace.angle_scale" = -0.9\n[study]',
             "not positive definite",
         ),
+        (
+            "[study]",
+            '[correlation]\n"plant.drop_height, brace.angle_scale" = 0.3\n'
+            '"brace.angle_scale, plant.drop_height" = 0.2\n[study]',
+            "is stated twice, also as 'plant.drop_height, brace.angle_scale'; remove one",
+        ),
         ('method = "monte-carlo"', 'method = "form"\nthreshold = "35 m"', "expected rad"),
         ('method = "monte-carlo"', 'method = "form"', "needs study.threshold"),
         ('method = "monte-carlo"', 'method = "monte-carlo"\nhalf_width = "0 deg"', "must be a positive value"),

@@ -8,13 +8,14 @@ whose controller chooses the step itself."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import InputError
-from ..energy import Exchange, exchange, shares
-from ..system import Assembly
+from ..assembly import Assembly
+from ..energy import Exchange, Values, exchange, shares
+from .iterative import Iterative
 
 if TYPE_CHECKING:
     from .protocol import Scheme
@@ -25,15 +26,18 @@ AIM, AIM_UNSAVED = 0.7, 0.25  # of the residual that is allowed
 
 
 class Adaptive:
-    """Implements Scheme around another one. `tolerance`: the share of the exchanged energy that the run's residual may
-    reach.
+    """Implements Scheme around another one.
+
+    tolerance  the share of the exchanged energy that the run's residual may reach
+    exchanges  steps of the scheme so far, over all parts
+    most       parts of a communication step so far
 
     A step's residual is held against the mean of what it exchanges itself and what the steps before it exchanged on
     average, so that steps around a turning point, which exchange nothing, are not divided without end."""
 
     def __init__(self, scheme: Scheme, assembly: Assembly, step: float, tolerance: float) -> None:
         """Raises InputError where the scheme or a component cannot do it."""
-        if scheme.name == "iterative":
+        if scheme.name == Iterative.name:
             raise InputError(
                 "adaptive: the residual of scheme iterative is that of its iteration and says nothing of the step; "
                 "use auto or another scheme"
@@ -55,7 +59,7 @@ class Adaptive:
         self.exchanges, self.most = 0, 0
         self._residual = self._exchanged = 0.0
         self._steps = 0
-        self._before: tuple[np.ndarray, float] | None = None
+        self._before: tuple[Values, float] | None = None
 
     @property
     def error(self) -> float | None:
@@ -67,21 +71,11 @@ class Adaptive:
 
     def step(self, assembly: Assembly, time: float, step: float) -> None:
         states = [(m, m.instance.save_state()) for m in assembly.members] if self.saves else []
-        bus, memory = assembly.bus.copy(), dict(vars(self.scheme))
+        bus, memory = assembly.bus.copy(), self.scheme.save()
         try:
             while True:
                 n = self.parts
-                rows, sizes = (
-                    ([assembly.record.copy()], [])
-                    if self._before is None
-                    else ([self._before[0], assembly.record.copy()], [self._before[1]])
-                )
-                for k in range(n):
-                    self.scheme.step(assembly, time + k * step / n, step / n)
-                    rows.append(assembly.record.copy())
-                    sizes.append(step / n)
-                found = shares(self.scheme, exchange(assembly, np.array(rows), np.array(sizes)))
-                residual, exchanged = (float(f[-n:].sum()) for f in found) if found else (0.0, 0.0)
+                residual, exchanged, last = self._divided(assembly, time, step, n)
                 usual = self._exchanged / self._steps if self._steps else exchanged
                 allowed = self.tolerance * 0.5 * (exchanged + usual)
                 if not (residual > allowed and self.saves and n < self.allowed[-1]):
@@ -89,27 +83,46 @@ class Adaptive:
                 self.parts = self._number(n, residual, allowed, least=n + 1)
                 for member, state in states:
                     member.instance.restore_state(state)
-                    member.sent = False
+                    member.inputs_set = False
                 assembly.bus[:] = bus
-                vars(self.scheme).clear()
-                vars(self.scheme).update(memory)
+                self.scheme.restore(memory)
         finally:
             for member, state in states:
                 member.instance.free_state(state)
-        self._before = rows[-2], step / n
-        self._residual, self._exchanged, self._steps = (
-            self._residual + residual,
-            self._exchanged + exchanged,
-            self._steps + 1,
-        )
+        self._before = last, step / n
+        self._residual += residual
+        self._exchanged += exchanged
+        self._steps += 1
         self.exchanges, self.most = self.exchanges + n, max(self.most, n)
         self.parts = self._number(n, residual, allowed, least=(n + 1) // 2)
 
-    def applied(self, exchange: Exchange) -> Exchange.Torques:
+    def applied(self, exchange: Exchange) -> Values:
         return self.scheme.applied(exchange)
+
+    def save(self) -> Any:
+        counts = self.parts, self.exchanges, self.most
+        return self.scheme.save(), counts, (self._residual, self._exchanged, self._steps, self._before)
+
+    def restore(self, memory: Any) -> None:
+        inner, (self.parts, self.exchanges, self.most), sums = memory
+        self.scheme.restore(inner)
+        self._residual, self._exchanged, self._steps, self._before = sums
+
+    def _divided(self, assembly: Assembly, time: float, step: float, n: int) -> tuple[float, float, Values]:
+        """Takes the step in `n` parts: its residual and exchanged energy [J], and the record before the last part."""
+        rows, sizes = [assembly.record.copy()], list[float]()
+        if self._before is not None:
+            rows, sizes = [self._before[0], *rows], [self._before[1]]
+        for k in range(n):
+            self.scheme.step(assembly, time + k * step / n, step / n)
+            rows.append(assembly.record.copy())
+            sizes.append(step / n)
+        found = shares(self.scheme, exchange(assembly, np.array(rows), np.array(sizes)))
+        residual, exchanged = (float(f[-n:].sum()) for f in found) if found else (0.0, 0.0)
+        return residual, exchanged, rows[-2]
 
     def _number(self, n: int, residual: float, allowed: float, least: int) -> int:
         """Parts that should do, from what `n` gave."""
         aim = (AIM if self.saves else AIM_UNSAVED) * allowed
-        wanted = n * (residual / aim) ** (1.0 / self.order) if aim > 0.0 else n
-        return next((p for p in self.allowed if p >= max(least, wanted)), self.allowed[-1])
+        needed = n * (residual / aim) ** (1.0 / self.order) if aim > 0.0 else n
+        return next((p for p in self.allowed if p >= max(least, needed)), self.allowed[-1])

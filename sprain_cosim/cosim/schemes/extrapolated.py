@@ -4,10 +4,13 @@ devices: needs damping * step < effective inertia."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from ..energy import TORQUE, Exchange
-from ..system import Assembly
+from ...contract import is_torque
+from ..assembly import Assembly
+from ..energy import Exchange, Values
 
 
 class Extrapolated:
@@ -16,7 +19,7 @@ class Extrapolated:
     order = 2
 
     def start(self, assembly: Assembly) -> None:
-        self._slots = assembly.slots(lambda name: name.endswith(TORQUE))
+        self._slots = assembly.feedback_slots(is_torque)
         self._before: np.ndarray | None = None
         self._last_step = 0.0
 
@@ -26,14 +29,20 @@ class Extrapolated:
             assembly.bus[self._slots] = now + 0.5 * step / self._last_step * (now - self._before)
         self._before, self._last_step = now, step
         for member in assembly.members:
-            if member.late:
-                member.sent = False  # its inputs on the bus are the extrapolated ones
+            if member.fed_back:
+                member.inputs_set = False  # those on the bus are the extrapolated ones
             else:
                 assembly.transfer(member)
             assembly.advance(member, time, step)
-        assembly.settle()
+        assembly.refresh_feedback()
 
-    def applied(self, exchange: Exchange) -> Exchange.Torques:
+    def applied(self, exchange: Exchange) -> Values:
         ahead = exchange.torque[:-1].copy()
         ahead[1:] += 0.5 * (exchange.steps[1:] / exchange.steps[:-1])[:, None] * np.diff(exchange.torque[:-1], axis=0)
         return ahead
+
+    def save(self) -> Any:
+        return self._before, self._last_step
+
+    def restore(self, memory: Any) -> None:
+        self._before, self._last_step = memory

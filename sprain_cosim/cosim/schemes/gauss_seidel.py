@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from ..energy import Exchange
-from ..system import Assembly
+from typing import Any
+
+from ..assembly import Assembly
+from ..energy import Exchange, Values
 
 
 class GaussSeidel:
@@ -16,10 +18,16 @@ class GaussSeidel:
 
     def step(self, assembly: Assembly, time: float, step: float) -> None:
         for member in assembly.members:
-            if not member.sent:
+            if not member.inputs_set:
                 assembly.transfer(member)
             assembly.advance(member, time, step)
-        assembly.settle()
+        assembly.refresh_feedback()
 
-    def applied(self, exchange: Exchange) -> Exchange.Torques:
+    def applied(self, exchange: Exchange) -> Values:
         return exchange.torque[:-1]
+
+    def save(self) -> Any:
+        return None
+
+    def restore(self, memory: Any) -> None:
+        pass

@@ -1,14 +1,17 @@
 """Every step is repeated, from saved states, until the torque that the plant felt is the mean of the devices' torques
 at both ends of the step: second order, whatever the device. Quasi-Newton relaxation (Broyden's update, kept from step
-to step; with one torque it is the secant method). A step that does not settle ends the run."""
+to step; with one torque it is the secant method). A step that does not converge ends the run."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from ...contract import is_torque
 from ...errors import SimulationError
-from ..energy import TORQUE, Exchange
-from ..system import Assembly
+from ..assembly import Assembly
+from ..energy import Exchange, Values
 
 TOLERANCE = 1e-6
 MAX_ITERATIONS = 50
@@ -20,7 +23,7 @@ class Iterative:
     order = 2
 
     def start(self, assembly: Assembly) -> None:
-        self._slots = assembly.slots(lambda name: name.endswith(TORQUE))
+        self._slots = assembly.feedback_slots(is_torque)
         self._before: np.ndarray | None = None
         self._slope = -np.eye(len(self._slots))  # d(gap)/d(guess); this start is plain substitution
 
@@ -37,13 +40,7 @@ class Iterative:
                         member.instance.restore_state(state)
                     bus[:] = start
                 bus[slots] = 0.5 * (now + guess)
-                for member in assembly.members:
-                    if member.late:
-                        member.sent = False
-                    else:
-                        assembly.transfer(member)
-                    assembly.advance(member, time, step)
-                assembly.settle()
+                self._advance(assembly, time, step)
                 gap = bus[slots] - guess
                 if np.abs(gap).max(initial=0.0) <= TOLERANCE * (1.0 + np.abs(bus[slots]).max(initial=0.0)):
                     self._before = now
@@ -61,5 +58,22 @@ class Iterative:
             "step or scheme impedance"
         )
 
-    def applied(self, exchange: Exchange) -> Exchange.Torques:
+    @staticmethod
+    def _advance(assembly: Assembly, time: float, step: float) -> None:
+        """With the torques that stand on the bus."""
+        for member in assembly.members:
+            if member.fed_back:
+                member.inputs_set = False
+            else:
+                assembly.transfer(member)
+            assembly.advance(member, time, step)
+        assembly.refresh_feedback()
+
+    def applied(self, exchange: Exchange) -> Values:
         return 0.5 * (exchange.torque[1:] + exchange.torque[:-1])
+
+    def save(self) -> Any:
+        return self._before, self._slope.copy()
+
+    def restore(self, memory: Any) -> None:
+        self._before, self._slope = memory[0], memory[1].copy()

@@ -3,8 +3,10 @@ in parallel."""
 
 from __future__ import annotations
 
-from ..energy import Exchange
-from ..system import Assembly
+from typing import Any
+
+from ..assembly import Assembly
+from ..energy import Exchange, Values
 
 
 class Jacobi:
@@ -17,9 +19,15 @@ class Jacobi:
 
     def step(self, assembly: Assembly, time: float, step: float) -> None:
         for member in assembly.members:
-            assembly.advance(member, time, step, whole=True)
+            assembly.advance(member, time, step, all_outputs=True)
         for member in assembly.members:
             assembly.transfer(member)
 
-    def applied(self, exchange: Exchange) -> Exchange.Torques:
+    def applied(self, exchange: Exchange) -> Values:
         return exchange.torque[:-1]
+
+    def save(self) -> Any:
+        return None
+
+    def restore(self, memory: Any) -> None:
+        pass

@@ -27,8 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from ...cosim.system import problems_to_error
-from ...errors import InputError, nearest
+from ...errors import InputError, nearest, problems_to_error
 from ...files import read_toml
 from ...metrics import unit_of
 from ...scenario import Scenario, load_scenario

@@ -1,0 +1,255 @@
+"""A system that is open: its components' instances on one bus of values, and the moves that coupling schemes are made
+of."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..contract import is_impedance
+from ..errors import SimulationError
+from ..fmu.component import Component, Instance
+from ..units import Unit
+from .loops import make_consistent
+
+if TYPE_CHECKING:
+    from .system import System
+
+Values = NDArray[np.float64]
+Slots = NDArray[np.intp]
+NO_SLOTS: Slots = np.zeros(0, dtype=np.intp)
+
+
+class Member:
+    """One instance and its place on the bus.
+
+    inputs, outputs    its slots on the bus
+    input_values, output_values  views of them
+    sources            the slots that its inputs are fed from; `connected` with stiffness and damping handed over,
+                       `unconnected` with zeros in their place
+    factor, offset     from the sources' units to those of the inputs; `scaled`: one of them matters
+    feedthrough        some outputs follow the inputs directly
+    fed_back           fed by a member that steps after it, so its inputs change once more when all have stepped
+    inputs_set         the instance has the inputs that stand on the bus
+    spare, spare_bus   a second instance for experiments, on a bus of its own
+    """
+
+    def __init__(self, component: Component, instance: Instance, bus: Values, inputs: slice, outputs: slice) -> None:
+        self.name, self.component, self.instance = component.name, component, instance
+        self.inputs, self.outputs = inputs, outputs
+        self.input_values, self.output_values = bus[inputs], bus[outputs]
+        self.sources = self.connected = self.unconnected = NO_SLOTS
+        self.scaled = False
+        self.factor = self.offset = np.zeros(0)
+        self.feedthrough = self.fed_back = self.inputs_set = False
+        self.spare: Instance | None = None
+        self.spare_bus = np.zeros(0)
+
+
+class Assembly:
+    """All instances of a system read and write one array.
+
+    bus         (n,) the values, each in its connector's own unit
+    names       of the slots of connectors, "component.connector"; after them the bus has slots of its own
+    units       of the slots of connectors; None where none is declared
+    index       {name: slot}
+    record      the part of the bus that belongs to connectors
+    identified  {input of the plant: slot of the identified stiffness or damping that may feed it}
+    members     in the order in which they take their steps
+    parameters, time, stop  of the present run
+
+    Order of the calls: start - (transfer, advance by the scheme)* - start again, or close. After a SimulationError only
+    `close` may be called."""
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self.names: list[str] = []
+        self.units: list[Unit | None] = []
+        layouts = [_layout(component, system) for component in system.components]
+        for component, (inputs, outputs, _) in zip(system.components, layouts, strict=True):
+            for name in (*inputs, *outputs):
+                self.names.append(f"{component.name}.{name}")
+                self.units.append(component.connectors[name].unit)
+        # this slot stays 0, the source of what is not handed over; after it stand the values found by identification
+        self._zero = len(self.names)
+        self.bus = np.zeros(self._zero + 1 + len(system.undeclared))
+        self.record = self.bus[: self._zero]
+        self.index = {name: k for k, name in enumerate(self.names)}
+        self.identified = {name: k for k, name in enumerate(system.undeclared, self._zero + 1)}
+        self.members: list[Member] = []
+        self.parameters: Mapping[str, float] = {}
+        self.time, self.stop = 0.0, math.inf
+        self._started = False
+        self._watched: list[tuple[Member, Values]] = []
+        try:
+            for component, layout in zip(system.components, layouts, strict=True):
+                self._open(component, *layout)
+        except BaseException:
+            self.close()
+            raise
+        for member in self.members:
+            self._connect(member)
+        self.hand_over(False)
+
+    def _open(self, component: Component, inputs: Sequence[str], outputs: Sequence[str], feedthrough: int) -> None:
+        """Adds the component behind the members that are there; its last `feedthrough` outputs follow its inputs."""
+        first = self.members[-1].outputs.stop if self.members else 0
+        split = first + len(inputs)
+        places = slice(first, split), slice(split, split + len(outputs))
+        member = Member(component, component.open(), self.bus, *places)
+        self.members.append(member)
+        member.instance.bind(self.bus, inputs, first, outputs, split, feedthrough)
+        member.feedthrough = feedthrough > 0
+
+    def _connect(self, member: Member) -> None:
+        system, names = self.system, self.names[member.inputs]
+        sources = [system.connections.get(name) for name in names]
+        ends = list(zip(names, sources, strict=True))
+        member.connected = np.array([self.index[s] if s else self.identified[n] for n, s in ends], dtype=np.intp)
+        member.unconnected = np.where([is_impedance(n) for n in names], self._zero, member.connected).astype(np.intp)
+        links = [_link(system.find(s).unit if s else None, system.find(n).unit) for n, s in ends]
+        member.factor, member.offset = np.array([f for f, _ in links]), np.array([b for _, b in links])
+        member.scaled = any(link != (1.0, 0.0) for link in links)
+
+    def hand_over(self, on: bool) -> None:
+        """Connects stiffness and damping, or feeds zeros in their place."""
+        for member in self.members:
+            member.sources = member.connected if on else member.unconnected
+            member.fed_back = bool((member.sources[member.sources < self._zero] >= member.outputs.stop).any())
+            member.inputs_set = False
+
+    def watch_locals(self, patterns: Sequence[str]) -> tuple[list[str], list[Unit | None]]:
+        """Chooses local variables for `local_values`, by patterns such as "plant.*_force": their names and units."""
+        names: list[str] = []
+        units: list[Unit | None] = []
+        self._watched = []
+        for member in self.members:
+            found = {f"{member.name}.{n}": c for n, c in member.component.select("local").items() if c.scalar_number}
+            chosen = [n for n in found if any(fnmatchcase(n, pattern) for pattern in patterns)]
+            if chosen:
+                values = np.zeros(len(chosen))
+                member.instance.watch_locals([n.partition(".")[2] for n in chosen], values)
+                self._watched.append((member, values))
+                names += chosen
+                units += [found[n].unit for n in chosen]
+        return names, units
+
+    def local_values(self) -> Values:
+        """The present values of the local variables that were chosen."""
+        for member, _ in self._watched:
+            member.instance.get_locals()
+        return np.concatenate([values for _, values in self._watched])
+
+    def feedback_slots(self, chosen: Callable[[str], bool]) -> Slots:
+        """Slots of the inputs that `chosen` accepts by name, of members that are fed back."""
+        members = [m for m in self.members if m.fed_back]
+        slots = [k for m in members for k in range(m.inputs.start, m.inputs.stop) if chosen(self.names[k])]
+        return np.array(slots, dtype=np.intp)
+
+    def si(self, name: str) -> float:
+        """The present value of a connector in SI."""
+        at = self.index[name]
+        unit = self.units[at]
+        return float(self.bus[at]) if unit is None else unit.to_base(float(self.bus[at]))
+
+    def transfer(self, member: Member) -> None:
+        """Sources to the member's inputs, on the bus only."""
+        member.inputs_set = False
+        self.bus.take(member.sources, None, member.input_values, "clip")
+        if member.scaled:
+            member.input_values *= member.factor
+            member.input_values += member.offset
+
+    def start(self, parameters: Mapping[str, float], time: float, stop: float) -> None:
+        """Initialises all components; inputs and outputs are consistent afterwards. Raises SimulationError."""
+        if self._started:
+            for member in self.members:
+                member.instance.reset()
+        self._started = True
+        self.parameters, self.time, self.stop = parameters, time, stop
+        self.hand_over(False)
+        self.bus[:] = 0.0
+        for member in self.members:
+            member.instance.set_parameters(self.parameters_of(member))
+        for member in self.members:
+            member.instance.enter_initialization(time, stop)
+        make_consistent(self)
+        for member in self.members:
+            member.instance.exit_initialization()
+        for member in self.members:
+            member.instance.get_outputs()
+        make_consistent(self)
+
+    def parameters_of(self, member: Member) -> dict[str, float]:
+        prefix = f"{member.name}."
+        return {n.removeprefix(prefix): v for n, v in self.parameters.items() if n.startswith(prefix)}
+
+    def advance(self, member: Member, time: float, step: float, all_outputs: bool = False) -> None:
+        """One member takes its step with the inputs that stand on the bus. Outputs that `refresh_feedback` will fetch
+        again are left out unless `all_outputs`.
+
+        Raises SimulationError, also when an output is not finite."""
+        instance = member.instance
+        if not member.inputs_set:
+            instance.set_inputs()
+        instance.do_step(time, step)
+        if member.fed_back and member.feedthrough and not all_outputs:
+            instance.get_outputs_without_feedthrough()
+        else:
+            instance.get_outputs()
+        member.inputs_set = False
+        # the square of a large finite number may overflow: then every value is tested by itself
+        if not math.isfinite(member.output_values @ member.output_values):
+            for name, value in zip(self.names[member.outputs], member.output_values.tolist(), strict=True):
+                if not math.isfinite(value):
+                    raise SimulationError(f"{member.name}: {name.partition('.')[2]} = {value:g} at {time + step:.6g} s")
+
+    def refresh_feedback(self) -> None:
+        """After all have stepped: members that are fed back take their new inputs, and their outputs with direct
+        feed-through are fetched again."""
+        for member in self.members:
+            if member.fed_back:
+                self.transfer(member)
+                member.instance.set_inputs()
+                member.inputs_set = True
+                if member.feedthrough:
+                    member.instance.get_feedthrough_outputs()
+
+    def save_before_steps(self) -> None:
+        """From the next start on, every member that can saves its state before each of its steps."""
+        for member in self.members:
+            member.instance.save_before_steps()
+
+    def close(self) -> None:
+        for member in self.members:
+            member.instance.close()
+            if member.spare is not None:
+                member.spare.close()
+        self.members = []
+
+
+def _layout(component: Component, system: System) -> tuple[list[str], list[str], int]:
+    """The inputs and outputs that stand on the bus; the last so many outputs follow the inputs directly."""
+    fed = [f"{component.name}.{n}" for n in component.inputs]
+    inputs = [n.partition(".")[2] for n in fed if n in system.connections or n in system.undeclared]
+    direct = {
+        name: connector.depends_on is None or not set(inputs).isdisjoint(connector.depends_on)
+        for name, connector in component.outputs.items()
+        if connector.scalar_number
+    }
+    return inputs, sorted(direct, key=direct.__getitem__), sum(direct.values()) if inputs else 0
+
+
+def _link(source: Unit | None, target: Unit | None) -> tuple[float, float]:
+    """Factor and offset from the source's unit to the target's; an undeclared unit is SI."""
+    if source == target or (
+        source is not None and target is not None and (source.factor, source.offset) == (target.factor, target.offset)
+    ):
+        return 1.0, 0.0
+    source, target = source or Unit("1"), target or Unit("1")
+    return source.factor / target.factor, (source.offset - target.offset) / target.factor
