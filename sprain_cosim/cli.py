@@ -224,6 +224,8 @@ def study(
     except (Interrupted, SimulationError):
         click.echo(f"{chr(10) if sys.stderr.isatty() else ''}continue with: {again} --resume", err=True)
         raise
+    for warning in done.warnings:
+        click.echo(f"warning: {warning}", err=True)
     if done.summary.not_reproduced:
         click.echo(
             f"warning: trials {list(done.summary.not_reproduced)} gave other numbers when they were run again "

@@ -1,16 +1,22 @@
 """The ledger of a study: every finished trial, durable and atomic. The tables in the folder are exports of it.
 
 SQLite in WAL mode with full synchronisation and one writer; what `commit` returned from survives a power cut. A lock on
-the folder keeps a second writer out; it is the operating system's, so that it goes with the process that held it."""
+the folder keeps a second writer out; it is the operating system's, so that it goes with the process that held it.
+
+Every row carries a checksum of itself, of the names of its metrics and of the study it belongs to. A reader refuses a
+row that does not fit its own; a writer drops such rows when it opens the ledger and names them, so that they run
+again."""
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
+import hashlib
 import json
 import os
 import sqlite3
-from collections.abc import Iterator, Mapping
+import struct
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -18,22 +24,27 @@ from typing import Any, Self
 import numpy as np
 
 from ..errors import EnvironmentProblem, InputError
+from ..files import whole
 from ..uq.distributions import Array
 from .worker import Outcome
 
 FILE = "ledger.sqlite"
 LOCK = ".lock"
 RESUME = "; the ledger is valid, continue with --resume"
-FORMAT = 2
+FORMAT = 3
 SCHEMA = """
 CREATE TABLE IF NOT EXISTS study (key TEXT PRIMARY KEY, value TEXT NOT NULL);
 CREATE TABLE IF NOT EXISTS metrics (id INTEGER PRIMARY KEY, names TEXT NOT NULL UNIQUE);
 CREATE TABLE IF NOT EXISTS trials (
     trial INTEGER PRIMARY KEY, inputs BLOB NOT NULL, status TEXT NOT NULL, message TEXT NOT NULL,
     names INTEGER NOT NULL, metrics BLOB NOT NULL, wall REAL NOT NULL, worker TEXT NOT NULL,
-    attempts INTEGER NOT NULL, log TEXT NOT NULL);
+    attempts INTEGER NOT NULL, log TEXT NOT NULL, checksum BLOB NOT NULL);
 """
+COLUMNS = "trial, inputs, status, message, names, metrics, wall, worker, attempts, log, checksum"
 CHUNK = 4096  # rows fetched at a time
+BEFORE_CHECKSUMS = 2  # the last format without them; its ledgers are read
+RETRIES = 2000  # readings of parts of a damaged ledger, after which the rest counts as lost
+CHECK = "checksum"  # key of the facts' own
 
 
 @dataclass(frozen=True)
@@ -49,69 +60,155 @@ class Row:
 class Ledger:
     """Open with `Ledger(folder, digest, identity, description)`; folder None keeps it in memory. `Ledger.read(folder)`
     only looks. Use as a context manager. `digest` and `identity` say what the rows belong to; `description` is all of
-    the study, for those who come with the folder alone.
+    the study, for those who come with the folder alone. `dropped`: numbers of the rows that were found damaged when it
+    was opened, as far as they can be known, and are not in it any more; `mended` whether anything was.
 
-    Raises InputError when the folder is in use or holds another study, EnvironmentProblem when it cannot be written."""
+    Raises InputError when the folder is in use, holds another study or what cannot be read at all, EnvironmentProblem
+    when it cannot be written."""
 
     def __init__(
         self, folder: Path | None, digest: str, identity: Mapping[str, Any], description: str = "null"
     ) -> None:
         self.folder = folder
         self._lock: int | None = None
+        self._checked = True
         self._names: dict[str, int] = {}
+        self.dropped: list[int] = []
+        self.mended = False
+        facts = {"digest": digest, "identity": json.dumps(identity, sort_keys=True), "study": description}
+        self.facts: Mapping[str, str] = facts
         try:
             if folder is not None:
                 folder.mkdir(parents=True, exist_ok=True)
                 self._hold(folder)
-            self._database = sqlite3.connect(
-                ":memory:" if folder is None else folder / FILE, isolation_level=None, check_same_thread=False
-            )
-            self._database.execute("PRAGMA journal_mode=WAL")
-            self._database.execute("PRAGMA synchronous=FULL")
-            known = self._facts() if self._database.execute("PRAGMA user_version").fetchone()[0] == FORMAT else None
-            if known is None:
-                if self._database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
-                    self.close()
-                    raise InputError(
-                        f"{folder}: the ledger was written by another version; name a new folder with --out"
-                    )
-                self._database.executescript(f"BEGIN;{SCHEMA}PRAGMA user_version={FORMAT};COMMIT;")
-                known = {}
-        except (OSError, sqlite3.Error) as problem:
-            self._release()
-            raise _trouble(folder, problem) from None
-        if known and known["digest"] != digest:
+            self._connect(":memory:" if folder is None else folder / FILE)
+            known = self._known(folder)
+            if known and known["digest"] != digest:
+                before = json.loads(known["identity"])
+                changed = [key for key in identity if json.loads(json.dumps(identity[key])) != before.get(key)]
+                raise InputError(
+                    f"{folder}: holds another study ({', '.join(changed)} differ); name a new folder with --out"
+                )
+            if folder is not None and not self._sound():
+                self._mend(folder)
+            elif known != facts:
+                self._describe(facts)
+            self._names = {text: number for number, text in self._database.execute("SELECT id, names FROM metrics")}
+        except sqlite3.DatabaseError as problem:
             self.close()
-            before = json.loads(known["identity"])
-            changed = [key for key in identity if json.loads(json.dumps(identity[key])) != before.get(key)]
-            raise InputError(
-                f"{folder}: holds another study ({', '.join(changed)} differ); name a new folder with --out"
-            )
+            raise self._unreadable(problem) if _damaged(problem) else _trouble(folder, problem) from None
+        except OSError as problem:
+            self.close()
+            raise _trouble(folder, problem) from None
+        except BaseException:
+            self.close()
+            raise
+
+    def _connect(self, place: Path | str) -> None:
+        self._database = sqlite3.connect(place, isolation_level=None, check_same_thread=False)
+        self._database.execute("PRAGMA journal_mode=WAL")
+        self._database.execute("PRAGMA synchronous=FULL")
+
+    def _known(self, folder: Path | None) -> dict[str, str]:
+        """The facts that stand in it; none for a new ledger and for facts that are damaged."""
+        version = self._database.execute("PRAGMA user_version").fetchone()[0]
+        if version != FORMAT:
+            if self._database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+                raise InputError(f"{folder}: the ledger was written by another version; name a new folder with --out")
+            self._database.executescript(f"BEGIN;{SCHEMA}PRAGMA user_version={FORMAT};COMMIT;")
         try:
-            facts = {"digest": digest, "identity": json.dumps(identity, sort_keys=True), "study": description}
-            self._database.executemany(
-                "INSERT OR REPLACE INTO study VALUES (?, ?)", facts.items() if facts != known else ()
-            )
-        except sqlite3.Error as problem:
-            self.close()
-            raise _trouble(folder, problem) from None
-        self.facts: Mapping[str, str] = facts
+            facts = dict(self._database.execute("SELECT key, value FROM study"))
+        except sqlite3.DatabaseError:
+            return {}
+        return facts if facts.pop(CHECK, None) == _sum_of_facts(facts) else {}
+
+    def _describe(self, facts: Mapping[str, str]) -> None:
+        rows = {**facts, CHECK: _sum_of_facts(facts)}
+        self._database.executemany("INSERT OR REPLACE INTO study VALUES (?, ?)", rows.items())
+
+    def _sound(self) -> bool:
+        """Whether all rows can be read and fit their checksums, and the file its own structure."""
+        try:
+            sound = self._database.execute("PRAGMA quick_check(1)").fetchone()[0] == "ok"
+            last = -1
+            for record, names in self._records(""):
+                sound = sound and last < record[0] and self._fits(record, names)
+                last = record[0]
+        except sqlite3.DatabaseError:
+            return False
+        return sound
+
+    def _mend(self, folder: Path) -> None:
+        """A new file with the rows that are as they were written takes the place of the damaged one. Raises InputError
+        when there are none, since nothing then says that the ledger belonged to this study."""
+        good: dict[int, Sequence[Any]] = {}
+        bad: set[int] = set()
+        for record, names in self._salvaged():
+            if self._fits(record, names):
+                good[record[0]] = (*record, names)
+            else:
+                bad.add(record[0])
+        if not good:
+            raise self._unreadable("no row in it is as it was written")
+        fresh = Ledger(None, "", {})
+        fresh.facts = self.facts
+        fresh._describe(self.facts)
+        fresh._database.execute("BEGIN")
+        for _, (*record, names) in sorted(good.items()):
+            record[4] = fresh._numbered(names)
+            fresh._database.execute(f"INSERT INTO trials ({COLUMNS}) VALUES ({','.join('?' * 11)})", record)
+        fresh._database.execute("COMMIT")
+        self._database.close()
+        with whole(folder / FILE) as partial, contextlib.closing(sqlite3.connect(partial)) as target:
+            fresh._database.backup(target)
+        fresh.close()
+        for left in (f"{FILE}-wal", f"{FILE}-shm"):
+            (folder / left).unlink(missing_ok=True)
+        self._connect(folder / FILE)
+        self.dropped, self.mended = sorted(number for number in bad - good.keys() if number >= 0), True
+
+    def _salvaged(self) -> Iterator[tuple[Sequence[Any], str]]:
+        """What can be read, around what cannot."""
+        self._database.text_factory = _text
+        tries = RETRIES
+        spans = [(0, (1 << 63) - 1)]
+        while spans and tries:
+            low, high = spans.pop()
+            found: list[tuple[Sequence[Any], str]] = []
+            try:
+                for pair in self._records("WHERE trial BETWEEN ? AND ? ORDER BY trial", low, high):
+                    found.append(pair)
+            except sqlite3.DatabaseError:
+                tries -= 1
+                last = found[-1][0][0] if found else low
+                if low < high:
+                    middle = last + (high - last) // 2
+                    spans += [(middle + 1, high), (last + bool(found), middle)] if last < high else []
+            yield from found
 
     @classmethod
     def read(cls, folder: Path) -> Self:
-        """For looking only, also while another process writes. Raises InputError when there is no ledger."""
+        """For looking only, also while another process writes. Raises InputError when there is no ledger, or what it
+        says of its study is damaged."""
         path = folder / FILE
         if not path.is_file():
             raise InputError(f"{folder}: no study in it; `sprain-cosim study STUDY --out {folder}` makes one")
         ledger = cls.__new__(cls)
         ledger.folder, ledger._lock, ledger._names = folder, None, {}
+        ledger.dropped, ledger.mended = [], False
         for mode in ("mode=ro", "immutable=1"):  # a folder that cannot be written holds no writer either
             try:
                 ledger._database = sqlite3.connect(f"{path.absolute().as_uri()}?{mode}", uri=True, isolation_level=None)
-                ledger.facts = ledger._facts()
-                return ledger
+                version = ledger._database.execute("PRAGMA user_version").fetchone()[0]
+                facts = dict(ledger._database.execute("SELECT key, value FROM study"))
             except sqlite3.Error as problem:
-                trouble = problem
+                trouble: Exception = problem
+                continue
+            if version > BEFORE_CHECKSUMS and facts.pop(CHECK, None) != _sum_of_facts(facts):
+                raise ledger._unreadable("what it says of its study does not fit its checksum")
+            ledger._checked = version > BEFORE_CHECKSUMS
+            ledger.facts = facts
+            return ledger
         raise InputError(f"{path}: cannot be read as a ledger: {trouble}")
 
     def add(self, row: Row) -> None:
@@ -120,21 +217,22 @@ class Ledger:
         try:
             if not self._database.in_transaction:
                 self._database.execute("BEGIN")
-            values = np.array(list(o.metrics.values()), float).tobytes()
+            names = json.dumps(list(o.metrics))
+            record = (
+                row.trial,
+                row.inputs.tobytes(),
+                o.status,
+                o.message,
+                self._numbered(names),
+                np.array(list(o.metrics.values()), float).tobytes(),
+                float(o.wall),
+                row.worker,
+                o.attempts,
+                o.log,
+            )
             self._database.execute(
-                "INSERT INTO trials VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-                (
-                    row.trial,
-                    row.inputs.tobytes(),
-                    o.status,
-                    o.message,
-                    self._named(o.metrics),
-                    values,
-                    o.wall,
-                    row.worker,
-                    o.attempts,
-                    o.log,
-                ),
+                f"INSERT INTO trials ({COLUMNS}) VALUES ({','.join('?' * 11)})",
+                (*record, _sum(self.facts["digest"], record, names)),
             )
         except sqlite3.Error as problem:
             raise _trouble(self.folder, problem) from None
@@ -149,16 +247,12 @@ class Ledger:
 
     def finished(self) -> tuple[np.ndarray, np.ndarray]:
         """(n,) numbers of all rows, ascending; (n,) whether each failed."""
-        count = self._database.execute("SELECT count(*) FROM trials").fetchone()[0]
-        numbers, failed = np.empty(count, np.int64), np.empty(count, bool)
-        for k, (trial, bad) in enumerate(
-            self._database.execute("SELECT trial, status != 'completed' FROM trials ORDER BY trial")
-        ):
-            numbers[k], failed[k] = trial, bad
-        return numbers, failed
+        found = self._asked("SELECT trial, status != 'completed' FROM trials ORDER BY trial")
+        pairs = np.array(found, np.int64).reshape(-1, 2)
+        return pairs[:, 0].copy(), pairs[:, 1].astype(bool)
 
     def rows(self) -> Iterator[Row]:
-        """In the order of their numbers."""
+        """In the order of their numbers. Raises InputError at a row that is damaged."""
         return self._select("ORDER BY trial")
 
     def failed(self) -> Iterator[Row]:
@@ -168,38 +262,61 @@ class Ledger:
         return next(self._select("WHERE trial = ?", trial), None)
 
     def _select(self, which: str, *values: Any) -> Iterator[Row]:
-        names = {k: tuple(json.loads(text)) for k, text in self._database.execute("SELECT id, names FROM metrics")}
-        found = self._database.execute(f"SELECT * FROM trials {which}", values)
-        while chunk := found.fetchmany(CHUNK):
-            for trial, inputs, status, message, kind, metrics, wall, worker, attempts, log in chunk:
-                outcome = Outcome(
-                    status,
-                    message,
-                    dict(zip(names[kind], np.frombuffer(metrics).tolist(), strict=True)),
-                    wall,
-                    attempts,
-                    log,
-                )
-                yield Row(trial, np.frombuffer(inputs), outcome, worker)
+        parsed: dict[str, list[str]] = {}
+        try:
+            for record, text in self._records(which, *values):
+                if not self._fits(record, text):
+                    raise self._unreadable(f"trial {record[0]} does not fit its checksum")
+                trial, inputs, status, message, _, metrics, wall, worker, attempts, log, _ = record
+                if text not in parsed:
+                    parsed[text] = json.loads(text)
+                named = dict(zip(parsed[text], np.frombuffer(metrics).tolist(), strict=True))
+                yield Row(trial, np.frombuffer(inputs), Outcome(status, message, named, wall, attempts, log), worker)
+        except sqlite3.DatabaseError as problem:
+            raise self._unreadable(problem) from None
 
-    def _named(self, metrics: Mapping[str, float]) -> int:
+    def _records(self, which: str, *values: Any) -> Iterator[tuple[Sequence[Any], str]]:
+        """Rows as they lie in the table, each with the text of its metrics' names."""
+        names = dict(self._database.execute("SELECT id, names FROM metrics"))
+        columns = COLUMNS if self._checked else COLUMNS.replace("checksum", "NULL")
+        found = self._database.execute(f"SELECT {columns} FROM trials {which}", values)
+        while chunk := found.fetchmany(CHUNK):
+            for record in chunk:
+                yield record, names.get(record[4], "")
+
+    def _fits(self, record: Sequence[Any], names: str) -> bool:
+        if not self._checked:
+            return True
+        try:
+            return bool(_sum(self.facts["digest"], record, names) == record[10])
+        except (TypeError, ValueError, AttributeError, struct.error):  # a value of another type than was written
+            return False
+
+    def _numbered(self, names: str) -> int:
         """The number under which the metrics' names stand; a row then holds their values only."""
-        names = json.dumps(list(metrics))
         if names not in self._names:
-            self._database.execute("INSERT OR IGNORE INTO metrics (names) VALUES (?)", (names,))
-            self._names[names] = self._database.execute("SELECT id FROM metrics WHERE names = ?", (names,)).fetchone()[
-                0
-            ]
+            added = self._database.execute("INSERT INTO metrics (names) VALUES (?)", (names,))
+            self._names[names] = int(added.lastrowid or 0)
         return self._names[names]
 
-    def _facts(self) -> dict[str, str]:
-        return dict(self._database.execute("SELECT key, value FROM study"))
+    def _asked(self, query: str) -> list[Any]:
+        try:
+            return self._database.execute(query).fetchall()
+        except sqlite3.DatabaseError as problem:
+            raise self._unreadable(problem) from None
+
+    def _unreadable(self, why: object) -> InputError:
+        return InputError(
+            f"{self.folder}: its ledger is damaged: {why}; continue the study with --resume, which runs again what is "
+            "lost, or put back a copy"
+        )
 
     def close(self) -> None:
-        with contextlib.suppress(sqlite3.Error):
+        with contextlib.suppress(sqlite3.Error, AttributeError):  # it may not have come to a connection
             if self._database.in_transaction:
                 self._database.execute("COMMIT")
-        self._database.close()
+        with contextlib.suppress(sqlite3.Error, AttributeError):
+            self._database.close()
         self._release()
 
     def __enter__(self) -> Self:
@@ -234,3 +351,26 @@ def _trouble(folder: Path | None, problem: Exception) -> EnvironmentProblem:
     if isinstance(problem, OSError):
         return EnvironmentProblem(f"{folder}: cannot be written: {problem.strerror or problem}")
     return EnvironmentProblem(f"{folder}: the ledger cannot be written ({problem}); what was committed before is kept")
+
+
+def _sum(digest: str, record: Sequence[Any], names: str) -> bytes:
+    trial, inputs, status, message, _, metrics, wall, worker, attempts, log = record[:10]
+    head = struct.pack("<qdqqq", trial, wall, attempts, len(inputs), len(metrics))
+    texts = "\0".join((digest, names, status, message, worker, log)).encode("utf-8", "surrogatepass")
+    return hashlib.blake2b(b"".join((head, inputs, metrics, texts)), digest_size=8).digest()
+
+
+def _sum_of_facts(facts: Mapping[str, str]) -> str:
+    text = json.dumps(sorted((key, value) for key, value in facts.items() if key != CHECK))
+    return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
+
+
+def _text(data: bytes) -> str:
+    """Damaged text must reach the checksum, not stop the reading."""
+    return data.decode("utf-8", "replace")
+
+
+def _damaged(problem: sqlite3.Error) -> bool:
+    return getattr(problem, "sqlite_errorname", "") in ("SQLITE_CORRUPT", "SQLITE_NOTADB", "SQLITE_FORMAT") or any(
+        word in str(problem) for word in ("malformed", "not a database")
+    )

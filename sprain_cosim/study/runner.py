@@ -45,13 +45,14 @@ ALL = 1 << 62  # trajectories
 @dataclass(frozen=True)
 class Campaign:
     """A finished study: `trials` one row each, `timing` what depends on the machine, `summary` as in summary.json;
-    `out` its folder or None."""
+    `out` its folder or None; `warnings` one line each, about this run of it."""
 
     study: Plan
     trials: pd.DataFrame
     timing: pd.DataFrame
     summary: StudySummary
     out: Path | None
+    warnings: tuple[str, ...] = ()
 
 
 def run(
@@ -125,7 +126,14 @@ def run(
     summary = replace(summary, wall_s=round(perf_counter() - began, 3))
     if folder is not None:
         studyfolder.finish(folder, table, timing, summary, parquet)
-    return Campaign(study, table, timing, summary, folder)
+    return Campaign(study, table, timing, summary, folder, _mended(ledger))
+
+
+def _mended(ledger: Ledger) -> tuple[str, ...]:
+    if not ledger.mended:
+        return ()
+    rows = f"trials {studyfolder.missing(ledger.dropped)}" if ledger.dropped else "rows that cannot be named"
+    return (f"{ledger.folder}: its ledger was damaged; {rows} were dropped and run again",)
 
 
 def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = False) -> Campaign:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -62,11 +63,12 @@ def test_a_trial_that_no_longer_gives_its_numbers_is_told(whole: Path, tmp_path:
     changed = tmp_path / "changed"
     shutil.copytree(whole, changed)
     with Ledger(changed, **_facts(changed)) as ledger:
-        values = np.frombuffer(
-            ledger._database.execute("SELECT metrics FROM trials WHERE trial = 5").fetchone()[0]
-        ).copy()
-        values[0] = np.nextafter(values[0], 1e9)
-        ledger._database.execute("UPDATE trials SET metrics = ? WHERE trial = 5", (values.tobytes(),))
+        row = ledger.row(5)
+        assert row is not None
+        first, value = next(iter(row.outcome.metrics.items()))
+        metrics = {**row.outcome.metrics, first: float(np.nextafter(value, 1e9))}
+        ledger._database.execute("DELETE FROM trials WHERE trial = 5")
+        ledger.add(replace(row, outcome=replace(row.outcome, metrics=metrics)))  # with its checksum
     assert not replay(changed, 5).same
     ran = CliRunner().invoke(cli, ["trial", str(changed), "5"], standalone_mode=False)
     assert ran.return_value == 1
