@@ -44,7 +44,7 @@ COLUMNS = "trial, inputs, status, message, names, metrics, wall, worker, attempt
 CHUNK = 4096  # rows fetched at a time
 BEFORE_CHECKSUMS = 2  # the last format without them; its ledgers are read
 RETRIES = 2000  # readings of parts of a damaged ledger, after which the rest counts as lost
-CHECK = "checksum"  # key of the facts' own
+CHECK, EXPORTS = "checksum", "exports"  # keys beside the facts: their checksum; what was written from the rows
 
 
 @dataclass(frozen=True)
@@ -120,6 +120,7 @@ class Ledger:
             facts = dict(self._database.execute("SELECT key, value FROM study"))
         except sqlite3.DatabaseError:
             return {}
+        facts.pop(EXPORTS, None)
         return facts if facts.pop(CHECK, None) == _sum_of_facts(facts) else {}
 
     def _describe(self, facts: Mapping[str, str]) -> None:
@@ -204,6 +205,7 @@ class Ledger:
             except sqlite3.Error as problem:
                 trouble: Exception = problem
                 continue
+            facts.pop(EXPORTS, None)
             if version > BEFORE_CHECKSUMS and facts.pop(CHECK, None) != _sum_of_facts(facts):
                 raise ledger._unreadable("what it says of its study does not fit its checksum")
             ledger._checked = version > BEFORE_CHECKSUMS
@@ -244,6 +246,26 @@ class Ledger:
                 self._database.execute("COMMIT")
             except sqlite3.Error as problem:
                 raise _trouble(self.folder, problem) from None
+
+    def count(self) -> int:
+        """How many rows there are."""
+        return int(self._asked("SELECT count(*) FROM trials")[0][0])
+
+    def note_exports(self, content: Mapping[str, Any]) -> None:
+        """What was written from the rows, for `noted_exports`; it is forgotten when the ledger is mended."""
+        try:
+            self._database.execute("INSERT OR REPLACE INTO study VALUES (?, ?)", (EXPORTS, json.dumps(content)))
+        except sqlite3.Error as problem:
+            raise _trouble(self.folder, problem) from None
+
+    def noted_exports(self) -> dict[str, Any]:
+        """{} for none."""
+        found = self._asked(f"SELECT value FROM study WHERE key = '{EXPORTS}'")
+        try:
+            content = json.loads(found[0][0]) if found else {}
+        except (TypeError, ValueError, RecursionError):
+            return {}
+        return content if isinstance(content, dict) else {}
 
     def finished(self) -> tuple[np.ndarray, np.ndarray]:
         """(n,) numbers of all rows, ascending; (n,) whether each failed."""

@@ -9,10 +9,12 @@ of workers, the backend, nor on the order in which trials end."""
 from __future__ import annotations
 
 import gzip
+import hashlib
 import io
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter
@@ -30,8 +32,10 @@ from .backends.choice import open_backend
 from .codec import encode
 from .dispatch import Dispatch, Progress
 from .evaluation import summarise
+from .ledger import FILE as LEDGER
 from .ledger import Ledger, Row
 from .plan import SEARCHES, Plan
+from .seal import seal, sealed
 from .summary import Kept, StudySummary, read_summary
 from .trajectories import FIRST, Trajectories, roles
 from .worker import Outcome, Worker
@@ -40,19 +44,39 @@ if TYPE_CHECKING:
     import pandas as pd
 
 ALL = 1 << 62  # trajectories
+Tables = tuple["pd.DataFrame", "pd.DataFrame"]  # trials, timing
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """A finished study: `trials` one row each, `timing` what depends on the machine, `summary` as in summary.json;
-    `out` its folder or None; `warnings` one line each, about this run of it."""
+    """A finished study.
+
+    study     what was run
+    summary   as in summary.json
+    out       its folder, or None
+    load      gives both tables, when they are first asked for
+    warnings  one line each, about this run of it
+    """
 
     study: Plan
-    trials: pd.DataFrame
-    timing: pd.DataFrame
     summary: StudySummary
     out: Path | None
+    load: Callable[[], Tables]
     warnings: tuple[str, ...] = ()
+
+    @cached_property
+    def _tables(self) -> Tables:
+        return self.load()
+
+    @property
+    def trials(self) -> pd.DataFrame:
+        """One row for each trial, the columns of trials.csv."""
+        return self._tables[0]
+
+    @property
+    def timing(self) -> pd.DataFrame:
+        """One row for each trial: what depends on the machine, the columns of timing.csv."""
+        return self._tables[1]
 
 
 def run(
@@ -85,48 +109,119 @@ def run(
     if folder is not None:
         studyfolder.check(folder, resume)
     began = perf_counter()
-    recorder = Trajectories(
-        folder, ALL if study.method in SEARCHES and study.method != "sobol-indices" else trajectories
-    )
-    backend = open_backend(
-        Task(study.scenario, study.names, limits or Limits()), workers, scheduler
-    )  # before the folder: a wrong address leaves none
+    first = ALL if study.method in SEARCHES and study.method != "sobol-indices" else trajectories
+    wanted = None if study.method in SEARCHES else _numbers(study, shard)
+    ledger: Ledger | None = None
     try:
-        ledger = Ledger(folder, study.digest, study.identity, json.dumps(encode(study)))
-    except BaseException:
-        backend.close()
-        raise
-    with ledger:
-        dispatch = Dispatch(ledger, backend, max_failed, progress, recorder)
-        found = wanted = None
+        request = _request(study, wanted, shard, first, parquet)
+        if folder is not None and (folder / LEDGER).exists():
+            ledger = _ledger(study, folder)
+            done = _done(study, ledger, folder, request, wanted, max_failed, progress)
+            if done is not None:
+                return done
+        backend = open_backend(
+            Task(study.scenario, study.names, limits or Limits()), workers, scheduler
+        )  # before the folder: a wrong address leaves none
         try:
-            if folder is not None:
-                studyfolder.begin(folder, study, command)
-            if study.method in SEARCHES:
-                found = _search(study, dispatch)
-            else:
-                wanted = _numbers(study, shard)
-                dispatch.finish(_part(study, shard), len(wanted))
-            table, timing = studyfolder.tables(study, ledger, wanted)
-            summary = summarise(study, table, found)
-            if folder is not None:
-                kept = _roles(study, table, found)
-                changed = dispatch.repeat(recorder.lacks(_recorded(table, recorder, kept)))
-                summary = replace(
-                    summary,
-                    trajectories=Kept(kept, int((table["trial"] < recorder.first).sum())),
-                    not_reproduced=tuple(changed) or None,
-                )
-        finally:
-            dispatch.close()
-            if folder is not None:
-                studyfolder.failures(folder, study, ledger)
+            ledger = ledger or _ledger(study, folder)
+            dispatch = Dispatch(ledger, backend, max_failed, progress, Trajectories(folder, first))
+        except BaseException:
+            backend.close()
+            raise
+        tables, summary, recorded = _finished(study, dispatch, folder, wanted, shard, command)
+        summary = replace(summary, wall_s=round(perf_counter() - began, 3))
+        if folder is not None:
+            studyfolder.finish(folder, *tables, summary, parquet)
+            seal(folder, ledger, request, recorded)
+        return Campaign(study, summary, folder, partial(_given, tables), _mended(ledger))
+    finally:
+        if ledger is not None:
+            ledger.close()
+
+
+def _finished(
+    study: Plan,
+    dispatch: Dispatch,
+    folder: Path | None,
+    wanted: np.ndarray | None,
+    shard: tuple[int, int] | None,
+    command: str,
+) -> tuple[Tables, StudySummary, list[int]]:
+    """Runs what is missing; the tables, the summary, and the trials that have a trajectory."""
+    ledger, recorder = dispatch.ledger, dispatch.trajectories
+    found, recorded = None, list[int]()
+    try:
+        if folder is not None:
+            studyfolder.begin(folder, study, command)
+        if wanted is None:
+            found = _search(study, dispatch)
+        else:
+            dispatch.finish(_part(study, shard), len(wanted))
+        tables = table, _ = studyfolder.tables(study, ledger, wanted)
+        summary = summarise(study, table, found)
+        if folder is not None:
+            kept = _roles(study, table, found)
+            recorded = _recorded(table, recorder, kept)
+            changed = dispatch.repeat(recorder.lacks(recorded))
+            summary = replace(
+                summary,
+                trajectories=Kept(kept, int((table["trial"] < recorder.first).sum())),
+                not_reproduced=tuple(changed) or None,
+            )
+    finally:
+        dispatch.close()
+        if folder is not None:
+            studyfolder.failures(folder, study, ledger)
     if shard is not None:
         summary = replace(summary, shard=shard, n_requested=len(table))
-    summary = replace(summary, wall_s=round(perf_counter() - began, 3))
-    if folder is not None:
-        studyfolder.finish(folder, table, timing, summary, parquet)
-    return Campaign(study, table, timing, summary, folder, _mended(ledger))
+    return tables, summary, sorted({*recorded} - {*recorder.lacks(recorded)})
+
+
+def _ledger(study: Plan, folder: Path | None) -> Ledger:
+    return Ledger(folder, study.digest, study.identity, json.dumps(encode(study)))
+
+
+def _request(
+    study: Plan, wanted: np.ndarray | None, shard: tuple[int, int] | None, first: int, parquet: bool
+) -> dict[str, Any]:
+    """All that the exports of a folder depend on besides the rows."""
+    return {
+        "study": hashlib.sha256(json.dumps(encode(study)).encode()).hexdigest(),
+        "trials": None if wanted is None else len(wanted),
+        "shard": shard,
+        "first": first,
+        "parquet": parquet,
+    }
+
+
+def _done(
+    study: Plan,
+    ledger: Ledger,
+    folder: Path,
+    request: Mapping[str, Any],
+    wanted: np.ndarray | None,
+    max_failed: float,
+    progress: Progress | None,
+) -> Campaign | None:
+    """The campaign of a folder that lacks nothing; None for one that does."""
+    if not sealed(folder, ledger, request):
+        return None
+    summary = read_summary(folder)
+    total = summary.n_completed + summary.n_failed
+    if summary.n_failed > max_failed * total:
+        return None
+    if progress:
+        progress(total, total, summary.n_failed, 0.0)
+    return Campaign(study, summary, folder, partial(_from_ledger, study, folder, wanted))
+
+
+def _from_ledger(study: Plan, folder: Path, wanted: np.ndarray | None) -> Tables:
+    with Ledger.read(folder) as ledger:
+        return studyfolder.tables(study, ledger, wanted)
+
+
+def _given(tables: Tables) -> Tables:
+    return tables
 
 
 def _mended(ledger: Ledger) -> tuple[str, ...]:
@@ -187,7 +282,7 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
         merged=tuple(str(f) for f in folders),
     )
     studyfolder.finish(folder, table, timing, summary, parquet)
-    return Campaign(study, table, timing, summary, folder)
+    return Campaign(study, summary, folder, partial(_given, (table, timing)))
 
 
 @dataclass(frozen=True)

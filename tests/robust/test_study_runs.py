@@ -7,16 +7,24 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import sprain_cosim as sc
 from sprain_cosim.errors import InputError, SimulationError
 from sprain_cosim.process import Limits
-from sprain_cosim.study.ledger import Ledger
+from sprain_cosim.study.codec import encode
+from sprain_cosim.study.ledger import Ledger, Row
+from sprain_cosim.study.runner import Campaign, _request
+from sprain_cosim.study.seal import NECESSARY, seal
+from sprain_cosim.study.summary import StudySummary
+from sprain_cosim.study.trajectories import FIRST
+from sprain_cosim.study.worker import Outcome
 from sprain_cosim.uq.distributions import Normal
 
 TRIALS = 24
@@ -151,3 +159,60 @@ def test_summary_is_json_and_says_what_happened(whole: Path) -> None:
     assert summary["n_failed"] == 0
     level = summary["responses"]["peak_subtalar_angle_deg"]["percentiles"]["50"]
     assert level["ci_low"] < level["value"] < level["ci_high"]
+
+
+def test_a_finished_folder_is_not_computed_again(tmp_path: Path) -> None:
+    """The exports stay as they are while they are what was asked for; one that was edited or is gone is made again."""
+    out = tmp_path / "s"
+    first = sc.load_study("study2").run(trials=5, workers=1, out=out)
+    exports = [p for p in out.iterdir() if p.is_file() and not p.name.startswith(("ledger", "."))]
+    stamps = {p.name: p.stat().st_mtime_ns for p in exports}
+    seen: list[int] = []
+
+    def resumed(trials: int = 5) -> Campaign:
+        study = sc.load_study("study2")
+        return study.run(trials=trials, workers=1, out=out, resume=True, progress=lambda *a: seen.append(a[0]))
+
+    again = resumed()
+    assert seen == [5]
+    assert {p: (out / p).stat().st_mtime_ns for p in stamps} == stamps
+    assert again.summary == first.summary
+    pd.testing.assert_frame_equal(again.trials, first.trials)
+    pd.testing.assert_frame_equal(again.timing, first.timing)
+    before = (out / "trials.csv").read_bytes()
+    for damage in (
+        lambda: (out / "trials.csv").write_bytes(before.replace(b"1", b"2")),
+        lambda: (out / "trials.csv").unlink(),
+        lambda: (out / "summary.json").write_text("{}"),
+        lambda: (out / "trajectories" / "000001.csv.gz").unlink(),
+    ):
+        damage()
+        resumed()
+        assert (out / "trials.csv").read_bytes() == before
+        assert (out / "trajectories" / "000001.csv.gz").is_file()
+        assert json.loads((out / "summary.json").read_text())["n_completed"] == 5
+    assert resumed(trials=7).summary.n_completed == 7
+    assert len(pd.read_csv(out / "trials.csv")) == 7
+
+
+def test_a_finished_folder_of_100_000_trials_is_resumed_in_two_seconds(tmp_path: Path) -> None:
+    """The ledger is written directly; the exports are noted as the study's end would. Processor time of one process."""
+    out = tmp_path / "s"
+    study = replace(sc.load_study("study6"), trials=100_000)
+    names = [f"metric_{k}" for k in range(24)]
+    rng = np.random.default_rng(3)
+    values, inputs = rng.normal(size=(2, 1000, 24)), rng.normal(size=(1000, len(study.names)))
+    with Ledger(out, study.digest, study.identity, json.dumps(encode(study))) as ledger:
+        for trial in range(study.trials):
+            metrics = dict(zip(names, values[trial % 2, trial % 1000].tolist(), strict=True))
+            ledger.add(Row(trial, inputs[trial % 1000], Outcome("completed", "", metrics, 0.02), "0"))
+        ledger.commit()
+        for name in NECESSARY:
+            (out / name).write_text("x" * 700 * (study.trials if name == "trials.csv" else 1))
+        counts = {"n_requested": study.trials, "n_completed": study.trials, "n_failed": 0}
+        summary = StudySummary(title="", method="monte-carlo", **counts)  # type: ignore[arg-type]
+        (out / "summary.json").write_text(json.dumps(summary.to_json()))
+        seal(out, ledger, _request(study, np.arange(study.trials), None, FIRST, False), [])
+    began = time.process_time()
+    study.run(out=out, resume=True)
+    assert time.process_time() - began < 2.0
