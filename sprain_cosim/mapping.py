@@ -21,7 +21,8 @@ from .contract import INPUTS, OUTPUTS
 from .errors import InputError, nearest, problems_to_error
 from .files import parse_toml, read_text
 from .fmu import archive
-from .fmu.component import Component, Connector
+from .fmu.component import Component
+from .fmu.element import Connector
 from .units import Unit, quantity, unit
 
 INSIDE = "extra/sprain-cosim/map.toml"

@@ -171,7 +171,9 @@ class Scenario:
         problems_to_error(self.source, _without_repeats(problems))
         return replace(system, parameters=values)
 
-    def _described(self) -> System:
+    def components(self) -> tuple[Component, ...]:
+        """The FMUs under the contract's names, in the order of the file. Raises InputError with all that cannot be
+        read, in one line."""
         components, unreadable = list[Component](), list[str]()
         for name, path in self.fmus.items():
             try:
@@ -182,19 +184,24 @@ class Scenario:
             except InputError as problem:
                 unreadable.append(f"components.{name}: {problem}")
         problems_to_error(self.source, unreadable)
+        return tuple(components)
+
+    def _described(self) -> System:
+        components = self.components()
         connections, problems = connect(components, self.connections)
         problems_to_error(self.source, problems)
-        return System(tuple(components), connections)
+        return System(components, connections)
 
     def doubts(self) -> list[str]:
         """What is assumed without being said anywhere, one line each: undeclared units of connected variables, a
         mapping that another replaces."""
-        system = self._described()
+        components = self.components()
+        connections, _ = connect(components, self.connections)
         found = []
-        for component in system.components:
+        for component in components:
             ends = {
                 end.partition(".")[2]: None
-                for pair in system.connections.items()
+                for pair in connections.items()
                 for end in pair
                 if end.partition(".")[0] == component.name
             }

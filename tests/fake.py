@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from sprain_cosim.fmu.build import build_fmu
-from sprain_cosim.fmu.component import Capabilities, Connector
+from sprain_cosim.fmu.element import Capabilities, Connector
 from sprain_cosim.units import unit
 
 MODELS = Path(__file__).parent.parent / "fmus"

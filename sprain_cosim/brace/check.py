@@ -14,7 +14,8 @@ from typing import Any
 from ..contract import AXES, INPUTS, OUTPUTS, POSITIVE, plain, profile
 from ..errors import InputError
 from ..fmu import archive
-from ..fmu.component import Component, Connector
+from ..fmu.component import Component
+from ..fmu.element import Connector
 from ..mapping import carried, load_mapping
 from ..process import Child, Gone, Limits
 from .probe import CYCLE_SPEED, STATIC_DEG, own_step

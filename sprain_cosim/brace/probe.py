@@ -19,7 +19,9 @@ import numpy as np
 
 from ..contract import MAX_VELOCITY_DEG_S, RANGE_DEG, plain
 from ..errors import SimulationError, SprainError
-from ..fmu.component import Component, Instance
+from ..fmu.component import Component
+from ..fmu.element import Element
+from ..fmu.instance import Instance
 from ..process import listen
 from ..units import Unit
 
@@ -118,7 +120,7 @@ class Bench:
         self.instance.close()
 
 
-def own_step(component: Component) -> float:
+def own_step(component: Element) -> float:
     """A step that the device takes: STEP, or the multiple of its own that is next above."""
     own = component.capabilities.fixed_step
     return STEP if own is None else own * max(1, math.ceil(STEP / own - 1e-9))

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from ..contract import is_impedance
 from ..errors import SimulationError
-from ..fmu.component import Component, Instance
+from ..fmu.element import Element
+from ..fmu.instance import Instance
 from ..units import Unit
 from .loops import make_consistent
 
@@ -39,7 +40,7 @@ class Member:
     spare, spare_bus   a second instance for experiments, on a bus of its own
     """
 
-    def __init__(self, component: Component, instance: Instance, bus: Values, inputs: slice, outputs: slice) -> None:
+    def __init__(self, component: Element, instance: Instance, bus: Values, inputs: slice, outputs: slice) -> None:
         self.name, self.component, self.instance = component.name, component, instance
         self.inputs, self.outputs = inputs, outputs
         self.input_values, self.output_values = bus[inputs], bus[outputs]
@@ -96,7 +97,7 @@ class Assembly:
             self._connect(member)
         self.hand_over(False)
 
-    def _open(self, component: Component, inputs: Sequence[str], outputs: Sequence[str], feedthrough: int) -> None:
+    def _open(self, component: Element, inputs: Sequence[str], outputs: Sequence[str], feedthrough: int) -> None:
         """Adds the component behind the members that are there; its last `feedthrough` outputs follow its inputs."""
         first = self.members[-1].outputs.stop if self.members else 0
         split = first + len(inputs)
@@ -233,7 +234,7 @@ class Assembly:
         self.members = []
 
 
-def _layout(component: Component, system: System) -> tuple[list[str], list[str], int]:
+def _layout(component: Element, system: System) -> tuple[list[str], list[str], int]:
     """The inputs and outputs that stand on the bus; the last so many outputs follow the inputs directly."""
     fed = [f"{component.name}.{n}" for n in component.inputs]
     inputs = [n.partition(".")[2] for n in fed if n in system.connections or n in system.undeclared]

@@ -13,7 +13,7 @@ from functools import cached_property
 
 from ..contract import MOTION, PLANT, PROFILES, impedance_input, motion_output, plain, torque_axis
 from ..errors import InputError, nearest
-from ..fmu.component import Component, Connector
+from ..fmu.element import Connector, Element
 from .assembly import Assembly
 
 
@@ -26,11 +26,11 @@ class System:
     parameters   {"component.parameter": value in the parameter's own unit}
     """
 
-    components: tuple[Component, ...]
+    components: tuple[Element, ...]
     connections: Mapping[str, str]
     parameters: Mapping[str, float] = field(default_factory=dict)
 
-    def component(self, name: str) -> Component | None:
+    def component(self, name: str) -> Element | None:
         return next((c for c in self.components if c.name == name), None)
 
     def find(self, full: str) -> Connector:
@@ -99,7 +99,7 @@ class System:
             return [f"parameter {full}: is {_a(connector.causality)}, not a parameter"]
         return []
 
-    def _check_component(self, component: Component) -> list[str]:
+    def _check_component(self, component: Element) -> list[str]:
         ends = {end.partition(".")[0] for pair in self.connections.items() for end in pair}
         if component.name not in ends and len(self.components) > 1 and component.name != PLANT:
             return [
@@ -153,7 +153,7 @@ class System:
         return Assembly(self)
 
 
-def connect(components: Sequence[Component], explicit: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
+def connect(components: Sequence[Element], explicit: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
     """The explicit connections and those that devices make themselves, with the problems met."""
     connections, problems = dict(explicit), list[str]()
     plant = next((c for c in components if c.name == PLANT), None)
@@ -166,7 +166,7 @@ def connect(components: Sequence[Component], explicit: Mapping[str, str]) -> tup
 
 
 def _connect_device(
-    device: Component, plant: Component, explicit: Mapping[str, str], connections: dict[str, str]
+    device: Element, plant: Element, explicit: Mapping[str, str], connections: dict[str, str]
 ) -> list[str]:
     """Adds the device's connections to `connections`; returns the problems met."""
     outputs = {plain(n): n for n in plant.outputs}

@@ -92,7 +92,7 @@ def _check(path: Path, entries: list[zipfile.ZipInfo]) -> None:
         raise InputError(f"{path}: {size / 2**20:.0f} MB unpacked; at most {MAX_SIZE // 2**20} MB are accepted")
     if size > MAX_RATIO * packed:
         raise InputError(f"{path}: unpacks to {size // packed} times its size; at most {MAX_RATIO} times is accepted")
-    seen: set[str] = set()
+    keys: set[str] = set()
     folders: dict[str, str] = {}
     for entry in entries:
         name, original = entry.filename, getattr(entry, "orig_filename", entry.filename)
@@ -107,9 +107,9 @@ def _check(path: Path, entries: list[zipfile.ZipInfo]) -> None:
         if entry.flag_bits & 1:
             raise InputError(f"{path}: entry {name!r} is encrypted; refused")
         key = _key(name.rstrip("/"))
-        if key in seen:
+        if key in keys:
             raise InputError(f"{path}: two entries named {name!r} (letter case does not count); refused")
-        seen.add(key)
+        keys.add(key)
         for k in range(1, len(parts) + entry.is_dir()):
             folder = "/".join(parts[:k])
             if folders.setdefault(_key(folder), folder) != folder:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import ctypes
 from typing import Any, ClassVar
 
-from .instance import LAST_SUCCESSFUL_TIME, PENDING, FmiInstance
+from .fmi_instance import LAST_SUCCESSFUL_TIME, PENDING, WARNING, FmiInstance
 
 
 class Fmi1CoSimulation(FmiInstance):
@@ -17,15 +17,15 @@ class Fmi1CoSimulation(FmiInstance):
         "Boolean": ("Boolean", ctypes.c_char),
     }
 
-    def load(self, **arguments: Any) -> Any:
+    def load_library(self, **arguments: Any) -> Any:
         from fmpy import calloc, fmi1, free
         from fmpy.fmi1 import FMU1Slave
 
-        def log(instance: Any, name: bytes, status: int, category: bytes, message: bytes) -> None:
-            self.log(message)
+        def log_message(instance: Any, name: bytes, status: int, category: bytes, message: bytes) -> None:
+            self.log_message(message)
 
         self._callbacks = fmi1.fmi1CallbackFunctions()
-        self._callbacks.logger = fmi1.fmi1CallbackLoggerTYPE(log)
+        self._callbacks.logger = fmi1.fmi1CallbackLoggerTYPE(log_message)
         self._callbacks.allocateMemory = fmi1.fmi1CallbackAllocateMemoryTYPE(calloc)
         self._callbacks.freeMemory = fmi1.fmi1CallbackFreeMemoryTYPE(free)
         return FMU1Slave(**arguments)
@@ -33,32 +33,32 @@ class Fmi1CoSimulation(FmiInstance):
     def function(self, name: str) -> Any:
         return self.fmu.dll[f"{self.component.identifier}_fmi{name}"]
 
-    def create(self) -> None:
+    def instantiate(self) -> None:
         self.readable = False
         self.fmu.instantiate(functions=self._callbacks, loggingOn=True)
         if not self.fmu.component:
             raise RuntimeError("null")
 
-    def free(self) -> None:
+    def free_instance(self) -> None:
         self.fmu.fmi1FreeSlaveInstance(self.fmu.component)
 
-    def recycle(self) -> None:
+    def call_reset(self) -> None:
         self.readable = False
         self.fmu.reset()
 
-    def enter(self, time: float, stop: float) -> None:
+    def call_enter_initialization(self, time: float, stop: float) -> None:
         self._times = time, stop
 
-    def leave(self) -> None:
+    def call_exit_initialization(self) -> None:
         self.fmu.initialize(*self._times)
         self.readable = True
         self._step = self.function("DoStep")
 
     def call_do_step(self, time: float, step: float) -> int:
         status: int = self._step(self.instance, ctypes.c_double(time), ctypes.c_double(step), ctypes.c_char(b"\x01"))
-        return self.waited() if status == PENDING else status
+        return self.finished_step() if status == PENDING else status
 
-    def progress(self) -> tuple[float | None, bool]:
+    def discard_status(self) -> tuple[float | None, bool]:
         reached = ctypes.c_double()
-        told = self.function("GetRealStatus")(self.instance, LAST_SUCCESSFUL_TIME, ctypes.byref(reached)) <= 1
-        return reached.value if told else None, False
+        status = self.function("GetRealStatus")(self.instance, LAST_SUCCESSFUL_TIME, ctypes.byref(reached))
+        return reached.value if status <= WARNING else None, False

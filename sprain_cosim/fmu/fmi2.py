@@ -8,7 +8,7 @@ import weakref
 from functools import lru_cache
 from typing import Any, ClassVar
 
-from .instance import LAST_SUCCESSFUL_TIME, PENDING, FmiInstance
+from .fmi_instance import LAST_SUCCESSFUL_TIME, PENDING, WARNING, FmiInstance
 
 TERMINATED = 3  # fmi2StatusKind
 
@@ -23,13 +23,13 @@ def callbacks() -> Any:
     import fmpy
     from fmpy import fmi2
 
-    def log(environment: Any, instance: bytes, status: int, category: bytes, message: bytes) -> None:
+    def log_message(environment: Any, instance: bytes, status: int, category: bytes, message: bytes) -> None:
         sender = _instances.get((instance or b"").decode("utf-8", "replace"))
         if sender is not None:
-            sender.log(message)
+            sender.log_message(message)
 
     found = fmi2.fmi2CallbackFunctions()
-    found.logger = fmi2.fmi2CallbackLoggerTYPE(log)
+    found.logger = fmi2.fmi2CallbackLoggerTYPE(log_message)
     found.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
     found.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
     try:
@@ -53,18 +53,18 @@ class Fmi2Instance(FmiInstance):
     def function(self, name: str) -> Any:
         return self.fmu.dll[f"fmi2{name}"]
 
-    def create(self) -> None:
+    def instantiate(self) -> None:
         _instances[self.label] = self
         self.fmu.instantiate(callbacks=callbacks(), loggingOn=True)
 
-    def free(self) -> None:
+    def free_instance(self) -> None:
         self.fmu.fmi2FreeInstance(self.fmu.component)
 
-    def enter(self, time: float, stop: float) -> None:
+    def call_enter_initialization(self, time: float, stop: float) -> None:
         self.fmu.setupExperiment(startTime=time, stopTime=stop)
         self.fmu.enterInitializationMode()
 
-    def leave(self) -> None:
+    def call_exit_initialization(self) -> None:
         self.fmu.exitInitializationMode()
 
     def save_state(self) -> Any:
@@ -78,12 +78,12 @@ class Fmi2Instance(FmiInstance):
 
 
 class Fmi2CoSimulation(Fmi2Instance):
-    def load(self, **arguments: Any) -> Any:
+    def load_library(self, **arguments: Any) -> Any:
         from fmpy.fmi2 import FMU2Slave
 
         fmu = FMU2Slave(**arguments)
         if hasattr(fmu.dll, "finalizePythonInterpreter"):
-            # PythonFMU's library frees its interpreter state twice at the end of the process, unless it was told to
+            # PythonFMU's library frees its interpreter state twice at the end of the process, unless it did so
             # before
             atexit.register(fmu.dll.finalizePythonInterpreter)
         self._step = fmu.dll["fmi2DoStep"]
@@ -94,10 +94,10 @@ class Fmi2CoSimulation(Fmi2Instance):
 
     def call_do_step(self, time: float, step: float) -> int:
         status: int = self._step(self.instance, ctypes.c_double(time), ctypes.c_double(step), self._final)
-        return self.waited() if status == PENDING else status
+        return self.finished_step() if status == PENDING else status
 
-    def progress(self) -> tuple[float | None, bool]:
+    def discard_status(self) -> tuple[float | None, bool]:
         reached, ended = ctypes.c_double(), ctypes.c_int()
-        told = self.function("GetRealStatus")(self.instance, LAST_SUCCESSFUL_TIME, ctypes.byref(reached)) <= 1
-        asked = self.function("GetBooleanStatus")(self.instance, TERMINATED, ctypes.byref(ended)) <= 1
-        return reached.value if told else None, asked and bool(ended.value)
+        status = self.function("GetRealStatus")(self.instance, LAST_SUCCESSFUL_TIME, ctypes.byref(reached))
+        end_status = self.function("GetBooleanStatus")(self.instance, TERMINATED, ctypes.byref(ended))
+        return reached.value if status <= WARNING else None, end_status <= WARNING and bool(ended.value)

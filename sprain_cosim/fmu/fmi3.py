@@ -8,7 +8,7 @@ import math
 from typing import Any, ClassVar
 
 from ..errors import SimulationError, SimulationStopped
-from .instance import DISCARD, WARNING, FmiInstance
+from .fmi_instance import DISCARD, WARNING, FmiInstance
 
 ERROR = 3
 MAX_RETURNS = 10_000  # in one step
@@ -35,19 +35,19 @@ class Fmi3Instance(FmiInstance):
     def arguments(self, references: Any, n: int, buffer: Any) -> tuple[Any, ...]:
         return self.instance, references, ctypes.c_size_t(n), buffer, ctypes.c_size_t(n)
 
-    def create(self) -> None:
-        self.fmu.instantiate(loggingOn=True, logMessage=self._heard)
+    def instantiate(self) -> None:
+        self.fmu.instantiate(loggingOn=True, logMessage=self._log)
 
-    def _heard(self, environment: Any, status: int, category: bytes, message: bytes) -> None:
-        self.log(message)
+    def _log(self, environment: Any, status: int, category: bytes, message: bytes) -> None:
+        self.log_message(message)
 
-    def free(self) -> None:
+    def free_instance(self) -> None:
         self.fmu.fmi3FreeInstance(self.fmu.component)
 
-    def enter(self, time: float, stop: float) -> None:
+    def call_enter_initialization(self, time: float, stop: float) -> None:
         self.fmu.enterInitializationMode(startTime=time, stopTime=stop)
 
-    def leave(self) -> None:
+    def call_exit_initialization(self) -> None:
         self.fmu.exitInitializationMode()
 
     def save_state(self) -> Any:
@@ -61,7 +61,7 @@ class Fmi3Instance(FmiInstance):
 
 
 class Fmi3CoSimulation(Fmi3Instance):
-    def load(self, **arguments: Any) -> Any:
+    def load_library(self, **arguments: Any) -> Any:
         from fmpy.fmi3 import FMU3Slave
 
         fmu = FMU3Slave(**arguments)
@@ -71,7 +71,7 @@ class Fmi3CoSimulation(Fmi3Instance):
         self._answers = tuple(ctypes.byref(v) for v in (self._event, self._end, self._early, self._reached))
         return fmu
 
-    def create(self) -> None:
+    def instantiate(self) -> None:
         capabilities = self.component.capabilities
         self._next_event = math.inf
         self._final = ctypes.c_bool(not capabilities.state)  # no state will be set that lies before the present point
@@ -79,15 +79,15 @@ class Fmi3CoSimulation(Fmi3Instance):
             loggingOn=True,
             eventModeUsed=capabilities.event_mode,
             earlyReturnAllowed=capabilities.early_return,
-            logMessage=self._heard,
+            logMessage=self._log,
         )
 
-    def enter(self, time: float, stop: float) -> None:
+    def call_enter_initialization(self, time: float, stop: float) -> None:
         self._start = time
-        super().enter(time, stop)
+        super().call_enter_initialization(time, stop)
 
-    def leave(self) -> None:
-        super().leave()
+    def call_exit_initialization(self) -> None:
+        super().call_exit_initialization()
         if self.component.capabilities.event_mode:  # initialisation leads into it
             self._handle_events(self._start)
 
@@ -105,7 +105,7 @@ class Fmi3CoSimulation(Fmi3Instance):
                 if status > WARNING or self._end.value:
                     return max(status, DISCARD)
                 if self._early.value and not capabilities.early_return:
-                    self.log(f"it returned at {self._reached.value:g} s though early return was not allowed")
+                    self.log_message(f"it returned at {self._reached.value:g} s though early return was not allowed")
                     return ERROR
             now = self._reached.value if self._early.value else target
             if capabilities.event_mode and (self._event.value or now >= self._next_event):
@@ -113,10 +113,10 @@ class Fmi3CoSimulation(Fmi3Instance):
                 self._handle_events(now)
             if now >= end - 1e-9 * step:
                 return 0
-        self.log(f"it returned early more than {MAX_RETURNS} times in one step")
+        self.log_message(f"it returned early more than {MAX_RETURNS} times in one step")
         return ERROR
 
-    def progress(self) -> tuple[float | None, bool]:
+    def discard_status(self) -> tuple[float | None, bool]:
         return self._reached.value, bool(self._end.value)
 
     def save_state(self) -> Any:
@@ -135,7 +135,7 @@ class Fmi3CoSimulation(Fmi3Instance):
             again, terminate, _, _, defined, when = self.call("handling its events", self.fmu.updateDiscreteStates)
             if terminate:
                 raise SimulationStopped(
-                    f"{self.component.name}: asked to end the simulation at {now:.6g} s{self.said()}"
+                    f"{self.component.name}: asked to end the simulation at {now:.6g} s{self.last_message()}"
                 )
             if not again:
                 self._next_event = when if defined and when > now else math.inf

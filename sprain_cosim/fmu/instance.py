@@ -1,319 +1,108 @@
-"""What the versions of FMI share: values between bus and library, statuses and messages, the FMU's own step, a fresh
-start.
+"""What the rest of the package drives a simulator with: a running component, FMU or not.
 
-fmpy loads the library; the calls of the time loop go to it with buffers made once, because fmpy's own wrappers cost
-more per step than the FMU. Double-precision variables live on the bus itself, others in a buffer of their type."""
+    bind                                        once
+    watch_locals                                at any time after bind
+    set_parameters
+    enter_initialization
+        set_inputs, get_outputs                 as often as the loops between components need
+    exit_initialization
+        set_inputs, do_step, get_outputs        one communication step after the other
+        save_state, restore_state, free_state   between steps
+    reset                                       then again from set_parameters; or close
+
+Failure policy: a method that fails raises SimulationError with component, call and time in its message; after that only
+`close` may be called. StepDiscarded (a SimulationError) says that the step could be taken in parts by a run whose
+instances save before steps."""
 
 from __future__ import annotations
 
-import ctypes
-import itertools
-from collections import deque
 from collections.abc import Mapping, Sequence
-from time import sleep
-from typing import Any, ClassVar
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..errors import EnvironmentProblem, SimulationError, SimulationStopped, StepDiscarded
-from . import archive
-from .component import Component, first_line
-
-WARNING, DISCARD, PENDING = 1, 2, 5
-DO_STEP_STATUS, LAST_SUCCESSFUL_TIME = 0, 2  # kinds of GetStatus, GetRealStatus
-POLL = 1e-4  # s
-STATUS = {2: "discarded the call", 3: "reported an error", 4: "reported a fatal error"}
-MAX_MESSAGES = 100
-MAX_PARTS = 1024  # of a step that is refused
-
-Calls = tuple[
-    list[tuple[Any, tuple[Any, ...]]], list[tuple[np.ndarray, slice]]
-]  # library calls, and values that are not doubles
-_counter = itertools.count(1)
+Values = NDArray[np.float64]
 
 
-class FmiInstance:
-    """Implements component.Instance but for what depends on the version: `types`, `load`, `create`, `free`, `enter`,
-    `leave`, `call_do_step` and, where the FMU can, `save_state`, `restore_state`, `free_state` and `recycle`."""
-
-    types: ClassVar[Mapping[str, tuple[str, Any]]] = {}
-    """{type in the description: (its name in function names, C type)}"""
-
-    def __init__(self, component: Component) -> None:
-        self.component = component
-        self.label = f"{component.name}_{next(_counter)}"
-        self.messages: deque[str] = deque(maxlen=MAX_MESSAGES)
-        folder = archive.unpack(archive.read(component.fmu))
-        try:
-            self.fmu = self.load(
-                guid=component.guid,
-                modelIdentifier=component.identifier,
-                unzipDirectory=str(folder),
-                instanceName=self.label,
-            )
-        except Exception as problem:
-            raise EnvironmentProblem(f"{component.fmu}: its library cannot be loaded: {first_line(problem)}") from None
-        self.broken = False
-        self.readable = True
-        self.cautious = False
-        self.instance = ctypes.c_void_p()  # one object for all prepared calls, also after a fresh instantiation
-        self._instantiate()
-
-    # ---- by version
-
-    def load(self, **arguments: Any) -> Any:
-        raise NotImplementedError
-
-    def create(self) -> None:
-        """Instantiates; sets `self.fmu.component`."""
-        raise NotImplementedError
-
-    def free(self) -> None:
-        raise NotImplementedError
-
-    def enter(self, time: float, stop: float) -> None:
-        """Initialisation mode."""
-        raise NotImplementedError
-
-    def leave(self) -> None:
-        raise NotImplementedError
-
-    def call_do_step(self, time: float, step: float) -> int:
-        """One call; returns the FMI status."""
-        raise NotImplementedError
-
-    def progress(self) -> tuple[float | None, bool]:
-        """After a step that was not done: until when it was (None: not told), and whether the FMU wants the run to
-        end."""
-        return None, False
-
-    def recycle(self) -> None:
-        """The FMU's own reset."""
-        self.fmu.reset()
-
-    def function(self, name: str) -> Any:
-        """The library's function such as GetReal."""
-        raise NotImplementedError
-
-    def arguments(self, references: Any, n: int, buffer: Any) -> tuple[Any, ...]:
-        return self.instance, references, ctypes.c_size_t(n), buffer
-
-    # ---- component.Instance
+class Instance(Protocol):
+    """A running component. Values are numbers in the unit that each variable declares; times are in s."""
 
     def bind(
         self,
-        bus: np.ndarray,
+        bus: Values,
         inputs: Sequence[str],
         first_input: int,
         outputs: Sequence[str],
         first_output: int,
         feedthrough: int,
     ) -> None:
-        self._bus = bus
-        self.given = bus[first_input : first_input + len(inputs)]
-        self._sends = self._calls("Set", inputs, bus, first_input)
-        self._fetches = self._calls("Get", outputs, bus, first_output)
-        boundary = len(outputs) - feedthrough
-        self._states = self._calls("Get", outputs[:boundary], bus, first_output)
-        self._echoes = self._calls("Get", outputs[boundary:], bus, first_output + boundary)
+        """Lays variables on `bus` (n,): `inputs` from slot `first_input` on, `outputs` from slot `first_output` on,
+        both in the order of their names. The last `feedthrough` of the outputs follow inputs directly.
 
-    def watch_locals(self, names: Sequence[str], seen: np.ndarray) -> None:
-        self._seen = seen
-        self._glances = self._calls("Get", names, seen, 0)
+        Before: the instance is new; called once. After: the calls below read and write these slots, and the caller
+        never moves the array. Raises EnvironmentProblem where the FMU's library lacks a function that this needs."""
 
-    def _calls(self, verb: str, names: Sequence[str], values: np.ndarray, first: int) -> Calls:
-        calls: list[tuple[Any, tuple[Any, ...]]] = []
-        conversions: list[tuple[np.ndarray, slice]] = []
-        connectors = [self.component.connectors[n] for n in names]
-        for (function, ctype), run in itertools.groupby(
-            range(len(names)), lambda k: self.types[connectors[k].fmi_type]
-        ):
-            members = list(run)
-            n, at = len(members), first + members[0]
-            references = (ctypes.c_uint * n)(*(connectors[k].reference for k in members))
-            if ctype is ctypes.c_double:
-                buffer: Any = (ctypes.c_double * n).from_buffer(values.data, 8 * at)
-            else:
-                buffer = (ctype * n)()
-                conversions.append(
-                    (
-                        np.frombuffer(buffer, np.dtype(ctype) if ctype is not ctypes.c_char else np.int8),
-                        slice(at, at + n),
-                    )
-                )
-            try:
-                calls.append((self.function(f"{verb}{function}"), self.arguments(references, n, buffer)))
-            except AttributeError as problem:
-                raise EnvironmentProblem(
-                    f"{self.component.fmu}: {problem}; build its library with all functions of FMI"
-                ) from None
-        return calls, conversions
+    def watch_locals(self, names: Sequence[str], values: Values) -> None:
+        """Chooses variables that `get_locals` writes into `values` (len(names),). A later call replaces the choice."""
 
     def set_parameters(self, values: Mapping[str, float]) -> None:
-        for name, value in values.items():
-            connector = self.component.connectors[name]
-            function, ctype = self.types[connector.fmi_type]
-            number: Any = value if connector.kind == "real" else int(value)
-            buffer = (ctype * 1)(bytes([number]) if ctype is ctypes.c_char else number)
-            status = self.function(f"Set{function}")(
-                *self.arguments((ctypes.c_uint * 1)(connector.reference), 1, buffer)
-            )
-            self.check(status, f"setting {name} = {value:g}")
+        """Sets parameters by name.
+
+        Before: the instance is new or reset. After: the run begins with them. Raises SimulationError for a value that
+        the FMU refuses."""
 
     def enter_initialization(self, time: float, stop: float) -> None:
-        self.call("entering initialisation", self.enter, time, stop)
+        """Begins the initialisation of a run from `time` to `stop`.
+
+        Before: parameters are set. After: inputs can be set and outputs got at `time`."""
 
     def exit_initialization(self) -> None:
-        self.call("initialising", self.leave)
+        """Ends the initialisation. After: the first step can be taken, and outputs hold for its beginning."""
 
     def set_inputs(self) -> None:
-        calls, conversions = self._sends
-        for buffer, place in conversions:
-            buffer[:] = self._bus[place] if buffer.dtype.kind == "f" else np.rint(self._bus[place])
-        for function, arguments in calls:
-            status = function(*arguments)
-            if status > WARNING:
-                self.check(status, "setting its inputs")
+        """Sends all inputs from the bus; they hold until they are sent again.
+
+        Before: in initialisation, or between steps."""
 
     def get_outputs(self) -> None:
-        self._fetch(self._fetches, self._bus)
+        """Fetches all outputs onto the bus. Before: in initialisation, or between steps."""
 
     def get_outputs_without_feedthrough(self) -> None:
-        self._fetch(self._states, self._bus)
+        """Fetches the outputs that do not follow inputs directly; the other slots stay as they are."""
 
     def get_feedthrough_outputs(self) -> None:
-        self._fetch(self._echoes, self._bus)
+        """Fetches the outputs that follow inputs directly; the other slots stay as they are."""
 
     def get_locals(self) -> None:
-        self._fetch(self._glances, self._seen)
-
-    def _fetch(self, prepared: Calls, values: np.ndarray) -> None:
-        if not self.readable:
-            return
-        calls, conversions = prepared
-        for function, arguments in calls:
-            status = function(*arguments)
-            if status > WARNING:
-                self.check(status, "reading its outputs")
-        for buffer, place in conversions:
-            values[place] = buffer
+        """Fetches what `watch_locals` chose. Before: the initialisation has ended."""
 
     def do_step(self, time: float, step: float) -> None:
-        own = self.component.capabilities.fixed_step
-        count = 1 if own is None else max(1, round(step / own))
-        size = step / count
-        for k in range(count):
-            self._one_step(time + k * size, size, size / MAX_PARTS)
+        """Takes the instance from `time` to `time + step`, with the inputs that were sent last held.
 
-    def _one_step(self, time: float, step: float, least: float) -> None:
-        state = self.save_state() if self.cautious else None
-        try:
-            status = self.call_do_step(time, step)
-            if status > WARNING:
-                self._not_done(status, time, step, least, state)
-        finally:
-            if state is not None and not self.broken:
-                self.free_state(state)
-
-    def _not_done(self, status: int, time: float, step: float, least: float, state: Any) -> None:
-        """A refused step is taken in parts, with the inputs held, where the state before it was saved. Raises
-        SimulationError otherwise."""
-        doing = f"in the step from {time:.6g} s to {time + step:.6g} s"
-        if status != DISCARD:
-            self.check(status, doing)
-        reached, ended = self.progress()
-        if ended:
-            raise SimulationStopped(
-                f"{self.component.name}: asked to end the simulation at {time if reached is None else reached:.6g} "
-                f"s{self.said()}"
-            )
-        got = f"; it got to {reached:.9g} s" if reached is not None and reached > time else ""
-        if state is None:
-            if self.component.capabilities.state:
-                raise StepDiscarded(f"{self.component.name}: {STATUS[DISCARD]} {doing}{got}{self.said()}")
-            cure = "it cannot save its state, so the step cannot be taken in parts; take a smaller communication step"
-            raise SimulationError(f"{self.component.name}: {STATUS[DISCARD]} {doing}{got}{self.said()}; {cure}")
-        part = reached - time if reached is not None and time < reached < time + step else 0.5 * step
-        if part < least:
-            raise SimulationError(
-                f"{self.component.name}: {STATUS[DISCARD]} {doing}, however small the parts{got}{self.said()}"
-            )
-        self.restore_state(state)
-        self.set_inputs()
-        self._one_step(time, part, least)
-        if step - part > least * 1e-3:
-            self._one_step(time + part, step - part, least)
-
-    def waited(self) -> int:
-        """The status of a step that the FMU computes in the background, once it is done."""
-        status = ctypes.c_int(PENDING)
-        while status.value == PENDING:
-            sleep(POLL)
-            told = self.function("GetStatus")(self.instance, DO_STEP_STATUS, ctypes.byref(status))
-            if told > WARNING:
-                return int(told)
-        return status.value
+        Before: the instance is at `time`. After: outputs are those at `time + step`, to be fetched. Raises
+        SimulationStopped when the FMU asks to end the run, StepDiscarded when it refuses a step that could be taken in
+        parts, else SimulationError."""
 
     def save_before_steps(self) -> None:
-        self.cautious = self.component.capabilities.state
+        """From the next step on, an instance that can saves its state before each step, and takes a step that its FMU
+        refuses in parts. Stays so over a reset."""
 
     def save_state(self) -> Any:
-        raise SimulationError(
-            f"{self.component.name}: FMI {self.component.capabilities.fmi_version} cannot save a state"
-        )
+        """The state, for `restore_state` of this instance alone; several may be held at once.
+
+        Before: the initialisation has ended, and `Capabilities.state` is true. Raises SimulationError otherwise."""
 
     def restore_state(self, state: Any) -> None:
-        raise NotImplementedError
+        """Goes back to a saved state, which stays valid. After: inputs count as not sent and outputs as not fetched."""
 
     def free_state(self, state: Any) -> None:
-        raise NotImplementedError
+        """Frees a saved state; it must not be used afterwards."""
 
     def reset(self) -> None:
-        """Back to the state after instantiation: by the FMU's own reset where that is known to work, else by a fresh
-        instance."""
-        self.messages.clear()
-        if self.component.capabilities.reusable:
-            self.call("resetting", self.recycle)
-        else:
-            self.free()
-            self._instantiate()
+        """Back to the state of a new instance, parameters included; what was bound and watched stays so.
+
+        Before: no call has failed. After: the same calls as for a new instance give the same numbers."""
 
     def close(self) -> None:
-        """Frees the instance; the library stays loaded, since not every library survives being loaded twice."""
-        if not self.broken and self.fmu.component is not None:
-            self.free()
-            self.fmu.component = None
-        self.broken = True
-
-    # ---- shared
-
-    def _instantiate(self) -> None:
-        try:
-            self.create()
-        except Exception:
-            self.broken = True
-            raise SimulationError(f"{self.component.name}: cannot be instantiated{self.said()}") from None
-        self.instance.value = getattr(self.fmu.component, "value", self.fmu.component)
-
-    def call(self, doing: str, function: Any, *arguments: Any) -> Any:
-        try:
-            return function(*arguments)
-        except SimulationError:
-            raise
-        except Exception as problem:
-            self.check(getattr(problem, "status", 3), doing)
-
-    def check(self, status: int, doing: str) -> None:
-        if status > WARNING:
-            self.broken = status >= 4
-            raise SimulationError(
-                f"{self.component.name}: {STATUS.get(status, f'gave status {status}')} {doing}{self.said()}"
-            )
-
-    def said(self) -> str:
-        """The last line of the last message: for a Python FMU the exception itself."""
-        lines = [line.strip() for line in (self.messages[-1] if self.messages else "").splitlines() if line.strip()]
-        return f": {lines[-1]}" if lines else ""
-
-    def log(self, message: bytes | str | None) -> None:
-        self.messages.append(message.decode("utf-8", "replace") if isinstance(message, bytes) else message or "")
+        """Frees the instance, whatever state it is in. May be called twice. No other call may follow."""

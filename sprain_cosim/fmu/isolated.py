@@ -18,7 +18,8 @@ import numpy as np
 
 from ..errors import EnvironmentProblem, InputError, SimulationError, SimulationStopped, SprainError, StepDiscarded
 from ..process import Child, Gone, Limits, listen
-from .component import Component, Instance
+from .component import Component
+from .instance import Instance
 
 START_LIMIT, STEP_LIMIT = 120.0, 10.0  # s of wall time: opening and initialising; any other call
 CLOSE_LIMIT = 1.0

@@ -1,10 +1,12 @@
-"""A shared library judged by its file, before it is loaded: of this kind of machine, and complete."""
+"""A shared library judged by its file, before it is loaded: of this kind of machine, complete, and with the functions
+of FMI."""
 
 from __future__ import annotations
 
 import platform
 import struct
 import sys
+from typing import Any
 
 MACHINES = {
     "x86_64": 62,
@@ -24,6 +26,24 @@ def problem(data: bytes) -> str:
     if magic and not data.startswith(magic):
         return "is no shared library for this platform; export the FMU for it"
     return _elf(data) if sys.platform == "linux" else ""
+
+
+def missing_functions(data: bytes, fmi_version: str, model_exchange: bool, identifier: str) -> list[str]:
+    """Functions of FMI that the library `data` does not name."""
+    from fmpy import fmi1, fmi2, fmi3
+
+    interfaces: dict[tuple[str, bool], Any] = {
+        ("1.0", False): fmi1.FMU1Slave,
+        ("2.0", False): fmi2.FMU2Slave,
+        ("2.0", True): fmi2.FMU2Model,
+        ("3.0", False): fmi3.FMU3Slave,
+        ("3.0", True): fmi3.FMU3Model,
+    }
+    prefix = f"fmi{fmi_version[0]}"
+    functions = [n for n in dir(interfaces[fmi_version, model_exchange]) if n.startswith(prefix)]
+    if prefix == "fmi1":
+        functions = [f"{identifier}_{n.replace('fmi1', 'fmi')}" for n in functions]
+    return [n for n in functions if n.encode() not in data]
 
 
 def _elf(data: bytes) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import SimulationError, SimulationStopped
 from .fmi2 import Fmi2Instance
 from .fmi3 import Fmi3Instance
-from .instance import FmiInstance
+from .fmi_instance import FmiInstance
 
 TOLERANCE = 1e-8  # relative; the absolute one is this times the nominal of the state
 MAX_EVENTS = 1000  # per communication step
@@ -33,40 +33,40 @@ class _Integrated(FmiInstance):
 
     _solver: Any = None
     _failure: BaseException | None = None
-    _given: np.ndarray
+    _sent_inputs: np.ndarray
 
-    def leave(self) -> None:
-        super().leave()
+    def call_exit_initialization(self) -> None:
+        super().call_exit_initialization()
         self._time = self._times[0]
         self._failure = None
         self._iterate()
         self._enter_continuous()
 
-    def enter(self, time: float, stop: float) -> None:
+    def call_enter_initialization(self, time: float, stop: float) -> None:
         self._times = time, stop
-        super().enter(time, stop)
+        super().call_enter_initialization(time, stop)
 
     def set_inputs(self) -> None:
         """Inputs that jump are an event of the model."""
         continuous = self._solver is not None
         if continuous:
-            if np.array_equal(self._given, self.given):
+            if np.array_equal(self._sent_inputs, self.input_values):
                 return
             self.call("entering event mode", self.fmu.enterEventMode)
         super().set_inputs()
-        self._given = self.given.copy()
+        self._sent_inputs = self.input_values.copy()
         if continuous:
             self.call("updating its discrete states", self._iterate)
             self._enter_continuous()
 
-    def recycle(self) -> None:
+    def call_reset(self) -> None:
         self._solver = None
-        super().recycle()
+        super().call_reset()
 
-    def create(self) -> None:
+    def instantiate(self) -> None:
         self._solver = None
-        self._given = np.zeros(0)
-        super().create()
+        self._sent_inputs = np.zeros(0)
+        super().instantiate()
 
     def call_do_step(self, time: float, step: float) -> int:
         try:
@@ -95,7 +95,7 @@ class _Integrated(FmiInstance):
                 self._enter_continuous()
             if now >= end:
                 return 0
-        self.log(f"more than {MAX_EVENTS} events in one communication step")
+        self.log_message(f"more than {MAX_EVENTS} events in one communication step")
         return ERROR
 
     def _integrate(self, target: float) -> tuple[bool, float]:
@@ -176,13 +176,13 @@ class _Integrated(FmiInstance):
 
 
 class Fmi2ModelExchange(_Integrated, Fmi2Instance):
-    def load(self, **arguments: Any) -> Any:
+    def load_library(self, **arguments: Any) -> Any:
         from fmpy.fmi2 import FMU2Model
 
         return FMU2Model(**arguments)
 
     def _update(self) -> tuple[Any, ...]:
-        return self.fmu.newDiscreteStates()
+        return tuple(self.fmu.newDiscreteStates())
 
     def _count(self) -> tuple[int, int]:
         return self.component.capabilities.states, self.component.capabilities.event_indicators
@@ -192,13 +192,13 @@ class Fmi2ModelExchange(_Integrated, Fmi2Instance):
 
 
 class Fmi3ModelExchange(_Integrated, Fmi3Instance):
-    def load(self, **arguments: Any) -> Any:
+    def load_library(self, **arguments: Any) -> Any:
         from fmpy.fmi3 import FMU3Model
 
         return FMU3Model(**arguments)
 
     def _update(self) -> tuple[Any, ...]:
-        return self.fmu.updateDiscreteStates()
+        return tuple(self.fmu.updateDiscreteStates())
 
     def _count(self) -> tuple[int, int]:
         return int(self.fmu.getNumberOfContinuousStates()), int(self.fmu.getNumberOfEventIndicators())

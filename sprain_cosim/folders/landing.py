@@ -15,7 +15,8 @@ import numpy as np
 from ..cosim.result import Result
 from ..errors import EnvironmentProblem, InputError, SimulationError
 from ..files import read_json
-from ..fmu.component import Component, Connector
+from ..fmu.component import Component
+from ..fmu.element import Connector
 from ..scenario import Scenario
 from ..shipped import fmu_path
 from ..study import folder as studyfolder

@@ -34,7 +34,7 @@ def summary(scenario: Scenario, result: Result) -> dict[str, Any]:
         "exchanges": result.exchanges,
         "smallest_step_s": result.smallest_step,
         "fmus": {name: path.name for name, path in scenario.fmus.items()},
-        "sha256": {component.name: component.sha256 for component in scenario.system().components},
+        "sha256": {component.name: component.sha256 for component in scenario.components()},
         "version": __version__,
         "parameters": dict(scenario.parameters),
         "dropped": list(scenario.dropped),

@@ -24,7 +24,7 @@ import numpy as np
 
 from ..errors import InputError, nearest, problems_to_error
 from ..files import parse_toml, read_text
-from ..fmu.component import Connector
+from ..fmu.element import Connector
 from ..metrics import unit_of
 from ..scenario import load_scenario
 from ..shipped import scenario_folder, shipped_studies

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..cosim.system import System
 from ..errors import InputError, nearest, problems_to_error
-from ..fmu.component import Connector
+from ..fmu.element import Connector
 from ..units import Unit
 from ..uq.distributions import Array
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from ..cosim.master import Master
 from ..cosim.result import Result
 from ..cosim.system import System, connect
 from ..errors import SimulationError
-from ..fmu.component import Capabilities, Component, Connector
+from ..fmu.element import Capabilities, Connector, Element
 from ..units import unit
 
 INERTIA = 0.005  # kg·m²
@@ -43,8 +42,8 @@ class Device:
 
 
 @dataclass(frozen=True)
-class Part(Component):
-    """A component that lives in this process: `advance(state, inputs, step)` and `output(state, inputs)` in place of a
+class Part(Element):
+    """An element that lives in this process: `advance(state, inputs, step)` and `output(state, inputs)` in place of a
     library."""
 
     advance: Callable[[np.ndarray, Numbers, float], np.ndarray] = lambda state, inputs, step: state
@@ -61,7 +60,7 @@ def _part(name: str, inputs: Sequence[str], outputs: Sequence[str], direct: bool
         n: Connector(n, 0, "output", "real", unit(UNITS[n.rpartition("_")[2]]), depends_on=None if direct else ())
         for n in outputs
     }
-    return Part(name, Path(), "", connectors, Capabilities("2.0", state=True, reusable=True), "", "", "", **laws)
+    return Part(name, connectors, Capabilities("", state=True, reusable=True), **laws)
 
 
 class Running:

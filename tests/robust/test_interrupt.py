@@ -20,17 +20,17 @@ def test_interrupt(wait: str, tmp_path: Path) -> None:
     code = f"""if True:
         import sys
         from sprain_cosim import cli
-        from sprain_cosim.cosim import assembly
-        from sprain_cosim.fmu import instance
+        from sprain_cosim.cosim.assembly import Assembly
+        from sprain_cosim.fmu.fmi_instance import FmiInstance
         def tell(function):
             def told(*arguments, **keywords):
                 print("here", flush=True)
                 return function(*arguments, **keywords)
             return told
         if {wait!r} == "Loading":
-            instance.FmiInstance._instantiate = tell(instance.FmiInstance._instantiate)
+            FmiInstance._new_instance = tell(FmiInstance._new_instance)
         else:
-            assembly.Assembly.start = tell(assembly.Assembly.start)
+            Assembly.start = tell(Assembly.start)
         cli.main(["run", "incline30", "--step", "0.001 ms", "--out", {str(tmp_path / "out")!r}])
     """
     child = subprocess.Popen(

@@ -9,7 +9,7 @@ import pytest
 from sprain_cosim.cosim.master import Master
 from sprain_cosim.cosim.system import System, connect
 from sprain_cosim.errors import InputError, problems_to_error
-from sprain_cosim.fmu.component import Capabilities
+from sprain_cosim.fmu.element import Capabilities
 from tests.fake import FakeComponent, connector
 
 

@@ -1,0 +1,286 @@
+"""An FMU described from its archive, without running its code: modelDescription.xml becomes connectors and
+capabilities."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import re
+import zipfile
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+from ..errors import InputError
+from ..units import Unit, unit
+from . import archive
+from .element import Capabilities, Connector, Element
+
+OWN_TOOL = "sprain-cosim"
+PYTHON_SLAVE = "resources/slavemodule.txt"  # what PythonFMU and PythonFMU3 put into their FMUs
+
+
+@dataclass(frozen=True)
+class Description(Element):
+    """An FMU given a name; reading it runs no code of it.
+
+    fmu         the file
+    sha256      of the file's content
+    identifier  modelIdentifier, the stem of the library's name
+    guid        identity of the model; the library must have the same
+    library     path of this platform's library inside the archive
+    warnings    what is assumed where the description is silent, one line each
+    """
+
+    fmu: Path
+    sha256: str
+    identifier: str
+    guid: str
+    library: str
+    warnings: tuple[str, ...] = ()
+
+    @classmethod
+    def read(cls, name: str, fmu: Path | str) -> Self:
+        """Raises InputError when the file is not an FMU that can be run here."""
+        path = Path(fmu)
+        checked = archive.read(path)
+        try:
+            model = _model(checked.sha256, checked.description, checked.names)
+        except InputError as problem:
+            raise InputError(f"{path}: {problem}") from None
+        except Exception as problem:  # what the checks of fmpy let through
+            raise InputError(f"{path}: modelDescription.xml is not valid: {first_line(problem)}") from None
+        return cls(
+            name,
+            model.connectors,
+            model.capabilities,
+            path,
+            checked.sha256,
+            model.identifier,
+            model.guid,
+            model.library,
+            model.warnings,
+        )
+
+
+def first_line(problem: BaseException) -> str:
+    """The first three lines of an exception's text, as one."""
+    lines = [
+        line.strip(" -").removeprefix("ERROR ")
+        for line in str(problem).splitlines()
+        if line.strip() and not line.startswith("Failed to validate")
+    ]
+    return "; ".join(lines[:3]) or type(problem).__name__
+
+
+class _Model(NamedTuple):
+    """What the description says, the file's name and place aside."""
+
+    connectors: Mapping[str, Connector]
+    capabilities: Capabilities
+    identifier: str
+    guid: str
+    library: str
+    warnings: tuple[str, ...]
+
+
+@lru_cache(maxsize=64)
+def _model(sha256: str, description: bytes, names: tuple[str, ...]) -> _Model:
+    """Once for each content of an archive, whatever its path and however often it is read."""
+    md = _parsed(description)
+    version = ".".join(md.fmiVersion.split(".")[:2])
+    interface = _interface(md, version)
+    if interface.needsExecutionTool and PYTHON_SLAVE not in names:  # PythonFMU says so of Python itself
+        raise InputError(
+            f"needs its authoring tool ({md.generationTool or 'unnamed'}) at run time; export it with the tool's "
+            "stand-alone option"
+        )
+    library = _library(interface.modelIdentifier, version, names)
+    connectors, warnings = _connectors(md)
+    return _Model(
+        connectors,
+        _capabilities(md, version, interface, names),
+        interface.modelIdentifier,
+        md.guid,
+        library,
+        tuple(warnings),
+    )
+
+
+def _parsed(description: bytes) -> Any:
+    """fmpy's ModelDescription of a modelDescription.xml."""
+    from fmpy.model_description import read_model_description
+
+    container = io.BytesIO()  # fmpy wants an archive; this one holds nothing but the description that was checked
+    with zipfile.ZipFile(container, "w") as packed:
+        packed.writestr("modelDescription.xml", description)
+    container.seek(0)
+    if not re.search(rb"<fmiModelDescription\s[^>]*fmiVersion\s*=", description):
+        raise InputError("modelDescription.xml is not valid: no fmiModelDescription with an fmiVersion in it")
+    if re.search(rb"""<Unknown\s[^>]*index\s*=\s*["']0+["']""", description):
+        raise InputError("modelDescription.xml is not valid: an index 0 in ModelStructure; they count from 1")
+    try:
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            return read_model_description(container)
+    except Exception as problem:
+        raise InputError(f"modelDescription.xml is not valid: {first_line(problem)}") from None
+
+
+def _interface(md: Any, version: str) -> Any:
+    """Co-simulation where the FMU has both. Raises InputError for what cannot be run."""
+    if version == "1.0" and md.coSimulation is None:
+        raise InputError(
+            "an FMI 1.0 model exchange FMU, which is not supported; export it as FMI 2.0 or 3.0, best for co-simulation"
+        )
+    if version not in ("1.0", "2.0", "3.0"):
+        raise InputError(f"FMI {md.fmiVersion} is not supported; export it as FMI 2.0 co-simulation")
+    chosen = md.coSimulation or md.modelExchange
+    if chosen is None:
+        raise InputError(
+            "offers neither co-simulation nor model exchange (scheduled execution only); export it for co-simulation"
+        )
+    return chosen
+
+
+def _library(identifier: str, version: str, names: Collection[str]) -> str:
+    """The path of this platform's library. Raises InputError where the archive has none."""
+    import fmpy
+
+    platform = fmpy.platform_tuple if version == "3.0" else fmpy.platform
+    library = f"binaries/{platform}/{identifier}{fmpy.sharedLibraryExtension}"
+    if library not in names:
+        there = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") >= 2})
+        raise InputError(
+            f"no binary for this platform ({library}); it has {', '.join(there) or 'none'}; export it for {platform}"
+        )
+    return library
+
+
+def _capabilities(md: Any, version: str, interface: Any, names: Collection[str]) -> Capabilities:
+    tool = md.generationTool or ""
+    return Capabilities(
+        version,
+        _fixed_step(md),
+        bool(getattr(interface, "canGetAndSetFMUstate", False)),
+        tool == OWN_TOOL,
+        tool,
+        md.coSimulation is None,
+        md.numberOfContinuousStates,
+        md.numberOfEventIndicators,
+        shared_modules=PYTHON_SLAVE in names and tool != OWN_TOOL,
+        single=bool(getattr(interface, "canBeInstantiatedOnlyOncePerProcess", False)),
+        variable_step=md.coSimulation is None or bool(md.coSimulation.canHandleVariableCommunicationStepSize),
+        event_mode=bool(getattr(interface, "hasEventMode", False)),
+        early_return=bool(getattr(interface, "mightReturnEarlyFromDoStep", False)),
+    )
+
+
+def _fixed_step(md: Any) -> float | None:
+    """The FMU's own step [s]; None where it takes any."""
+    cs = md.coSimulation
+    if cs is None:
+        return None
+    internal = getattr(cs, "fixedInternalStepSize", None)
+    if internal:
+        return float(internal)
+    if (
+        not cs.canHandleVariableCommunicationStepSize
+        and md.defaultExperiment is not None
+        and md.defaultExperiment.stepSize
+    ):
+        return float(md.defaultExperiment.stepSize)
+    return None
+
+
+# ---- variables
+
+
+def _connectors(md: Any) -> tuple[dict[str, Connector], list[str]]:
+    """{name: connector}, and what had to be assumed. Raises InputError for variables that cannot be coupled."""
+    wrong = next((u.variable.name for u in md.outputs if u.variable.causality != "output"), None)
+    if wrong is not None:
+        raise InputError(f"modelDescription.xml is not valid: {wrong} is listed among the outputs, but is none")
+    units = {u.name: u.baseUnit for u in md.unitDefinitions}
+    unknowns = {u.variable.name: u for u in md.outputs}
+    connectors: dict[str, Connector] = {}
+    warnings: list[str] = []
+    for v in md.modelVariables:
+        kind, causality = _kind(v), _causality(v)
+        if not v.name:
+            raise InputError("modelDescription.xml is not valid: a variable without a name")
+        if kind == "binary" and causality in ("input", "output", "parameter"):
+            raise InputError(f"{v.name}: a binary variable, which cannot be coupled; export the FMU without it")
+        own = _unit(v, units)
+        if own is None and _unit_name(v):
+            warnings.append(f"{v.name}: unit {_unit_name(v)!r} is not defined; SI is assumed")
+        elif own is None and kind == "real" and causality in ("input", "output"):
+            warnings.append(f"{v.name}: no unit declared; SI is assumed")
+        connectors[v.name] = Connector(
+            v.name,
+            int(v.valueReference),
+            causality,
+            kind,
+            own,
+            _number(v.start),
+            _number(v.min, -math.inf),
+            _number(v.max, math.inf),
+            {item.name: int(item.value) for item in getattr(v.declaredType, "items", None) or ()},
+            v.description or "",
+            _dependencies(unknowns.get(v.name)),
+            v.type,
+        )
+    return connectors, warnings
+
+
+def _kind(v: Any) -> str:
+    if getattr(v, "dimensions", None):
+        return "array"
+    name = v.type.lower()
+    return "real" if name.startswith("float") else "integer" if name.strip("u").startswith("int") else name
+
+
+def _causality(v: Any) -> str:
+    """FMI 1.0 has parameters by variability, and outputs and locals under other names."""
+    if v.causality in ("input", "output", "parameter", "calculatedParameter", "structuralParameter", "independent"):
+        return str(v.causality)
+    return "parameter" if v.variability == "parameter" and v.causality in (None, "internal", "none") else "local"
+
+
+def _unit_name(v: Any) -> str | None:
+    """As the variable or its type declares it."""
+    return v.unit or getattr(v.declaredType, "unit", None)
+
+
+def _unit(v: Any, units: Mapping[str, Any]) -> Unit | None:
+    """By the FMU's own definition {name: base unit or None}, else by its name; None for no unit or an unknown one."""
+    name = _unit_name(v)
+    if not name:
+        return None
+    base = units.get(name)
+    if base is not None:
+        exponents = (base.kg, base.m, base.s, base.A, base.K, base.mol, base.cd, base.rad)
+        return Unit(name, exponents, float(base.factor), float(base.offset))
+    try:
+        return unit(name)
+    except InputError:
+        return None
+
+
+def _dependencies(unknown: Any) -> tuple[str, ...] | None:
+    if unknown is None or unknown.dependencies is None:
+        return None
+    return tuple(d.name for d in unknown.dependencies)
+
+
+def _number(text: Any, default: Any = None) -> Any:
+    if text is None:
+        return default
+    if str(text) in ("true", "false"):
+        return float(str(text) == "true")
+    try:
+        return float(text)
+    except ValueError:
+        return default

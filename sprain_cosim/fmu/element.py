@@ -1,0 +1,150 @@
+"""What a system couples: an element with a name, connectors and capabilities, which can be opened. An FMU is one
+(component.py), a law in Python another (python.py). Descriptions are frozen."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from ..errors import InputError, nearest
+from ..units import Unit, quantity
+from .instance import Instance
+
+
+@dataclass(frozen=True)
+class Connector:
+    """One scalar variable.
+
+    name         as the FMU or the mapping file calls it
+    reference    FMI's value reference
+    causality    input, output, parameter, local, independent, calculatedParameter or structuralParameter
+    kind         real, integer, boolean, enumeration, string, binary, clock or array
+    unit         declared unit; None where none is declared
+    start        start value in `unit`; None where there is none or it is not a number
+    minimum      least allowed value, in `unit`
+    maximum      greatest allowed value, in `unit`
+    items        {name: value} of an enumeration
+    description  text for people
+    depends_on   inputs that act on this output directly; None: not declared, so all may
+    fmi_type     the type's name in the version of FMI, such as Float64
+    """
+
+    name: str
+    reference: int
+    causality: str
+    kind: str
+    unit: Unit | None = None
+    start: float | None = None
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    items: Mapping[str, int] = field(default_factory=dict)
+    description: str = ""
+    depends_on: tuple[str, ...] | None = None
+    fmi_type: str = "Real"
+
+    @property
+    def scalar_number(self) -> bool:
+        """Whether it can be connected or set: not text, not an array, not a clock."""
+        return self.kind in ("real", "integer", "enumeration", "boolean")
+
+    def value(self, entry: float | str | bool, what: str) -> float:
+        """A value from a file or the command line in the connector's own unit. Raises InputError: unit, kind or
+        range."""
+        if self.items:
+            if isinstance(entry, str) and entry in self.items:
+                return float(self.items[entry])
+            raise InputError(
+                f"{what} = {entry!r}: must be one of "
+                f"{', '.join(self.items)}{nearest(str(entry), self.items) if len(self.items) > 12 else ''}"
+            )
+        if self.kind == "boolean":
+            if isinstance(entry, bool) or entry in (0, 1, "true", "false"):
+                return float(entry in (True, 1, "true"))
+            raise InputError(f"{what} = {entry!r}: must be true or false")
+        if not self.scalar_number:
+            raise InputError(f"{what}: {self.kind} parameters cannot be set")
+        number = quantity(entry, self.unit, what)
+        if self.kind != "real" and number != int(number):
+            raise InputError(f"{what} = {entry!r}: must be a whole number")
+        if not self.minimum <= number <= self.maximum:
+            unit = f" {self.unit.name}" if self.unit and not self.unit.dimensionless else ""
+            raise InputError(f"{what} = {entry}: outside its range {self.minimum:.6g} ... {self.maximum:.6g}{unit}")
+        return number
+
+
+@dataclass(frozen=True)
+class Capabilities:
+    """What an element can do, as it declares it.
+
+    fmi_version       1.0, 2.0 or 3.0; "" for an element that is no FMU
+    fixed_step        s, its own step where it cannot take another one; None where it can
+    state             its state can be saved and restored
+    reusable          its reset is known to give a new instance
+    tool              the program that made it
+    model_exchange    it gives derivatives, and a solver here integrates them
+    states            number of continuous states (FMI 2 model exchange)
+    event_indicators  number of event indicators (FMI 2 model exchange)
+    shared_modules    its Python modules have names that another FMU's may have as well: it needs a process of its own
+    single            one instance per process
+    variable_step     the communication step may change during a run
+    event_mode        an FMI 3 FMU uses event mode
+    early_return      an FMI 3 FMU may return before the end of a step
+    """
+
+    fmi_version: str
+    fixed_step: float | None = None
+    state: bool = False
+    reusable: bool = False
+    tool: str = ""
+    model_exchange: bool = False
+    states: int = 0
+    event_indicators: int = 0
+    shared_modules: bool = False
+    single: bool = False
+    variable_step: bool = True
+    event_mode: bool = False
+    early_return: bool = False
+
+    @property
+    def interface(self) -> str:
+        """Such as FMI 2.0 co-simulation."""
+        return f"FMI {self.fmi_version} {'model exchange' if self.model_exchange else 'co-simulation'}"
+
+
+@dataclass(frozen=True)
+class Element(ABC):
+    """What a system couples.
+
+    name          its name in the system
+    connectors    {name: connector} of all its variables
+    capabilities  what it can do
+    """
+
+    name: str
+    connectors: Mapping[str, Connector]
+    capabilities: Capabilities
+
+    def select(self, causality: str) -> dict[str, Connector]:
+        """{name: connector} of one causality, in the order of the description."""
+        return {n: c for n, c in self.connectors.items() if c.causality == causality}
+
+    @property
+    def inputs(self) -> dict[str, Connector]:
+        """What can be fed."""
+        return self.select("input")
+
+    @property
+    def outputs(self) -> dict[str, Connector]:
+        """What can feed an input."""
+        return self.select("output")
+
+    @property
+    def parameters(self) -> dict[str, Connector]:
+        """What may be set before a run."""
+        return self.select("parameter")
+
+    @abstractmethod
+    def open(self) -> Instance:
+        """A new instance, to be closed by the caller. Raises SimulationError or EnvironmentProblem."""

@@ -1,0 +1,320 @@
+"""What the versions of FMI share: values between bus and library, statuses and messages, the FMU's own step, a fresh
+start.
+
+fmpy loads the library; the calls of the time loop go to it with buffers made once, because fmpy's own wrappers cost
+more per step than the FMU. Double-precision variables live on the bus itself, others in a buffer of their type."""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+from collections import deque
+from collections.abc import Mapping, Sequence
+from time import sleep
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..errors import EnvironmentProblem, SimulationError, SimulationStopped, StepDiscarded
+from . import archive
+from .description import Description, first_line
+
+WARNING, DISCARD, PENDING = 1, 2, 5
+DO_STEP_STATUS, LAST_SUCCESSFUL_TIME = 0, 2  # kinds of GetStatus, GetRealStatus
+POLL = 1e-4  # s
+STATUS = {2: "discarded the call", 3: "reported an error", 4: "reported a fatal error"}
+MAX_MESSAGES = 100
+MAX_PARTS = 1024  # of a step that is refused
+
+Calls = tuple[
+    list[tuple[Any, tuple[Any, ...]]], list[tuple[np.ndarray, slice]]
+]  # library calls, and values that are not doubles
+_counter = itertools.count(1)
+
+
+class FmiInstance:
+    """Implements Instance. Its subclasses add what depends on the version: `types`, `load_library`, `instantiate`,
+    `free_instance`, `call_enter_initialization`, `call_exit_initialization`, `call_do_step`, `discard_status`,
+    `function` and, where the FMU can, `save_state`, `restore_state`, `free_state` and `call_reset`."""
+
+    types: ClassVar[Mapping[str, tuple[str, Any]]] = {}
+    """{type in the description: (its name in function names, C type)}"""
+
+    def __init__(self, component: Description) -> None:
+        self.component = component
+        self.label = f"{component.name}_{next(_counter)}"
+        self.messages: deque[str] = deque(maxlen=MAX_MESSAGES)
+        folder = archive.unpack(archive.read(component.fmu))
+        try:
+            self.fmu = self.load_library(
+                guid=component.guid,
+                modelIdentifier=component.identifier,
+                unzipDirectory=str(folder),
+                instanceName=self.label,
+            )
+        except Exception as problem:
+            raise EnvironmentProblem(f"{component.fmu}: its library cannot be loaded: {first_line(problem)}") from None
+        self.broken = False
+        self.readable = True
+        self.saves_before_steps = False
+        self.instance = ctypes.c_void_p()  # one object for all prepared calls, also after a fresh instantiation
+        self._new_instance()
+
+    # ---- by version
+
+    def load_library(self, **arguments: Any) -> Any:
+        raise NotImplementedError
+
+    def instantiate(self) -> None:
+        """Instantiates; sets `self.fmu.component`."""
+        raise NotImplementedError
+
+    def free_instance(self) -> None:
+        raise NotImplementedError
+
+    def call_enter_initialization(self, time: float, stop: float) -> None:
+        """Initialisation mode."""
+        raise NotImplementedError
+
+    def call_exit_initialization(self) -> None:
+        raise NotImplementedError
+
+    def call_do_step(self, time: float, step: float) -> int:
+        """One call; returns the FMI status."""
+        raise NotImplementedError
+
+    def discard_status(self) -> tuple[float | None, bool]:
+        """After a discarded step: the last time that it reached successfully (None: unknown), and whether the FMU asks
+        to end the run."""
+        return None, False
+
+    def call_reset(self) -> None:
+        """The FMU's own reset."""
+        self.fmu.reset()
+
+    def function(self, name: str) -> Any:
+        """The library's function such as GetReal."""
+        raise NotImplementedError
+
+    def arguments(self, references: Any, n: int, buffer: Any) -> tuple[Any, ...]:
+        return self.instance, references, ctypes.c_size_t(n), buffer
+
+    # ---- Instance
+
+    def bind(
+        self,
+        bus: np.ndarray,
+        inputs: Sequence[str],
+        first_input: int,
+        outputs: Sequence[str],
+        first_output: int,
+        feedthrough: int,
+    ) -> None:
+        self._bus = bus
+        self.input_values = bus[first_input : first_input + len(inputs)]
+        self._set_calls = self._calls("Set", inputs, bus, first_input)
+        self._get_calls = self._calls("Get", outputs, bus, first_output)
+        boundary = len(outputs) - feedthrough
+        self._get_calls_without_feedthrough = self._calls("Get", outputs[:boundary], bus, first_output)
+        self._get_calls_of_feedthrough = self._calls("Get", outputs[boundary:], bus, first_output + boundary)
+
+    def watch_locals(self, names: Sequence[str], values: np.ndarray) -> None:
+        self._local_values = values
+        self._local_calls = self._calls("Get", names, values, 0)
+
+    def _calls(self, verb: str, names: Sequence[str], values: np.ndarray, first: int) -> Calls:
+        calls: list[tuple[Any, tuple[Any, ...]]] = []
+        conversions: list[tuple[np.ndarray, slice]] = []
+        connectors = [self.component.connectors[n] for n in names]
+        for (function, ctype), run in itertools.groupby(
+            range(len(names)), lambda k: self.types[connectors[k].fmi_type]
+        ):
+            members = list(run)
+            n, at = len(members), first + members[0]
+            references = (ctypes.c_uint * n)(*(connectors[k].reference for k in members))
+            if ctype is ctypes.c_double:
+                buffer: Any = (ctypes.c_double * n).from_buffer(values.data, 8 * at)
+            else:
+                buffer = (ctype * n)()
+                conversions.append(
+                    (
+                        np.frombuffer(buffer, np.dtype(ctype) if ctype is not ctypes.c_char else np.int8),
+                        slice(at, at + n),
+                    )
+                )
+            try:
+                calls.append((self.function(f"{verb}{function}"), self.arguments(references, n, buffer)))
+            except AttributeError as problem:
+                raise EnvironmentProblem(
+                    f"{self.component.fmu}: {problem}; build its library with all functions of FMI"
+                ) from None
+        return calls, conversions
+
+    def set_parameters(self, values: Mapping[str, float]) -> None:
+        for name, value in values.items():
+            connector = self.component.connectors[name]
+            function, ctype = self.types[connector.fmi_type]
+            number: Any = value if connector.kind == "real" else int(value)
+            buffer = (ctype * 1)(bytes([number]) if ctype is ctypes.c_char else number)
+            status = self.function(f"Set{function}")(
+                *self.arguments((ctypes.c_uint * 1)(connector.reference), 1, buffer)
+            )
+            self.check(status, f"setting {name} = {value:g}")
+
+    def enter_initialization(self, time: float, stop: float) -> None:
+        self.call("entering initialisation", self.call_enter_initialization, time, stop)
+
+    def exit_initialization(self) -> None:
+        self.call("initialising", self.call_exit_initialization)
+
+    def set_inputs(self) -> None:
+        calls, conversions = self._set_calls
+        for buffer, place in conversions:
+            buffer[:] = self._bus[place] if buffer.dtype.kind == "f" else np.rint(self._bus[place])
+        for function, arguments in calls:
+            status = function(*arguments)
+            if status > WARNING:
+                self.check(status, "setting its inputs")
+
+    def get_outputs(self) -> None:
+        self._fetch(self._get_calls, self._bus)
+
+    def get_outputs_without_feedthrough(self) -> None:
+        self._fetch(self._get_calls_without_feedthrough, self._bus)
+
+    def get_feedthrough_outputs(self) -> None:
+        self._fetch(self._get_calls_of_feedthrough, self._bus)
+
+    def get_locals(self) -> None:
+        self._fetch(self._local_calls, self._local_values)
+
+    def _fetch(self, prepared: Calls, values: np.ndarray) -> None:
+        if not self.readable:
+            return
+        calls, conversions = prepared
+        for function, arguments in calls:
+            status = function(*arguments)
+            if status > WARNING:
+                self.check(status, "reading its outputs")
+        for buffer, place in conversions:
+            values[place] = buffer
+
+    def do_step(self, time: float, step: float) -> None:
+        own = self.component.capabilities.fixed_step
+        count = 1 if own is None else max(1, round(step / own))
+        size = step / count
+        for k in range(count):
+            self._one_step(time + k * size, size, size / MAX_PARTS)
+
+    def _one_step(self, time: float, step: float, least: float) -> None:
+        state = self.save_state() if self.saves_before_steps else None
+        try:
+            status = self.call_do_step(time, step)
+            if status > WARNING:
+                self._not_done(status, time, step, least, state)
+        finally:
+            if state is not None and not self.broken:
+                self.free_state(state)
+
+    def _not_done(self, status: int, time: float, step: float, least: float, state: Any) -> None:
+        """A refused step is taken in parts, with the inputs held, where the state before it was saved. Raises
+        SimulationError otherwise."""
+        doing = f"in the step from {time:.6g} s to {time + step:.6g} s"
+        if status != DISCARD:
+            self.check(status, doing)
+        reached, ended = self.discard_status()
+        if ended:
+            raise SimulationStopped(
+                f"{self.component.name}: asked to end the simulation at {time if reached is None else reached:.6g} "
+                f"s{self.last_message()}"
+            )
+        got = f"; it got to {reached:.9g} s" if reached is not None and reached > time else ""
+        if state is None:
+            if self.component.capabilities.state:
+                raise StepDiscarded(f"{self.component.name}: {STATUS[DISCARD]} {doing}{got}{self.last_message()}")
+            cure = "it cannot save its state, so the step cannot be taken in parts; take a smaller communication step"
+            raise SimulationError(f"{self.component.name}: {STATUS[DISCARD]} {doing}{got}{self.last_message()}; {cure}")
+        part = reached - time if reached is not None and time < reached < time + step else 0.5 * step
+        if part < least:
+            raise SimulationError(
+                f"{self.component.name}: {STATUS[DISCARD]} {doing}, however small the parts{got}{self.last_message()}"
+            )
+        self.restore_state(state)
+        self.set_inputs()
+        self._one_step(time, part, least)
+        if step - part > least * 1e-3:
+            self._one_step(time + part, step - part, least)
+
+    def finished_step(self) -> int:
+        """The status of a step that the FMU computes in the background, once it is done."""
+        status = ctypes.c_int(PENDING)
+        while status.value == PENDING:
+            sleep(POLL)
+            answer = int(self.function("GetStatus")(self.instance, DO_STEP_STATUS, ctypes.byref(status)))
+            if answer > WARNING:
+                return answer
+        return status.value
+
+    def save_before_steps(self) -> None:
+        self.saves_before_steps = self.component.capabilities.state
+
+    def save_state(self) -> Any:
+        raise SimulationError(
+            f"{self.component.name}: FMI {self.component.capabilities.fmi_version} cannot save a state"
+        )
+
+    def restore_state(self, state: Any) -> None:
+        raise NotImplementedError
+
+    def free_state(self, state: Any) -> None:
+        raise NotImplementedError
+
+    def reset(self) -> None:
+        """Back to the state after instantiation: by the FMU's own reset where that is known to work, else by a fresh
+        instance."""
+        self.messages.clear()
+        if self.component.capabilities.reusable:
+            self.call("resetting", self.call_reset)
+        else:
+            self.free_instance()
+            self._new_instance()
+
+    def close(self) -> None:
+        """Frees the instance; the library stays loaded, since not every library survives being loaded twice."""
+        if not self.broken and self.fmu.component is not None:
+            self.free_instance()
+            self.fmu.component = None
+        self.broken = True
+
+    # ---- shared
+
+    def _new_instance(self) -> None:
+        try:
+            self.instantiate()
+        except Exception:
+            self.broken = True
+            raise SimulationError(f"{self.component.name}: cannot be instantiated{self.last_message()}") from None
+        self.instance.value = getattr(self.fmu.component, "value", self.fmu.component)
+
+    def call(self, doing: str, function: Any, *arguments: Any) -> Any:
+        try:
+            return function(*arguments)
+        except SimulationError:
+            raise
+        except Exception as problem:
+            self.check(getattr(problem, "status", 3), doing)
+
+    def check(self, status: int, doing: str) -> None:
+        if status > WARNING:
+            self.broken = status >= 4
+            raise SimulationError(
+                f"{self.component.name}: {STATUS.get(status, f'gave status {status}')} {doing}{self.last_message()}"
+            )
+
+    def last_message(self) -> str:
+        """The last line of the last message: for a Python FMU the exception itself."""
+        lines = [line.strip() for line in (self.messages[-1] if self.messages else "").splitlines() if line.strip()]
+        return f": {lines[-1]}" if lines else ""
+
+    def log_message(self, message: bytes | str | None) -> None:
+        self.messages.append(message.decode("utf-8", "replace") if isinstance(message, bytes) else message or "")

@@ -1,0 +1,26 @@
+"""From a description to a running instance: by version of FMI and by interface. fmpy is loaded only here and below."""
+
+from __future__ import annotations
+
+from .description import Description
+from .instance import Instance
+
+
+def open_fmu(description: Description) -> Instance:
+    """Loads the FMU's library into this process and instantiates it. Raises SimulationError or EnvironmentProblem."""
+    kind = description.capabilities.fmi_version, description.capabilities.model_exchange
+    if kind == ("2.0", False):
+        from .fmi2 import Fmi2CoSimulation
+
+        return Fmi2CoSimulation(description)
+    if kind == ("3.0", False):
+        from .fmi3 import Fmi3CoSimulation
+
+        return Fmi3CoSimulation(description)
+    if kind == ("1.0", False):
+        from .fmi1 import Fmi1CoSimulation
+
+        return Fmi1CoSimulation(description)
+    from .model_exchange import Fmi2ModelExchange, Fmi3ModelExchange
+
+    return (Fmi2ModelExchange if kind[0] == "2.0" else Fmi3ModelExchange)(description)
