@@ -4,6 +4,7 @@ the commands."""
 from __future__ import annotations
 
 import json
+import logging
 import os
 import signal
 import sys
@@ -743,6 +744,8 @@ def main(arguments: list[str] | None = None) -> None:
 def _run(arguments: list[str] | None, received: list[int]) -> int:
     """The exit code. A signal that arrives while a Python FMU runs in this interpreter comes back as an FMI error,
     hence `received`."""
+    log = logging.getLogger("sprain_cosim")
+    log.addHandler(warnings := _Warnings(logging.WARNING))
     try:
         code = cli.main(arguments, prog_name="sprain-cosim", standalone_mode=False, obj=received) or 0
     except click.ClickException as problem:
@@ -767,7 +770,16 @@ def _run(arguments: list[str] | None, received: list[int]) -> int:
             "shows where)",
             4,
         )
+    finally:
+        log.removeHandler(warnings)
     return code
+
+
+class _Warnings(logging.Handler):
+    """What the package logs, as the command line says it."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        click.echo(f"warning: {_one_line(record.getMessage())}", err=True)
 
 
 def _say(message: str, code: int) -> int:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import platform
-import tempfile
 
-from .errors import SprainError
-from .fmu import archive
+from .errors import EnvironmentProblem, SprainError
+from .fmu import cache
 from .sandbox.kernel import offered
 
 REQUIRED = ("fmpy", "numpy", "scipy", "pandas", "matplotlib", "click", "mujoco-core", "numba")
@@ -33,13 +32,10 @@ def findings() -> list[Finding]:
 
 
 def _cache() -> Finding:
-    folder = archive.cache_folder()
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as problem:
-        return False, "cache", f"{folder}: {problem.strerror}; set SPRAIN_COSIM_CACHE to a folder that can be written"
+        folder = cache.writable()
+    except EnvironmentProblem as problem:
+        return False, "cache", str(problem)
     compiled = sum(1 for _ in (folder / "kernels").glob("*/*/__pycache__/*.nbi"))
     return True, "cache", f"{folder} ({compiled} compiled kernels; the first landing compiles what is missing)"
 

@@ -22,9 +22,9 @@ def cache(tmp_path_factory: pytest.TempPathFactory):
     """Unpacked FMUs go to a fresh folder; compiled kernels stay in the user's cache, where they were compiled once."""
     from pathlib import Path
 
-    from sprain_cosim.fmu import archive
+    from sprain_cosim.fmu.cache import cache_folder
 
-    real = archive.cache_folder()
+    real = cache_folder()
     fresh = tmp_path_factory.mktemp("cache")
     (real / "kernels").mkdir(parents=True, exist_ok=True)
     (fresh / "kernels").symlink_to((real / "kernels").resolve(), target_is_directory=True)

@@ -13,7 +13,7 @@ from typing import Any
 
 from ..contract import AXES, INPUTS, OUTPUTS, POSITIVE, plain, profile
 from ..errors import InputError
-from ..fmu import archive
+from ..fmu import archive, cache
 from ..fmu.component import Component
 from ..fmu.element import Connector
 from ..mapping import carried, load_mapping
@@ -119,11 +119,11 @@ def check_brace(fmu: Path | str, mapping: Path | str | None = None) -> Report:
         component, report.mapping = found.apply(component), found.source
     axes = _contract(component, report)
     if report.fits:
-        archive.unpack(checked)
+        cache.unpacked(component.fmu, component.sha256)
         try:
             _measure(component, axes, found is not None and found.active, report)
         except InputError:
-            archive.forget(checked)
+            cache.forget(component.sha256)
             raise
     mapped = f" --map brace={mapping}" if mapping is not None else ""
     own = component.capabilities.fixed_step or report.facts.get("own_step_s")

@@ -1,24 +1,24 @@
-"""The FMU as an archive: checked before anything is unpacked, unpacked once into a folder named after its content."""
+"""The FMU as an archive: checked before anything of it is used."""
 
 from __future__ import annotations
 
 import hashlib
-import os
 import re
-import shutil
 import stat
-import tempfile
+import time
 import unicodedata
 import zipfile
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import IO
 
-from ..errors import EnvironmentProblem, InputError
+from ..errors import InputError
 
 MAX_ENTRIES = 10_000
 MAX_SIZE = 512 * 2**20
 MAX_RATIO = 200
+MAX_DESCRIPTION = 64 * 2**20
+SETTLED = 2_000_000_000  # ns after its last change from which a file's times tell whether it changed again
 MAX_NAME = 255  # B of UTF-8, one part of a path
 MAX_PATH = 1000
 ENCODINGS = (
@@ -42,34 +42,59 @@ class Archive:
     names: tuple[str, ...]
 
 
-def cache_folder() -> Path:
-    """$SPRAIN_COSIM_CACHE, else sprain-cosim below $XDG_CACHE_HOME or ~/.cache."""
-    own = os.environ.get("SPRAIN_COSIM_CACHE")
-    if own:
-        return Path(own)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "sprain-cosim"
-
-
 def read(path: Path) -> Archive:
     """Checks the archive without unpacking it. Raises InputError in one line."""
-    if not path.is_file():
-        raise InputError(f"{path}: {'is a folder, not an FMU file' if path.is_dir() else 'no such file'}")
     try:
-        data = path.read_bytes()
+        status = path.stat()
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, ValueError) as problem:
+        raise InputError(f"{path}: cannot be read: {getattr(problem, 'strerror', None) or problem}") from None
+    if not stat.S_ISREG(status.st_mode):
+        raise InputError(f"{path}: {'is a folder, not an FMU file' if path.is_dir() else 'no such file'}")
+    if status.st_size > MAX_SIZE:
+        raise InputError(f"{path}: {status.st_size / 2**20:.0f} MB; at most {MAX_SIZE // 2**20} MB are accepted")
+    marks = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
+    if time.time_ns() - max(status.st_mtime_ns, status.st_ctime_ns) < SETTLED:
+        return _read(path)
+    return _remembered(path, marks)
+
+
+@lru_cache(maxsize=64)
+def _remembered(path: Path, _: tuple[int, ...]) -> Archive:
+    return _read(path)
+
+
+def _read(path: Path) -> Archive:
+    try:
+        file = path.open("rb")
     except OSError as problem:
         raise InputError(f"{path}: cannot be read: {problem.strerror or problem}") from None
-    try:
-        with zipfile.ZipFile(path) as archive:
-            entries = archive.infolist()
-            _check(path, entries)
-            if "modelDescription.xml" not in archive.namelist():
-                raise InputError(f"{path}: no modelDescription.xml at the top of the archive, so it is not an FMU")
-            description = archive.read("modelDescription.xml")
-    except InputError:
-        raise
-    except Exception as problem:  # zipfile raises many kinds for damaged files
-        why = "its directory is damaged" if isinstance(problem, OSError) else _one_line(problem)
-        raise InputError(f"{path}: not a readable zip archive ({why}); export the FMU again") from None
+    with file:
+        try:
+            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+            with zipfile.ZipFile(file) as archive:
+                entries = archive.infolist()
+                _check(path, entries)
+                if "modelDescription.xml" not in archive.namelist():
+                    raise InputError(f"{path}: no modelDescription.xml at the top of the archive, so it is not an FMU")
+                size = archive.getinfo("modelDescription.xml").file_size
+                if size > MAX_DESCRIPTION:
+                    raise InputError(
+                        f"{path}: modelDescription.xml has {size / 2**20:.0f} MB; at most "
+                        f"{MAX_DESCRIPTION // 2**20} MB are accepted"
+                    )
+                description = archive.read("modelDescription.xml")
+        except InputError:
+            raise
+        except Exception as problem:  # zipfile raises many kinds for damaged files
+            why = "its directory is damaged" if isinstance(problem, OSError) else one_line(problem)
+            raise InputError(f"{path}: not a readable zip archive ({why}); export the FMU again") from None
+    return Archive(path, sha256, _described(path, description), tuple(e.filename for e in entries if not e.is_dir()))
+
+
+def _described(path: Path, description: bytes) -> bytes:
+    """Raises InputError for a description that is not plain XML in UTF-8."""
     try:
         text = description.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -79,8 +104,7 @@ def read(path: Path) -> Archive:
         raise InputError(f"{path}: modelDescription.xml says it is {encoding[1]!r}; FMI wants UTF-8")
     if "<!DOCTYPE" in text or "<!ENTITY" in text or "\0" in text:
         raise InputError(f"{path}: modelDescription.xml has a DOCTYPE or entities, which FMI does not use; refused")
-    names = tuple(e.filename for e in entries if not e.is_dir())
-    return Archive(path, hashlib.sha256(data).hexdigest(), description, names)
+    return description
 
 
 def _check(path: Path, entries: list[zipfile.ZipInfo]) -> None:
@@ -142,7 +166,7 @@ def member(path: Path, name: str) -> bytes:
         with zipfile.ZipFile(path) as content:
             return content.read(name)
     except Exception as problem:
-        raise InputError(f"{path}: damaged archive ({_one_line(problem)}); export the FMU again") from None
+        raise InputError(f"{path}: damaged archive ({one_line(problem)}); export the FMU again") from None
 
 
 def verify(archive: Archive) -> None:
@@ -151,68 +175,10 @@ def verify(archive: Archive) -> None:
         with zipfile.ZipFile(archive.path) as content:
             damaged = content.testzip()
     except Exception as problem:
-        raise InputError(f"{archive.path}: damaged archive ({_one_line(problem)}); export the FMU again") from None
+        raise InputError(f"{archive.path}: damaged archive ({one_line(problem)}); export the FMU again") from None
     if damaged is not None:
         raise InputError(f"{archive.path}: damaged archive (checksum of {damaged!r}); export the FMU again")
 
 
-def forget(archive: Archive) -> None:
-    """Removes what `unpack` made."""
-    shutil.rmtree(cache_folder() / "fmus" / archive.sha256[:32], ignore_errors=True)
-
-
-def unpack(archive: Archive) -> Path:
-    """The folder with the archive's content: made once per content, safe against processes that do the same at the same
-    time.
-
-    Raises InputError for damaged entries, EnvironmentProblem when the cache cannot be written."""
-    root = cache_folder() / "fmus"
-    target = root / archive.sha256[:32]
-    if target.is_dir():
-        return target
-    try:
-        root.mkdir(parents=True, exist_ok=True)
-        fresh = Path(tempfile.mkdtemp(dir=root, prefix=".new-"))
-    except OSError as problem:
-        raise EnvironmentProblem(
-            f"{root}: cannot be written ({problem.strerror}); set SPRAIN_COSIM_CACHE to a folder that can"
-        ) from None
-    try:
-        with zipfile.ZipFile(archive.path) as content:
-            for entry in content.infolist():
-                destination = fresh / entry.filename
-                if entry.is_dir():
-                    destination.mkdir(parents=True, exist_ok=True)
-                    continue
-                destination.parent.mkdir(parents=True, exist_ok=True)
-                with content.open(entry) as source, destination.open("xb") as sink:
-                    _copy(source, sink, entry, archive.path)
-        try:
-            fresh.rename(target)
-        except OSError:
-            if not target.is_dir():
-                raise
-    except OSError as problem:
-        raise EnvironmentProblem(
-            f"{root}: cannot be written ({problem.strerror}); free some space or set SPRAIN_COSIM_CACHE"
-        ) from None
-    except InputError:
-        raise
-    except Exception as problem:
-        raise InputError(f"{archive.path}: damaged archive ({_one_line(problem)}); export the FMU again") from None
-    finally:
-        shutil.rmtree(fresh, ignore_errors=True)
-    return target
-
-
-def _copy(source: IO[bytes], sink: IO[bytes], entry: zipfile.ZipInfo, path: Path) -> None:
-    left = entry.file_size
-    while chunk := source.read(1 << 20):
-        left -= len(chunk)
-        if left < 0:
-            raise InputError(f"{path}: entry {entry.filename!r} is larger than it says; refused")
-        sink.write(chunk)
-
-
-def _one_line(problem: BaseException) -> str:
+def one_line(problem: BaseException) -> str:
     return " ".join(str(problem).split()) or type(problem).__name__

@@ -3,7 +3,6 @@ capabilities."""
 
 from __future__ import annotations
 
-import contextlib
 import io
 import math
 import re
@@ -123,8 +122,7 @@ def _parsed(description: bytes) -> Any:
     if re.search(rb"""<Unknown\s[^>]*index\s*=\s*["']0+["']""", description):
         raise InputError("modelDescription.xml is not valid: an index 0 in ModelStructure; they count from 1")
     try:
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            return read_model_description(container)
+        return read_model_description(container)
     except Exception as problem:
         raise InputError(f"modelDescription.xml is not valid: {first_line(problem)}") from None
 

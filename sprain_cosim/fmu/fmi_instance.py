@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..errors import EnvironmentProblem, SimulationError, SimulationStopped, StepDiscarded
-from . import archive
+from . import cache
 from .description import Description, first_line
 
 WARNING, DISCARD, PENDING = 1, 2, 5
@@ -44,7 +44,7 @@ class FmiInstance:
         self.component = component
         self.label = f"{component.name}_{next(_counter)}"
         self.messages: deque[str] = deque(maxlen=MAX_MESSAGES)
-        folder = archive.unpack(archive.read(component.fmu))
+        folder = cache.unpacked(component.fmu, component.sha256)
         try:
             self.fmu = self.load_library(
                 guid=component.guid,

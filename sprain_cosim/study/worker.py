@@ -24,7 +24,7 @@ from typing import Any, Protocol
 from ..cosim.result import Result
 from ..errors import SimulationError, SprainError
 from ..fmu import archive
-from ..fmu.archive import cache_folder
+from ..fmu.cache import cache_folder
 from ..process import Child, Gone, Limits, allow_processor_time, listen, resident
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from sprain_cosim.errors import InputError
-from sprain_cosim.fmu import archive
+from sprain_cosim.fmu import archive, cache
 from sprain_cosim.fmu.component import Component
 from sprain_cosim.shipped import FMUS
 
@@ -106,7 +106,7 @@ def test_unpacking_once_and_at_the_same_time(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setenv("SPRAIN_COSIM_CACHE", str(tmp_path))
     checked = archive.read(GOOD)
     with ThreadPoolExecutor(8) as pool:
-        folders = set(pool.map(lambda _: archive.unpack(checked), range(32)))
+        folders = set(pool.map(lambda _: cache.unpacked(GOOD, checked.sha256), range(32)))
     assert len(folders) == 1
     assert [p.name for p in (tmp_path / "fmus").iterdir()] == [checked.sha256[:32]]
     assert (next(iter(folders)) / "modelDescription.xml").read_bytes() == DESCRIPTION

@@ -11,7 +11,7 @@ import pytest
 
 import sprain_cosim as sc
 from sprain_cosim.errors import EnvironmentProblem, InputError
-from sprain_cosim.fmu.archive import cache_folder
+from sprain_cosim.fmu.cache import cache_folder
 from sprain_cosim.study.backends.backend import Task
 from sprain_cosim.study.backends.dask import Dask, Missing, _batch, _hashes
 

@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 
 from sprain_cosim.cli import _run
-from sprain_cosim.fmu import archive
+from sprain_cosim.fmu import cache
 from tests.native import device
 
 LIMIT = 2.0  # s of processor time, so that a busy machine does not count; five times that of wall time
@@ -411,7 +411,7 @@ def test_the_undamaged_one_fits(fenced: Path, capsys: pytest.CaptureFixture[str]
 
 
 def test_attacks_are_refused_before_anything_is_unpacked(fenced: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(archive, "unpack", lambda *_: pytest.fail("unpacked"))
+    monkeypatch.setattr(cache, "unpacked", lambda *_: pytest.fail("unpacked"))
     for _, data in cases("attacks"):
         Path("x.fmu").write_bytes(data)
         assert _run(["check", "x.fmu"], []) == 2

@@ -21,15 +21,13 @@ import tempfile
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from time import monotonic
 from typing import Any
 
 from ... import __version__
 from ...errors import EnvironmentProblem, InputError
-from ...files import write
-from ...fmu.archive import cache_folder
+from ...fmu import cache
 from ...scenario import Scenario
 from ..ledger import Row
 from ..worker import Outcome, Worker
@@ -204,20 +202,10 @@ def _dask_worker(scheduler: str) -> subprocess.Popen[bytes]:
 def _hashes(task: Task) -> dict[Path, str]:
     scenario = task.scenario
     return (
-        {path: _sha256(path) for path in (*scenario.fmus.values(), *scenario.maps.values())}
+        {path: cache.file_sha256(path) for path in (*scenario.fmus.values(), *scenario.maps.values())}
         if isinstance(scenario, Scenario)
         else {}
     )
-
-
-@lru_cache(maxsize=64)
-def _hash(path: Path, _: tuple[int, int]) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _sha256(path: Path) -> str:
-    status = path.stat()
-    return _hash(path, (status.st_mtime_ns, status.st_size))
 
 
 def _same(content: bytes) -> bytes:
@@ -264,16 +252,15 @@ def _batch(key: str, pickled: bytes, version: str, jobs: bytes, content: Mapping
 
 
 def _place(path: Path, sha: str, content: bytes | None) -> Path | None:
-    """Where this machine has the file; None where it does not."""
-    cached = cache_folder() / "files" / sha[:32] / path.name
-    for place in (path, cached):
-        with contextlib.suppress(OSError):
-            if _sha256(place) == sha:
-                return place
+    """This machine's own copy of a file, so that nobody changes it meanwhile; None where the machine lacks it."""
+    copy = cache.found(path.name, sha)
+    if copy is not None:
+        return copy
     if content is None:
-        return None
-    write(cached, content, "; set SPRAIN_COSIM_CACHE on the workers", parents=True)
-    return cached
+        with contextlib.suppress(OSError):
+            there = path.read_bytes()
+            content = there if hashlib.sha256(there).hexdigest() == sha else None
+    return None if content is None else cache.keep(path.name, content, sha)
 
 
 async def _release(key: str) -> None:
