@@ -1,8 +1,5 @@
-"""Mapping files: how a device's own variables become the contract's signals.
+"""Mapping files: how a device's own variables become the contract's signals. `FILE` says what they may hold.
 
-active = true                                                optional: a device that may give energy
-step = "1 ms"                                                optional: its own fixed step, where it declares none
-reset = true                                                 optional: its reset equals a fresh instance
 [inputs]   subtalar_angle  = { to = "In1_InvAngle", unit = "deg" }
 [outputs]  subtalar_torque = { from = "M_out", factor = -1 }
 
@@ -11,23 +8,92 @@ none or a wrong one."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping as MappingOf
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from . import keys
 from .contract import INPUTS, OUTPUTS
 from .errors import InputError, nearest, problems_to_error
 from .files import parse_toml, read_text
 from .fmu import archive
 from .fmu.component import Component
 from .fmu.element import Connector
-from .units import Unit, quantity, unit
+from .units import Unit, unit
 
 INSIDE = "extra/sprain-cosim/map.toml"
-KEYS = ("active", "step", "reset", "inputs", "outputs")
 SECOND = unit("s")
+FACTOR = {"type": "number", "not": {"const": 0}}
+
+
+def _factor(value: Any, place: str) -> float:
+    if not keys.is_number(value):
+        raise InputError(f"{place.rpartition('.')[0]}: factor must be a finite number")
+    if value == 0:
+        raise InputError(f"{place.rpartition('.')[0]}: factor must not be 0")
+    return float(value)
+
+
+def _unit(value: Any, place: str) -> Unit:
+    table = place.rpartition(".")[0]
+    if not isinstance(value, str):
+        raise InputError(f'{table}: unit must be text such as "deg"')
+    try:
+        return unit(value)
+    except InputError as problem:
+        raise InputError(f"{table}: {problem}") from None
+
+
+def _signals(link: str, causality: str, known: MappingOf[str, Unit]) -> keys.Named:
+    needs = f'needs {{ {link} = "variable of the FMU" }}'
+    entry = keys.Table(
+        (
+            keys.Key(link, keys.text(f"{{table}}: {needs}"), f"{causality} of the FMU", needs=needs),
+            keys.Key(
+                "factor",
+                keys.Value("number", FACTOR, _factor),
+                "what arrives is factor * what comes + offset, in the FMU's unit; not 0",
+                "1",
+            ),
+            keys.Key(
+                "offset",
+                keys.number("{table}: offset must be a finite number"),
+                "added to what comes, in the FMU's unit",
+                "0",
+            ),
+            keys.Key(
+                "unit",
+                keys.Value("text", {"type": "string"}, _unit),
+                "the FMU's unit where it declares none or a wrong one, such as deg or N.mm",
+                "as declared",
+            ),
+        ),
+        says=f"{{at}}: {needs}",
+    )
+    strange = "{at}.{name}: is no signal of the contract{hint}"
+    return keys.Named("SIGNAL", keys.Short(link, entry), known=tuple(known), strange=strange)
+
+
+FILE = keys.File(
+    "mapping files",
+    "mapping",
+    "How the variables of an FMU become the signals of the [brace contract](../brace-contract.md). The file lies "
+    "beside the FMU, or in it as `extra/sprain-cosim/map.toml`.",
+    keys.Table(
+        (
+            keys.Key("active", keys.flag(), "true: a device that may give energy", "false"),
+            keys.Key(
+                "step",
+                keys.measured(SECOND, above_zero=True),
+                'its own fixed step where the FMU declares none, such as "1 ms"',
+            ),
+            keys.Key("reset", keys.flag(), "true: its reset equals a fresh instance", "false"),
+            keys.Key("inputs", _signals("to", "input", INPUTS), "the input of the FMU that takes the signal"),
+            keys.Key("outputs", _signals("from", "output", OUTPUTS), "the output of the FMU that is the signal"),
+        )
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -144,56 +210,18 @@ def carried(component: Component) -> Mapping | None:
 
 def parse(text: str, source: str) -> Mapping:
     """Raises InputError with all problems."""
-    content = parse_toml(text, source)
-    problems = [f"unknown key {key!r}{nearest(key, KEYS)}" for key in content if key not in KEYS]
-    problems += [
-        f"{key}: must be true or false" for key in ("active", "reset") if not isinstance(content.get(key, False), bool)
-    ]
-    step = None
-    if "step" in content:
-        try:
-            step = quantity(content["step"], SECOND, "step")
-            if step <= 0:
-                problems.append(f"step = {content['step']!r}: must be positive")
-        except InputError as problem:
-            problems.append(str(problem))
-    signals: dict[str, dict[str, Signal]] = {}
-    for section, link, known in (("inputs", "to", INPUTS), ("outputs", "from", OUTPUTS)):
-        signals[section] = {}
-        entries = content.get(section, {})
-        if not isinstance(entries, dict):
-            problems.append(f"{section}: must be a table, [{section}]")
-            continue
-        for name, entry in entries.items():
-            if name not in known:
-                problems.append(f"{section}.{name}: is no signal of the contract{nearest(name, known)}")
-                continue
-            try:
-                signals[section][name] = _signal(entry, link)
-            except InputError as problem:
-                problems.append(f"{section}.{name}: {problem}")
+    problems: list[str] = []
+    content: dict[str, Any] = FILE.table.read(parse_toml(text, source), "", problems)
     problems_to_error(source, problems)
     return Mapping(
-        signals["inputs"], signals["outputs"], content.get("active", False), source, step, content.get("reset", False)
+        inputs={name: _signal(entry, "to") for name, entry in content.get("inputs", {}).items()},
+        outputs={name: _signal(entry, "from") for name, entry in content.get("outputs", {}).items()},
+        active=content.get("active", False),
+        source=source,
+        step=content.get("step"),
+        reset=content.get("reset", False),
     )
 
 
-def _signal(entry: Any, link: str) -> Signal:
-    if isinstance(entry, str):
-        entry = {link: entry}
-    if not isinstance(entry, dict) or not isinstance(entry.get(link), str):
-        raise InputError(f'needs {{ {link} = "variable of the FMU" }}')
-    for key in entry:
-        if key not in (link, "factor", "offset", "unit"):
-            raise InputError(f"unknown key {key!r}{nearest(key, [link, 'factor', 'offset', 'unit'])}")
-    numbers = {}
-    for key, default in (("factor", 1.0), ("offset", 0.0)):
-        value = entry.get(key, default)
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-            raise InputError(f"{key} must be a finite number")
-        numbers[key] = float(value)
-    if numbers["factor"] == 0.0:
-        raise InputError("factor must not be 0")
-    if "unit" in entry and not isinstance(entry["unit"], str):
-        raise InputError('unit must be text such as "deg"')
-    return Signal(entry[link], numbers["factor"], numbers["offset"], unit(entry["unit"]) if "unit" in entry else None)
+def _signal(entry: MappingOf[str, Any], link: str) -> Signal:
+    return Signal(entry[link], entry.get("factor", 1.0), entry.get("offset", 0.0), entry.get("unit"))

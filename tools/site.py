@@ -1,5 +1,6 @@
-"""Hooks of the documentation site (mkdocs.yml): the command reference is written from the program's own options, and
-equations become MathML when the site is built, so that a page needs no script and no network."""
+"""Hooks of the documentation site (mkdocs.yml): the command reference is written from the program's own options, the
+reference of files from the tables of keys; equations become MathML when the site is built, so that a page needs no
+script and no network."""
 
 from __future__ import annotations
 
@@ -10,14 +11,24 @@ from typing import Any
 import click
 from latex2mathml.converter import convert
 
+from sprain_cosim import mapping
 from sprain_cosim.cli import cli
+from sprain_cosim.scenario import file as scenario
+from sprain_cosim.study import file as study
+from sprain_cosim.validation.checks import user_files
 
-PLACE = "<!-- commands -->"
+COMMANDS = "<!-- commands -->"
+FILES = "<!-- files -->"
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\s*\\([(\[])(.*?)\\[)\]]\s*</\1>', re.DOTALL)
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    return markdown.replace(PLACE, "\n".join(_section(cli, "sprain-cosim", None))) if PLACE in markdown else markdown
+    if COMMANDS in markdown:
+        return markdown.replace(COMMANDS, "\n".join(_section(cli, "sprain-cosim", None)))
+    if FILES in markdown:
+        tables = (scenario.FILE, study.FILE, mapping.FILE, user_files.FILE)
+        return markdown.replace(FILES, "\n".join(file.reference() for file in tables))
+    return markdown
 
 
 def on_page_content(content: str, **_: Any) -> str:

@@ -23,7 +23,8 @@ from ..errors import EnvironmentProblem, InputError, SimulationError
 from ..files import read_toml, write_json
 from ..folders import run as runfolder
 from ..process import Limits
-from ..scenario import NAME, Scenario, Value, load_scenario
+from ..scenario import Scenario, Value, load_scenario
+from ..scenario.file import NAME
 from ..shipped import shipped_scenarios, shipped_studies
 from ..study.evaluation import QUESTIONS
 from ..study.file import load_study

@@ -1,55 +1,159 @@
-"""Study files: a scenario, the distributions of some of its parameters, and what to ask.
-
-scenario = "incline30_mixed"
-[parameters]    "plant.initial_pose" = "published"          on top of the scenario's
-[marginals]     "plant.drop_height" = { lognormal = { mean = "0.30 m", sd = "0.05 m" } }
-                mean and sd of the variable itself; normal, lognormal, uniform = { low, high }, fixed = value;
-                `low` and `high` beside normal or lognormal truncate it
-[grid]          "controller.reflex_gain" = [0, 5, 10]       for method grid
-[correlation]   "plant.a, plant.b" = 0.3                    Pearson, Gaussian copula
-[study]         method, trials, seed, responses; half_width = "0.5 deg" (stopping rule: the widest of the levels'
-                intervals); replicates for sobol and sobol-indices; levels, space, step, difference, tolerance, budget
-                for searches; threshold for form: a value of the first response, or a distribution of it
-[published]     figures to print beside the results, with their source
-"""
+"""Study files: a scenario, the distributions of some of its parameters, and what to ask. `FILE` says what they may
+hold."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from .. import keys
+from ..cosim.system import System
 from ..errors import InputError, nearest, problems_to_error
 from ..files import parse_toml, read_text
-from ..fmu.element import Connector
 from ..metrics import unit_of
-from ..scenario import load_scenario
+from ..scenario import Scenario, load_scenario
+from ..scenario.file import PARAMETERS, VARIABLE
 from ..shipped import scenario_folder, shipped_studies
 from ..units import Unit, quantity, unit
-from ..uq.distributions import Array, Fixed, LogNormal, Marginal, Normal, Truncated, Uniform
+from ..uq.distributions import Array, Marginal
 from .inputs import parameter, unit_name
+from .marginals import DISTRIBUTION, NUMBER, marginal
+from .plan import METHODS, TOLERANCE
 from .study import Study
 
-KEYS = ("scenario", "title", "parameters", "marginals", "grid", "correlation", "study", "published")
-STUDY_KEYS = (
-    "method",
-    "trials",
-    "seed",
-    "responses",
-    "half_width",
-    "replicates",
-    "levels",
-    "threshold",
-    "space",
-    "step",
-    "difference",
-    "tolerance",
-    "budget",
-)
 NARROW = math.radians(0.25)  # a smaller spread of an angle is likely to be radians written as degrees
+NEEDS_SCENARIO = 'needs scenario = "the name of a scenario or a file"'
+RESPONSE = "peak_subtalar_angle_deg"
+T = TypeVar("T")
+
+
+def _probabilities(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(v, float | int) and 0 < v < 1 for v in value)
+
+
+def _names(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(v, str) for v in value)
+
+
+SETTINGS = keys.Table(
+    (
+        keys.Key(
+            "method",
+            keys.plain("name", {"enum": list(METHODS)}, lambda v: isinstance(v, str), "{at} = {value}: must be text"),
+            f"how the trials are chosen: {', '.join(METHODS)}",
+            "monte-carlo",
+        ),
+        keys.Key("trials", keys.whole(), "number of trials", "1000"),
+        keys.Key("seed", keys.whole(), "of everything random", "0"),
+        keys.Key(
+            "responses",
+            keys.plain(
+                "names",
+                {"type": "array", "items": {"type": "string"}, "minItems": 1},
+                _names,
+                f'{{at}}: must be a list of metrics, such as ["{RESPONSE}"]',
+                tuple,
+            ),
+            "metrics that tables and sensitivities are made of; a search and a stopping rule look at the first",
+            RESPONSE,
+        ),
+        keys.Key(
+            "half_width",
+            keys.raw("quantity", NUMBER, "that of the first response"),
+            "stopping rule: half width that the widest of the levels' intervals may have",
+        ),
+        keys.Key("replicates", keys.whole(), "scrambled sequences of methods sobol and sobol-indices", "8"),
+        keys.Key(
+            "levels",
+            keys.plain(
+                "probabilities",
+                {
+                    "type": "array",
+                    "items": {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1},
+                    "minItems": 1,
+                },
+                _probabilities,
+                "{at}: must be probabilities between 0 and 1, such as [0.05, 0.5, 0.95]",
+                lambda value: tuple(float(v) for v in value),
+            ),
+            "percentiles that a search looks for, and that a stopping rule watches",
+            "[0.05, 0.5, 0.95]",
+        ),
+        keys.Key(
+            "threshold",
+            keys.raw(
+                "quantity, or distribution", {"anyOf": [NUMBER, DISTRIBUTION.schema()]}, "that of the first response"
+            ),
+            "for method form: the value whose exceedance is asked for",
+        ),
+        keys.Key("space", keys.choice(("x", "u")), "of amv and hmv: inputs as they are, or standard normal", "x"),
+        keys.Key("step", keys.positive(), "of differences, in standard deviations of the input", "0.1"),
+        keys.Key(
+            "difference",
+            keys.choice(("forward", "central")),
+            "how slopes are taken",
+            "forward for mean-value and amv, else central",
+        ),
+        keys.Key(
+            "tolerance",
+            keys.positive(),
+            "where a search ends, in standard deviations of the response",
+            f"{TOLERANCE:g}",
+        ),
+        keys.Key("budget", keys.whole(), "landings that a search may take at most", "2000"),
+    )
+)
+FILE = keys.File(
+    "study files",
+    "study",
+    "Many landings: a scenario, what varies in it, and what is asked.",
+    keys.Table(
+        (
+            keys.Key(
+                "scenario",
+                keys.text(NEEDS_SCENARIO),
+                "a file beside this one, or the name of a scenario that ships",
+                needs=NEEDS_SCENARIO,
+            ),
+            keys.Key("title", keys.text(), "heading of tables and figures", "the scenario's"),
+            keys.Key("parameters", PARAMETERS, "values on top of the scenario's", "the scenario's"),
+            keys.Key(
+                "marginals",
+                keys.Named('"component.parameter"', DISTRIBUTION, VARIABLE),
+                "what varies: a distribution of a parameter",
+            ),
+            keys.Key(
+                "grid",
+                keys.Named(
+                    '"component.parameter"',
+                    keys.raw("quantities", {"type": "array", "items": NUMBER, "minItems": 1}, "its own"),
+                    VARIABLE,
+                ),
+                "for method grid: the levels of a parameter",
+            ),
+            keys.Key(
+                "correlation",
+                keys.Named(
+                    '"component.a, component.b"',
+                    keys.raw("number", {"type": "number", "exclusiveMinimum": -1, "exclusiveMaximum": 1}),
+                    r"^\S+\s*,\s*\S+$",
+                ),
+                "Pearson correlation of two marginals, joined by a Gaussian copula",
+                "0",
+            ),
+            keys.Key("study", SETTINGS, "how many landings, and what is asked of them"),
+            keys.Key(
+                "published",
+                keys.raw("table", {"type": "object"}),
+                "figures to print beside the results, with their `source`",
+            ),
+        )
+    ),
+)
 
 
 def load_study(name: str | Path) -> Study:
@@ -62,57 +166,72 @@ def load_study(name: str | Path) -> Study:
             f"study {str(name)!r}: no such file, and none of that name ships{nearest(str(name), shipped_studies())}"
         )
     text = read_text(path)
-    content = parse_toml(text, str(path))
-    problems = [f"unknown key {key!r}{nearest(key, KEYS)}" for key in content if key not in KEYS]
-    problems += [f"{key}: must be a table, [{key}]" for key in KEYS[2:] if not isinstance(content.get(key, {}), dict)]
-    if not isinstance(content.get("scenario"), str):
-        problems.append('needs scenario = "the name of a scenario or a file"')
-    problems_to_error(str(path), problems)
-    named = content["scenario"]
-    beside = path.parent / named
-    scenario = load_scenario(beside if beside.is_file() else named)
-    for key, value in content.get("parameters", {}).items():
-        try:
-            scenario = scenario.override(key, value)
-        except InputError as problem:
-            problems.append(f"parameters.{problem}")
+    problems: list[str] = []
+    content: dict[str, Any] = FILE.table.read(parse_toml(text, str(path)), "", problems)
+    if "scenario" not in content:
+        problems_to_error(str(path), problems)
+    try:
+        scenario = _scenario(content, path, problems)
+    except InputError as problem:
+        problems_to_error(str(path), [*problems, str(problem)] if problems else [])
+        raise
     system = scenario.system()
-    marginals, grid, units = dict[str, Marginal](), dict[str, tuple[float, ...]](), dict[str, str]()
-    for table in ("marginals", "grid"):
-        for key, spec in content.get(table, {}).items():
-            what = f"{table}.{key}"
-            try:
-                connector = parameter(system, key)
-                units[key] = unit_name(connector.unit)
-                if table == "marginals":
-                    marginals[key] = _marginal(spec, connector.unit, what)
-                else:
-                    grid[key] = _levels(spec, connector, what)
-            except InputError as problem:
-                problems.append(str(problem) if what in str(problem) else f"{what}: {problem}")
-            except ValueError as problem:
-                problems.append(f"{what}: {problem}")
+    marginals, units = _varied("marginals", content, system, problems, marginal)
+    grid, units_of_grid = _varied("grid", content, system, problems, _levels)
     correlation = _correlation(content.get("correlation", {}), list(marginals), problems)
-    options = _options(content.get("study", {}), problems)
+    options = content.get("study", {})
+    options |= _of_responses(options, problems)
     problems_to_error(str(path), problems)
     return Study(
         title=content.get("title", scenario.title),
         scenario=scenario,
         marginals=marginals,
-        units=units,
+        units=units | units_of_grid,
         correlation=correlation,
         grid=grid,
         published=content.get("published", {}),
         source=path.stem if path.parent == scenario_folder() / "studies" else str(path),
         text=text,
-        warnings=scenario.warnings
-        + tuple(
-            _narrow(name, marginals[name])
-            for name in marginals
-            if units[name] == "rad" and 0 < marginals[name].sd < NARROW
-        ),
+        warnings=(*scenario.warnings, *(_narrow(n, m) for n, m in marginals.items() if _is_narrow(m, units[n]))),
         **options,
     ).checked()
+
+
+def _scenario(content: Mapping[str, Any], path: Path, problems: list[str]) -> Scenario:
+    """The study's scenario with the parameters of the study on top."""
+    beside = path.parent / content["scenario"]
+    scenario = load_scenario(beside if beside.is_file() else content["scenario"])
+    for key, value in content.get("parameters", {}).items():
+        try:
+            scenario = scenario.override(key, value)
+        except InputError as problem:
+            problems.append(f"parameters.{problem}")
+    return scenario
+
+
+def _varied(
+    table: str,
+    content: Mapping[str, Any],
+    system: System,
+    problems: list[str],
+    read: Callable[[Any, Unit | None, str], T],
+) -> tuple[dict[str, T], dict[str, str]]:
+    """What stands in a table of parameters that vary, and their units."""
+    found, units = dict[str, T](), dict[str, str]()
+    for key, spec in content.get(table, {}).items():
+        place = f"{table}.{key}"
+        try:
+            own = parameter(system, key).unit
+            units[key] = unit_name(own)
+            found[key] = read(spec, own, place)
+        except (InputError, ValueError) as problem:
+            known = isinstance(problem, InputError) and place in str(problem)
+            problems.append(str(problem) if known else f"{place}: {problem}")
+    return found, units
+
+
+def _is_narrow(marginal: Marginal, unit: str) -> bool:
+    return unit == "rad" and 0 < marginal.sd < NARROW
 
 
 def _narrow(name: str, marginal: Marginal) -> str:
@@ -122,49 +241,10 @@ def _narrow(name: str, marginal: Marginal) -> str:
     )
 
 
-def _marginal(spec: Any, own: Unit | None, what: str) -> Marginal:
-    kinds = ("normal", "lognormal", "uniform", "fixed")
-    if not isinstance(spec, dict):
-        raise InputError(f'{what}: must be a distribution, such as {{ normal = {{ mean = "30 deg", sd = "5 deg" }} }}')
-    given = [k for k in spec if k in kinds]
-    strange = [k for k in spec if k not in (*kinds, "low", "high")]
-    if strange or len(given) != 1:
-        raise InputError(
-            f"{what}: unknown {strange[0]!r}{nearest(strange[0], kinds)}"
-            if strange
-            else f"{what}: needs exactly one of {', '.join(kinds)}"
-        )
-    kind = given[0]
-
-    def number(table: Mapping[str, Any], key: str) -> float:
-        if key not in table:
-            raise InputError(f"{what}: {kind} needs {key}")
-        return quantity(table[key], own, f"{what}.{key}")
-
-    ends = {k: number(spec, k) for k in ("low", "high") if k in spec}
-    if kind == "fixed":
-        if ends:
-            raise InputError(f"{what}: a fixed value has no low or high")
-        return Fixed(quantity(spec["fixed"], own, what))
-    inner = spec[kind]
-    wanted = ("low", "high") if kind == "uniform" else ("mean", "sd")
-    if not isinstance(inner, dict) or set(inner) != set(wanted):
-        raise InputError(f"{what}: {kind} = {{ {wanted[0]} = ..., {wanted[1]} = ... }}")
-    first, second = number(inner, wanted[0]), number(inner, wanted[1])
-    if kind == "uniform":
-        if ends:
-            raise InputError(f"{what}: low and high belong inside uniform")
-        return Uniform(first, second)
-    if kind == "lognormal" and first == 0 and second == 0:
-        raise InputError(f"{what}: a lognormal cannot be 0; write {{ fixed = 0 }}")
-    parent = Normal(first, second) if kind == "normal" else LogNormal(first, second)
-    return Truncated(parent, ends.get("low", -math.inf), ends.get("high", math.inf)) if ends else parent
-
-
-def _levels(spec: Any, connector: Connector, what: str) -> tuple[float, ...]:
+def _levels(spec: Any, own: Unit | None, place: str) -> tuple[float, ...]:
     if not isinstance(spec, list) or not spec:
-        raise InputError(f"{what}: must be a list of levels, such as [0, 5, 10]")
-    return tuple(quantity(v, connector.unit, what) for v in spec)
+        raise InputError(f"{place}: must be a list of levels, such as [0, 5, 10]")
+    return tuple(quantity(v, own, place) for v in spec)
 
 
 def _correlation(spec: Mapping[str, Any], names: Sequence[str], problems: list[str]) -> Array | None:
@@ -192,49 +272,25 @@ def _correlation(spec: Mapping[str, Any], names: Sequence[str], problems: list[s
     return matrix
 
 
-def _options(spec: Mapping[str, Any], problems: list[str]) -> dict[str, Any]:
-    options = dict(spec)
-    problems += [f"study: unknown key {key!r}{nearest(key, STUDY_KEYS)}" for key in spec if key not in STUDY_KEYS]
-    for key in ("trials", "seed", "replicates", "budget"):
-        if key in options and (isinstance(options[key], bool) or not isinstance(options[key], int) or options[key] < 0):
-            problems.append(f"study.{key} = {options[key]!r}: must be a whole number, not negative")
-    for key in ("method", "space", "difference"):
-        if key in options and not isinstance(options[key], str):
-            problems.append(f"study.{key} = {options[key]!r}: must be text")
-    for key in ("step", "tolerance"):
-        if key in options and not (
-            isinstance(options[key], int | float) and not isinstance(options[key], bool) and 0 < options[key] < math.inf
-        ):
-            problems.append(f"study.{key} = {options[key]!r}: must be a positive number")
-    if options.get("space", "x") not in ("x", "u"):
-        problems.append(f"study.space = {options['space']!r}: must be x or u")
-    if options.get("difference", "forward") not in ("forward", "central"):
-        problems.append(f"study.difference = {options['difference']!r}: must be forward or central")
-    responses = options.get("responses", ["peak_subtalar_angle_deg"])
-    if not isinstance(responses, list) or not responses or not all(isinstance(r, str) for r in responses):
-        problems.append('study.responses: must be a list of metrics, such as ["peak_subtalar_angle_deg"]')
-    else:
-        options["responses"] = tuple(responses)
-    levels = options.get("levels", [0.05, 0.5, 0.95])
-    if not isinstance(levels, list) or not all(isinstance(v, float | int) and 0 < v < 1 for v in levels) or not levels:
-        problems.append("study.levels: must be probabilities between 0 and 1, such as [0.05, 0.5, 0.95]")
-    else:
-        options["levels"] = tuple(float(v) for v in levels)
-    responses = options.get("responses", ("peak_subtalar_angle_deg",))
-    if isinstance(responses, tuple):
-        for key in ("threshold", "half_width"):
-            if key in options:
-                try:
-                    options[key] = _of_response(options[key], responses[0], f"study.{key}")
-                except (InputError, ValueError) as problem:
-                    problems.append(str(problem) if f"study.{key}" in str(problem) else f"study.{key}: {problem}")
-        if not (isinstance(options.get("half_width", 1.0), float) and options.get("half_width", 1.0) > 0):
-            problems.append("study.half_width: must be a positive value of the first response")
-    return {k: v for k, v in options.items() if k in STUDY_KEYS}
+def _of_responses(options: Mapping[str, Any], problems: list[str]) -> dict[str, Any]:
+    """The settings that are values of the first response: threshold and half_width."""
+    response, found = options.get("responses", (RESPONSE,))[0], dict[str, Any]()
+    for key in ("threshold", "half_width"):
+        if key not in options:
+            continue
+        place = f"study.{key}"
+        try:
+            found[key] = _of_response(options[key], response, place)
+        except (InputError, ValueError) as problem:
+            problems.append(str(problem) if place in str(problem) else f"{place}: {problem}")
+    half_width = found.get("half_width", 1.0)
+    if not (isinstance(half_width, float) and half_width > 0):
+        problems.append("study.half_width: must be a positive value of the first response")
+    return found
 
 
-def _of_response(given: Any, response: str, what: str) -> float | Marginal:
+def _of_response(spec: Any, response: str, place: str) -> float | Marginal:
     """A value or a distribution in the unit that the response's name carries, such as "35 deg"."""
     name = unit_of(response).replace("·", ".")
     own = unit(name) if name else None
-    return _marginal(given, own, what) if isinstance(given, dict) else quantity(given, own, what)
+    return marginal(spec, own, place) if isinstance(spec, dict) else quantity(spec, own, place)

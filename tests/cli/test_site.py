@@ -13,6 +13,7 @@ import pytest
 
 from sprain_cosim.cli import cli
 from tests.docs_commands import ROOT
+from tools.schemas import FILES
 
 pytest.importorskip("mkdocs", reason="the extra [docs] is not installed")
 
@@ -66,3 +67,11 @@ def test_public_names_are_in_the_reference(site: Path) -> None:
     text = (site / "reference" / "api.html").read_text("utf-8")
     missing = [name for name in sprain_cosim.__all__ if not name.startswith("_") and name not in text]
     assert not missing
+
+
+def test_every_key_of_a_file_is_in_the_reference(site: Path) -> None:
+    text = (site / "reference" / "files.html").read_text("utf-8")
+    assert "<!-- files -->" not in text
+    for file in FILES:
+        for key in file.table.names:
+            assert f"<code>{key}" in text, key

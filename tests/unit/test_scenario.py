@@ -66,7 +66,6 @@ def test_override_leaves_the_original_alone() -> None:
 
 
 def test_replacing_a_device_makes_its_connections_anew(tmp_path: Path) -> None:
-    (tmp_path / "x.toml").write_text("base = 'incline30_brace'")
     text = (
         "base = 'incline30'\n[components.brace]\nfmu = 'brace_bushing'\n[connections]\n'brace.rotation_x_angle' = "
         "'plant.rotation_y_angle'"
@@ -76,8 +75,22 @@ def test_replacing_a_device_makes_its_connections_anew(tmp_path: Path) -> None:
     assert scenario.system().connections["brace.rotation_x_angle"] == "plant.rotation_y_angle"
     replaced = scenario.replace_fmu("brace", "brace_bushing")
     assert replaced.system().connections["brace.rotation_x_angle"] == "plant.rotation_x_angle"
-    with pytest.raises(SprainError, match="one level"):
-        load_scenario(tmp_path / "x.toml")
+
+
+def test_a_base_may_have_a_base(tmp_path: Path) -> None:
+    """The nearest file wins; paths begin at the file that names them; a circle is named."""
+    (tmp_path / "a.toml").write_text("base = 'incline30_brace'\n[parameters]\n'plant.drop_height' = '0.4 m'")
+    (tmp_path / "b.toml").write_text("base = 'a'\n[parameters]\n'brace.angle_scale' = 2")
+    scenario = load_scenario(tmp_path / "b.toml")
+    assert scenario.title == load_scenario("incline30_brace").title
+    assert scenario.parameters["plant.drop_height"] == "0.4 m"
+    assert scenario.parameters["brace.angle_scale"] == 2
+    assert list(scenario.fmus) == list(load_scenario("incline30_brace").fmus)
+    (tmp_path / "c.toml").write_text("base = 'd'")
+    (tmp_path / "d.toml").write_text("base = 'e'")
+    (tmp_path / "e.toml").write_text("base = 'd'")
+    with pytest.raises(SprainError, match=r"e\.toml: base 'd': the bases form a circle \(d -> e -> d\)"):
+        load_scenario(tmp_path / "c.toml")
 
 
 VALUES = st.recursive(

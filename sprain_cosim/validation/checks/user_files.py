@@ -1,21 +1,17 @@
-"""A user's own checks: every *.toml file of a folder.
+"""A user's own checks: every *.toml file of a folder. `FILE` says what they may hold.
 
 [[check]]
 id = "hold-01"                              shown as custom-hold-01
 title = "Brace A holds the ankle at 0.35 m"
-scenario = "incline30_brace"                a file beside this one, or a name that ships; or study = ..., see below
-set = { "plant.drop_height" = "0.35 m" }    optional, as --set
-fmu = { brace = "brace_a.fmu" }             optional, as --fmu; a file beside this one, or the name of a shipped FMU
-map = { brace = "brace_a.map.toml" }        optional, as --map
-step = "0.25 ms"                            optional
+scenario = "incline30_brace"                or study = "study6", trials = 200, statistic = "p95"
+set = { "plant.drop_height" = "0.35 m" }
+fmu = { brace = "brace_a.fmu" }
 metric = "peak_subtalar_angle_deg"
 expected = 29.0                             with tolerance = 0.5; or between = [28.0, 30.0]
 tolerance = 0.5
 why = "repeatability of the rig, twice its SD"
 source = "bench test of 12 May, rig 3"
-
-With study = "study6" (a file or a name that ships), trials = 200 and statistic = "mean", "sd" or "p95" in place of
-scenario and step."""
+"""
 
 from __future__ import annotations
 
@@ -27,36 +23,124 @@ from typing import Any
 
 import numpy as np
 
+from ... import keys
 from ...errors import InputError, nearest, problems_to_error
 from ...files import read_toml
 from ...metrics import unit_of
 from ...scenario import Scenario, load_scenario
+from ...scenario.file import PARAMETERS
 from ...study.file import load_study
 from ...study.study import Study
 from ..check import Check, Row
 from ..laboratory import Laboratory
 
-KEYS = (
-    "id",
-    "title",
-    "scenario",
-    "study",
-    "set",
-    "fmu",
-    "map",
-    "step",
-    "trials",
-    "statistic",
-    "metric",
-    "expected",
-    "tolerance",
-    "between",
-    "why",
-    "source",
-)
-TEXTS = ("id", "title", "metric", "why", "source")
 ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 STATISTIC = re.compile(r"mean|sd|p(\d{1,2}(\.\d+)?)")
+OF_STUDY = ("trials", "statistic")
+SHIPS = "a file beside this one, or the name of one that ships"
+
+
+def _needed(key: str, meaning: str) -> keys.Key:
+    """A text that every check has."""
+    says = f"{key}: needed, as text"
+    form = {"type": "string", "pattern": r"\S"}
+    return keys.Key(key, keys.plain("text", form, _is_text, says), meaning, needs=says)
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str) and bool(value.strip())
+
+
+def _statistic_name(value: Any) -> bool:
+    return isinstance(value, str) and STATISTIC.fullmatch(value) is not None
+
+
+def _identity(value: Any, place: str) -> Any:
+    if not _is_text(value):
+        raise InputError(f"{place}: needed, as text")
+    if not ID.fullmatch(value):
+        raise InputError(f"{place}: letters, digits, `.`, `_` and `-` only")
+    return value
+
+
+def _tables(label: str, value: keys.Kind) -> keys.Named:
+    return keys.Named(label, value, says="{at}: must be a table")
+
+
+NEEDS_STATISTIC = 'statistic: needed with study; "mean", "sd" or a percentile such as "p95"'
+BOUND = {"type": "number"}
+ENTRY = keys.Table(
+    (
+        keys.Key(
+            "id",
+            keys.Value("text", {"type": "string", "pattern": f"^{ID.pattern}$"}, _identity),
+            "shown as custom-ID; letters, digits, `.`, `_` and `-`",
+            needs="id: needed, as text",
+        ),
+        _needed("title", "what is checked, as a sentence"),
+        keys.Key("scenario", keys.text(), f"one landing: {SHIPS}"),
+        keys.Key("study", keys.text(), f"many landings: {SHIPS}"),
+        keys.Key(
+            "set",
+            _tables('"component.parameter"', PARAMETERS.value),
+            "as --set",
+        ),
+        keys.Key(
+            "fmu",
+            _tables("NAME", keys.text()),
+            "as --fmu: a file beside this one, or the name of a shipped FMU",
+        ),
+        keys.Key("map", _tables("NAME", keys.text()), "as --map: a file beside this one"),
+        keys.Key(
+            "step",
+            keys.raw("quantity", {"type": "string", "pattern": keys.MEASURED}, "s"),
+            "communication step of a scenario",
+            "the scenario's",
+        ),
+        keys.Key("trials", keys.whole(1, "{at}: must be a positive whole number"), "of a study", "the study's"),
+        keys.Key(
+            "statistic",
+            keys.plain(
+                "name", {"type": "string", "pattern": f"^({STATISTIC.pattern})$"}, _statistic_name, NEEDS_STATISTIC
+            ),
+            "of a study: mean, sd or a percentile such as p95",
+        ),
+        _needed("metric", "what is compared"),
+        keys.Key("expected", keys.raw("number", BOUND, "that of the metric"), "the value it should have"),
+        keys.Key(
+            "tolerance",
+            keys.raw("number", {"type": "number", "minimum": 0}, "that of the metric"),
+            "beside expected: how far off it may be",
+        ),
+        keys.Key(
+            "between",
+            keys.raw(
+                "two numbers", {"type": "array", "items": BOUND, "minItems": 2, "maxItems": 2}, "that of the metric"
+            ),
+            "in place of expected and tolerance: [low, high]",
+        ),
+        _needed("why", "reason for the bounds"),
+        _needed("source", "where the expected value comes from"),
+    ),
+    says="must be a table",
+    more={
+        "allOf": [
+            {
+                "oneOf": [
+                    {"required": ["scenario"], "properties": {"study": False}},
+                    {"required": ["study", "statistic"], "properties": {"scenario": False}},
+                ]
+            },
+            {"oneOf": [{"required": ["expected", "tolerance"]}, {"required": ["between"]}]},
+        ]
+    },
+)
+FILE = keys.File(
+    "checks of your own",
+    "check",
+    "Further checks of `validate --checks FOLDER`: every `*.toml` file of the folder, with one `[[check]]` each.",
+    keys.Table((keys.Key("check", keys.Tables(ENTRY), "one check", needs="must hold [[check]] tables"),)),
+)
 
 
 def read(folder: Path) -> list[Check]:
@@ -125,74 +209,70 @@ def _statistic(values: np.ndarray, name: str) -> float:
     return float(values.std(ddof=1)) if name == "sd" else float(np.percentile(values, float(name[1:])))
 
 
-def _check(entry: Any, path: Path) -> Check:
-    if not isinstance(entry, dict):
-        raise InputError("must be a table")
-    problems = [f"unknown key {key!r}{nearest(key, KEYS)}" for key in entry if key not in KEYS]
-    problems += [
-        f"{key}: needed, as text" for key in TEXTS if not isinstance(entry.get(key), str) or not entry[key].strip()
-    ]
-    if isinstance(entry.get("id"), str) and not ID.fullmatch(entry["id"]):
-        problems.append("id: letters, digits, `.`, `_` and `-` only")
-    if ("scenario" in entry) == ("study" in entry):
-        problems.append("needs scenario or study, one of the two")
-    problems += [
-        f"{key}: belongs to a study" for key in ("trials", "statistic") if key in entry and "study" not in entry
-    ]
-    if "study" in entry and not STATISTIC.fullmatch(str(entry.get("statistic", ""))):
-        problems.append('statistic: needed with study; "mean", "sd" or a percentile such as "p95"')
-    if "trials" in entry and not (isinstance(entry["trials"], int) and entry["trials"] > 0):
-        problems.append("trials: must be a positive whole number")
-    expected, tolerance = _bounds(entry, problems)
-    for key in ("set", "fmu", "map"):
-        if not isinstance(entry.get(key, {}), dict):
-            problems.append(f"{key}: must be a table")
+def _check(table: Any, path: Path) -> Check:
+    problems: list[str] = []
+    entry = ENTRY.read(table, "", problems)
+    if entry is not keys.MISSING:
+        _judge_together(table, problems)
     if problems:
         raise InputError("; ".join(problems))
-    name = str(entry.get("scenario", entry.get("study")))
-    beside = path.parent / name
-    chosen: Any = (load_scenario if "scenario" in entry else load_study)(beside if beside.is_file() else name)
-    maps = entry.get("map", {})
-    for component, file in entry.get("fmu", {}).items():
-        own = path.parent / str(file)
-        chosen = chosen.replace_fmu(
-            component, own if own.is_file() else str(file), path.parent / maps[component] if component in maps else None
-        )
-    for key, value in entry.get("set", {}).items():
-        chosen = chosen.override(key, value)
-    if "step" in entry:
-        if "scenario" not in entry:
-            raise InputError("step: belongs to a scenario")
-        chosen = chosen.with_master(communication_step=entry["step"])
-    what = f"{entry['statistic']} of {entry['metric']}" if "study" in entry else entry["metric"]
+    expected, tolerance = _bounds(entry)
+    chosen = _with_changes(_source(entry, path.parent), entry, path.parent)
     measure = Custom(
-        what,
-        expected,
-        tolerance,
-        entry["metric"],
-        entry.get("statistic", ""),
-        chosen if "scenario" in entry else None,
-        chosen if "study" in entry else None,
-        {"trials": entry["trials"]} if "trials" in entry else {},
+        label=f"{entry['statistic']} of {entry['metric']}" if "study" in entry else entry["metric"],
+        expected=expected,
+        tolerance=tolerance,
+        metric=entry["metric"],
+        statistic=entry.get("statistic", ""),
+        scenario=chosen if isinstance(chosen, Scenario) else None,
+        study=chosen if isinstance(chosen, Study) else None,
+        options={"trials": entry["trials"]} if "trials" in entry else {},
     )
     return Check(f"custom-{entry['id']}", entry["title"], entry["why"], entry["source"], measure)
 
 
-def _bounds(entry: Mapping[str, Any], problems: list[str]) -> tuple[float, float]:
-    def number(value: Any) -> bool:
-        return isinstance(value, (int, float)) and not isinstance(value, bool) and np.isfinite(value)
-
-    if "between" in entry:
-        pair = entry["between"]
-        if (
-            not (isinstance(pair, list) and len(pair) == 2 and all(map(number, pair)) and pair[0] <= pair[1])
-            or "expected" in entry
-            or "tolerance" in entry
-        ):
+def _judge_together(table: Mapping[str, Any], problems: list[str]) -> None:
+    """What several keys must be together."""
+    if ("scenario" in table) == ("study" in table):
+        problems.append("needs scenario or study, one of the two")
+    problems += [f"{key}: belongs to a study" for key in OF_STUDY if key in table and "study" not in table]
+    if "study" in table and "statistic" not in table:
+        problems.append(NEEDS_STATISTIC)
+    if "between" in table:
+        pair = table["between"]
+        ordered = isinstance(pair, list) and len(pair) == 2 and all(map(keys.is_number, pair)) and pair[0] <= pair[1]
+        if not ordered or "expected" in table or "tolerance" in table:
             problems.append("between: must be [low, high], without expected and tolerance")
-            return 0.0, 0.0
-        return 0.5 * (pair[0] + pair[1]), 0.5 * (pair[1] - pair[0])
-    if not number(entry.get("expected")) or not number(entry.get("tolerance")) or entry["tolerance"] < 0:
+    elif not all(keys.is_number(table.get(key)) for key in ("expected", "tolerance")) or table["tolerance"] < 0:
         problems.append("needs expected and tolerance (not negative) as numbers, or between = [low, high]")
-        return 0.0, 0.0
+
+
+def _source(entry: Mapping[str, Any], folder: Path) -> Scenario | Study:
+    """The scenario or the study that the check names: a file beside its own, or one that ships."""
+    name = str(entry.get("scenario", entry.get("study")))
+    where = folder / name if (folder / name).is_file() else name
+    return load_scenario(where) if "scenario" in entry else load_study(where)
+
+
+def _with_changes(source: Scenario | Study, entry: Mapping[str, Any], folder: Path) -> Scenario | Study:
+    """With the devices, the values and the step that the check asks for."""
+    maps = entry.get("map", {})
+    for component, file in entry.get("fmu", {}).items():
+        own = folder / str(file)
+        mapping = folder / maps[component] if component in maps else None
+        source = source.replace_fmu(component, own if own.is_file() else str(file), mapping)
+    for key, value in entry.get("set", {}).items():
+        source = source.override(key, value)
+    if "step" in entry:
+        if not isinstance(source, Scenario):
+            raise InputError("step: belongs to a scenario")
+        source = source.with_master(communication_step=entry["step"])
+    return source
+
+
+def _bounds(entry: Mapping[str, Any]) -> tuple[float, float]:
+    """Middle and half width of what is accepted."""
+    if "between" in entry:
+        low, high = entry["between"]
+        return 0.5 * (low + high), 0.5 * (high - low)
     return float(entry["expected"]), float(entry["tolerance"])

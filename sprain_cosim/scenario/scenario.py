@@ -1,15 +1,4 @@
-"""Scenario files: components, connections, parameters with units, master. Declarative; one level of `base`.
-
-base = "incline30"                    optional, a scenario that has no base itself
-title = "..."
-[components.NAME]  fmu = "..."        a shipped FMU by name, or a path (relative to the file)
-                   map = "..."        optional mapping file (mapping.py)
-[parameters]  "component.parameter" = "0.30 m"    a number only where the parameter has no dimension
-[connections] "input" = "output"      left out, devices connect themselves (system.py)
-[master] communication_step = "0.5 ms", stop = "150 ms", scheme = "auto"
-         identify = 1                 steps after which undeclared stiffness and damping are found anew; 0: at the start
-         adaptive = "0.1 %"           divides steps where the residual energy exceeds this share; true: 0.1 %
-"""
+"""A landing, described: components, connections, parameters with units, master; and a session that runs it."""
 
 from __future__ import annotations
 
@@ -19,25 +8,21 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
-from .cosim.assembly import Assembly
-from .cosim.coupling import check_scheme
-from .cosim.master import Master
-from .cosim.result import Result
-from .cosim.system import System, connect
-from .errors import InputError, SimulationError, nearest, problems_to_error
-from .files import read_toml
-from .fmu.component import Component
-from .fmu.isolated import isolated
-from .mapping import carried, read_component
-from .shipped import fmu_path, scenario_folder, shipped_scenarios
-from .units import quantity, unit
+from ..cosim.assembly import Assembly
+from ..cosim.coupling import check_scheme
+from ..cosim.master import Master
+from ..cosim.result import Result
+from ..cosim.system import System, connect
+from ..errors import InputError, SimulationError, nearest, problems_to_error
+from ..fmu.component import Component
+from ..fmu.isolated import isolated
+from ..mapping import carried, read_component
+from ..shipped import fmu_path
+from ..units import quantity, unit
 
 ROLES = ("plant", "controller", "brace")
-KEYS = ("base", "title", "components", "parameters", "connections", "master")
-MASTER_KEYS = ("communication_step", "scheme", "stop", "identify", "adaptive")
 SECOND = unit("s")
 ADAPTIVE = 1e-3
-NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 Value = float | int | str | bool
 
@@ -129,7 +114,7 @@ class Scenario:
         """Other settings of the master; times as "0.5 ms". Raises InputError."""
         master = self.master if identify is None else replace(self.master, identify=identify)
         if adaptive is not None:
-            master = replace(master, adaptive=_share(adaptive, "adaptive"))
+            master = replace(master, adaptive=share(adaptive, "adaptive"))
         if scheme is not None:
             check_scheme(scheme)
             master = replace(master, scheme=scheme)
@@ -270,138 +255,6 @@ class Session:
         self.close()
 
 
-def load_scenario(name: str | Path) -> Scenario:
-    """A scenario from a file or the name of one that ships. Raises InputError."""
-    path = _find(str(name))
-    content = _read(path)
-    if "base" in content:
-        base_path = _find(_text(content, "base", path), beside=path.parent)
-        base = _read(base_path)
-        if "base" in base:
-            raise InputError(f"{path}: base {base_path.stem!r} has a base itself; one level is allowed")
-        base = _resolve(base, base_path)
-        content = _merge(base, _resolve(content, path))
-    else:
-        content = _resolve(content, path)
-    if not content.get("components"):
-        raise InputError(f'{path}: no components; add [components.plant] with fmu = "plant", or a base')
-    return Scenario(
-        title=content.get("title", path.stem),
-        fmus={name: spec["fmu"] for name, spec in content["components"].items()},
-        maps={name: spec["map"] for name, spec in content["components"].items() if "map" in spec},
-        parameters=content.get("parameters", {}),
-        connections=content.get("connections", {}),
-        master=Master(**content.get("master", {})),
-        source=str(path) if path.parent != scenario_folder() else path.stem,
-    )
-
-
-def _find(name: str, beside: Path | None = None) -> Path:
-    places = [Path(name)] if beside is None else [beside / name, beside / f"{name}.toml"]
-    for place in places:
-        if place.is_file():
-            return place
-    if NAME.fullmatch(name) or "/" not in name:
-        inside = scenario_folder() / f"{name}.toml"
-        if inside.is_file():
-            return inside
-    if name.endswith(".toml") or "/" in name:
-        raise InputError(f"{name}: no such scenario file")
-    raise InputError(
-        f"scenario {name!r}: no such file, and none of that name ships{nearest(name, shipped_scenarios())}; "
-        "`sprain-cosim scenarios` lists them"
-    )
-
-
-def _read(path: Path) -> dict[str, Any]:
-    content = read_toml(path)
-    problems = [f"unknown key {key!r}{nearest(key, KEYS)}" for key in content if key not in KEYS]
-    for key in ("components", "parameters", "connections", "master"):
-        if key in content and not isinstance(content[key], dict):
-            problems.append(f"{key}: must be a table, [{key}]")
-            content.pop(key)
-    for name, spec in content.get("components", {}).items():
-        if not NAME.fullmatch(name):
-            problems.append(f"component name {name!r}: letters, digits and _ only, beginning with a letter")
-        if not isinstance(spec, dict) or not isinstance(spec.get("fmu"), str):
-            problems.append(f'components.{name}: needs fmu = "a shipped FMU or a path"')
-            continue
-        if not isinstance(spec.get("map", ""), str):
-            problems.append(f"components.{name}.map: must be the path of a mapping file")
-        problems += [
-            f"components.{name}: unknown key {key!r}{nearest(key, ['fmu', 'map'])}"
-            for key in spec
-            if key not in ("fmu", "map")
-        ]
-    for key, value in content.get("parameters", {}).items():
-        if isinstance(value, dict):
-            problems.append(f'parameters.{key}: quote names with a dot: "{key}.{next(iter(value), "parameter")}" = ...')
-        elif not isinstance(value, (str, int, float, bool)):
-            problems.append(f'parameters.{key}: must be a number, a quantity such as "0.3 m", or a name')
-    for key, value in content.get("connections", {}).items():
-        if not isinstance(value, str):
-            problems.append(f'connections.{key}: must be "input" = "output", both as "component.variable"')
-    master = content.get("master", {})
-    problems += [f"master: unknown key {key!r}{nearest(key, MASTER_KEYS)}" for key in master if key not in MASTER_KEYS]
-    try:
-        check_scheme(master.get("scheme", "auto"))
-    except InputError as problem:
-        problems.append(f"master: {problem}")
-    if "adaptive" in master:
-        try:
-            master["adaptive"] = _share(master["adaptive"], "master.adaptive")
-        except InputError as problem:
-            problems.append(str(problem))
-    if not (isinstance(master.get("identify", 1), int) and master.get("identify", 1) >= 0):
-        problems.append(f"master.identify = {master['identify']!r}: must be a whole number of steps, 0 or more")
-    for key in ("communication_step", "stop"):
-        if key in master:
-            try:
-                master[key] = quantity(master[key], SECOND, f"master.{key}")
-            except InputError as problem:
-                problems.append(str(problem))
-    if "title" in content and not isinstance(content["title"], str):
-        problems.append("title: must be text")
-    problems_to_error(str(path), problems)
-    return content
-
-
-def _share(given: Any, what: str) -> float:
-    """0.001 or "0.1 %"; true is 0.1 %, false 0."""
-    if isinstance(given, bool):
-        return ADAPTIVE if given else 0.0
-    share = quantity(re.sub(r"\s*%", " %", given) if isinstance(given, str) else given, None, what)
-    if not 0.0 <= share < 1.0:
-        raise InputError(f"{what} = {given}: must lie between 0 and 1 (100 %)")
-    return share
-
-
-def _text(content: Mapping[str, Any], key: str, path: Path) -> str:
-    if not isinstance(content[key], str):
-        raise InputError(f"{path}: {key}: must be text")
-    return content[key]
-
-
-def _resolve(content: dict[str, Any], path: Path) -> dict[str, Any]:
-    """FMU names to files; paths are relative to the scenario's file."""
-    components = {
-        name: {
-            **spec,
-            "fmu": fmu_path(spec["fmu"], path.parent, f"{path}: components.{name}.fmu = {spec['fmu']!r}"),
-            **({"map": path.parent / spec["map"]} if "map" in spec else {}),
-        }
-        for name, spec in content.get("components", {}).items()
-    }
-    return {**content, "components": components}
-
-
-def _merge(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
-    merged = {**base, **own}
-    for key in ("components", "parameters", "connections", "master"):
-        merged[key] = {**base.get(key, {}), **own.get(key, {})}
-    return merged
-
-
 def _without_repeats(problems: list[str]) -> list[str]:
     """check() and the conversion of values both meet an unknown parameter; the first report stays."""
     kept: list[str] = []
@@ -419,3 +272,13 @@ def parse_value(text: str) -> Value:
         return float(text)
     except ValueError:
         return text
+
+
+def share(value: Any, place: str) -> float:
+    """0.001 or "0.1 %"; true is 0.1 %, false 0."""
+    if isinstance(value, bool):
+        return ADAPTIVE if value else 0.0
+    share = quantity(re.sub(r"\s*%", " %", value) if isinstance(value, str) else value, None, place)
+    if not 0.0 <= share < 1.0:
+        raise InputError(f"{place} = {value}: must lie between 0 and 1 (100 %)")
+    return share

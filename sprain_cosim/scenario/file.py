@@ -1,0 +1,214 @@
+"""Scenario files: what they may hold, and how one becomes a Scenario. A base may have a base itself."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from .. import keys
+from ..cosim.coupling import SCHEMES, check_scheme
+from ..cosim.master import Master
+from ..errors import InputError, nearest, problems_to_error
+from ..files import read_toml
+from ..shipped import fmu_path, scenario_folder, shipped_scenarios
+from .scenario import SECOND, Scenario, Value, share
+
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+
+def _given_parameter(value: Any, place: str) -> Value:
+    name = place.partition(".")[2]
+    if isinstance(value, dict):
+        raise InputError(f'{place}: quote names with a dot: "{name}.{next(iter(value), "parameter")}" = ...')
+    if not isinstance(value, str | int | float | bool):
+        raise InputError(f'{place}: must be a number, a quantity such as "0.3 m", or a name')
+    return value
+
+
+def _scheme(value: Any, place: str) -> str:
+    if not isinstance(value, str):
+        raise InputError(f"{place}: must be text")
+    try:
+        check_scheme(value)
+    except InputError as problem:
+        raise InputError(f"{place.rpartition('.')[0]}: {problem}") from None
+    return value
+
+
+VARIABLE = r"^[A-Za-z][A-Za-z0-9_]*\..+$"  # component.variable
+PARAMETERS = keys.Named(
+    '"component.parameter"',
+    keys.Value("number, text, true or false", {"type": ["number", "string", "boolean"]}, _given_parameter, "its own"),
+    VARIABLE,
+)
+NEEDS_FMU = 'needs fmu = "a shipped FMU or a path"'
+COMPONENT = keys.Table(
+    (
+        keys.Key(
+            "fmu",
+            keys.text(f"{{table}}: {NEEDS_FMU}"),
+            "a shipped FMU by name, or a path relative to this file",
+            needs=NEEDS_FMU,
+        ),
+        keys.Key("map", keys.text("{at}: must be the path of a mapping file"), "mapping file, relative to this file"),
+    ),
+    says=f"{{at}}: {NEEDS_FMU}",
+)
+MASTER = keys.Table(
+    (
+        keys.Key("communication_step", keys.measured(SECOND), "time between two exchanges of values", "0.5 ms"),
+        keys.Key("stop", keys.measured(SECOND), "end of the landing", "150 ms"),
+        keys.Key(
+            "scheme",
+            keys.Value("name", {"enum": ["auto", *SCHEMES]}, _scheme),
+            f"coupling scheme: auto, {', '.join(SCHEMES)}",
+            "auto",
+        ),
+        keys.Key(
+            "identify",
+            keys.whole(0, "{at} = {value}: must be a whole number of steps, 0 or more"),
+            "steps after which undeclared stiffness and damping are found anew; 0: at the start only",
+            "1",
+        ),
+        keys.Key(
+            "adaptive",
+            keys.Value(
+                "number, share or true",
+                {
+                    "anyOf": [
+                        {"type": "boolean"},
+                        {"type": "number", "minimum": 0, "exclusiveMaximum": 1},
+                        {"type": "string", "pattern": r"^\s*[0-9.]+([eE][-+]?[0-9]+)?\s*%?\s*$"},
+                    ]
+                },
+                share,
+            ),
+            "communication steps are divided where the residual energy exceeds this share of the energy exchanged; "
+            "true: 0.1 %",
+            "0",
+        ),
+    )
+)
+FILE = keys.File(
+    "scenario files",
+    "scenario",
+    "One landing: which FMUs, with which parameters, connected how. A scenario with a `base` says only what differs.",
+    keys.Table(
+        (
+            keys.Key(
+                "base",
+                keys.text(),
+                "the scenario that this one changes: a file beside it, or the name of one that ships",
+            ),
+            keys.Key("title", keys.text(), "heading of tables and figures", "the file's name"),
+            keys.Key(
+                "components",
+                keys.Named(
+                    "NAME",
+                    COMPONENT,
+                    f"^{NAME.pattern}$",
+                    strange="component name {quoted}: letters, digits and _ only, beginning with a letter",
+                ),
+                "one FMU under the name that parameters and connections call it by",
+            ),
+            keys.Key(
+                "parameters",
+                PARAMETERS,
+                "a number only where the parameter has no dimension, else text with the unit; enumerations by name",
+                "the FMU's start value",
+            ),
+            keys.Key(
+                "connections",
+                keys.Named(
+                    '"component.input"',
+                    keys.plain(
+                        "text",
+                        {"type": "string", "pattern": VARIABLE},
+                        lambda value: isinstance(value, str),
+                        '{at}: must be "input" = "output", both as "component.variable"',
+                    ),
+                    VARIABLE,
+                ),
+                "the output that feeds this input, as component.output",
+                "devices connect themselves by the contract's names",
+            ),
+            keys.Key("master", MASTER, "how the components are stepped"),
+        ),
+        more={"anyOf": [{"required": ["base"]}, {"required": ["components"]}]},
+    ),
+)
+
+
+def load_scenario(name: str | Path) -> Scenario:
+    """A scenario from a file or the name of one that ships. Raises InputError."""
+    path = _find(str(name))
+    content = _with_bases(path, ())
+    if not content.get("components"):
+        raise InputError(f'{path}: no components; add [components.plant] with fmu = "plant", or a base')
+    return Scenario(
+        title=content.get("title", path.stem),
+        fmus={name: spec["fmu"] for name, spec in content["components"].items()},
+        maps={name: spec["map"] for name, spec in content["components"].items() if "map" in spec},
+        parameters=content.get("parameters", {}),
+        connections=content.get("connections", {}),
+        master=Master(**content.get("master", {})),
+        source=str(path) if path.parent != scenario_folder() else path.stem,
+    )
+
+
+def _find(name: str, beside: Path | None = None) -> Path:
+    places = [Path(name)] if beside is None else [beside / name, beside / f"{name}.toml"]
+    for place in places:
+        if place.is_file():
+            return place
+    if NAME.fullmatch(name) or "/" not in name:
+        inside = scenario_folder() / f"{name}.toml"
+        if inside.is_file():
+            return inside
+    if name.endswith(".toml") or "/" in name:
+        raise InputError(f"{name}: no such scenario file")
+    raise InputError(
+        f"scenario {name!r}: no such file, and none of that name ships{nearest(name, shipped_scenarios())}; "
+        "`sprain-cosim scenarios` lists them"
+    )
+
+
+def _with_bases(path: Path, heirs: tuple[Path, ...]) -> dict[str, Any]:
+    """The content of a file on top of its base's; `heirs` are the files whose base it is. Raises InputError."""
+    content = _resolve(_read(path), path)
+    if "base" not in content:
+        return content
+    base = _find(content["base"], beside=path.parent)
+    chain = (*heirs, path.resolve())
+    if base.resolve() in chain:
+        circle = " -> ".join(p.stem for p in (*chain[chain.index(base.resolve()) :], base))
+        raise InputError(f"{path}: base {content['base']!r}: the bases form a circle ({circle}); leave one of them out")
+    return _merge(_with_bases(base, chain), content)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    problems: list[str] = []
+    content: dict[str, Any] = FILE.table.read(read_toml(path), "", problems)
+    problems_to_error(str(path), problems)
+    return content
+
+
+def _resolve(content: dict[str, Any], path: Path) -> dict[str, Any]:
+    """FMU names to files; paths are relative to the scenario's file."""
+    components = {
+        name: {
+            **spec,
+            "fmu": fmu_path(spec["fmu"], path.parent, f"{path}: components.{name}.fmu = {spec['fmu']!r}"),
+            **({"map": path.parent / spec["map"]} if "map" in spec else {}),
+        }
+        for name, spec in content.get("components", {}).items()
+    }
+    return {**content, "components": components}
+
+
+def _merge(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
+    merged = {**base, **own}
+    for key in ("components", "parameters", "connections", "master"):
+        merged[key] = {**base.get(key, {}), **own.get(key, {})}
+    return merged
