@@ -28,6 +28,9 @@ PROGRESS = click.option(
     "--progress", type=click.Choice(["auto", "plain", "json", "none"]), default="auto", show_default=True
 )
 JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
+SCHEME = click.option("--scheme", help="auto, jacobi, gauss-seidel, gauss-seidel-extrapolated, iterative, impedance.")
+STEP = click.option("--step", metavar='"0.5 ms"', help="Communication step.")
+STOP = click.option("--stop", metavar='"150 ms"', help="End of the landing.")
 ISOLATE = click.option(
     "--isolate",
     is_flag=True,
@@ -48,8 +51,9 @@ def cli() -> None:
 @click.option(
     "--set", "settings", multiple=True, metavar="COMPONENT.PARAMETER=VALUE", help='Such as plant.drop_height="0.35 m".'
 )
-@click.option("--scheme", help="auto, jacobi, gauss-seidel, gauss-seidel-extrapolated, iterative, impedance.")
-@click.option("--step", metavar='"0.5 ms"', help="Communication step.")
+@SCHEME
+@STEP
+@STOP
 @click.option(
     "--identify",
     type=click.IntRange(0),
@@ -76,6 +80,7 @@ def run(
     settings: tuple[str, ...],
     scheme: str | None,
     step: str | None,
+    stop: str | None,
     identify: int | None,
     adaptive: str | None,
     check_coupling: bool,
@@ -88,7 +93,7 @@ def run(
     from .scenario import load_scenario
 
     chosen = _changed(load_scenario(scenario), fmus, maps, settings)
-    chosen = chosen.with_master(scheme, step, identify=identify, adaptive=adaptive)
+    chosen = chosen.with_master(scheme, step, stop, identify=identify, adaptive=adaptive)
     if isolate:
         chosen = chosen.isolated()
     for warning in (*chosen.warnings, *chosen.doubts()):
@@ -133,6 +138,12 @@ def _print_table(title: str, summary: dict[str, Any], result: Any) -> None:
         click.echo(f"{label:32}{value:10.2f}  {unit:7}{1e3 * time:10.1f}")
     if result.coupling_error is not None:
         click.echo(f"{'coupling error':32}{100 * result.coupling_error:10.2f}  % of the energy exchanged")
+    for name, held in result.held.items():
+        click.echo(
+            f"{'age of a held torque':32}{held.largest_change:10.2f}  N·m     {name} is sampled every "
+            f"{1e3 * held.period:g} ms; {held.axis} torque, {100 * held.share:.0f} % of its largest, at most, from one "
+            "call to the next"
+        )
 
 
 @cli.command()
@@ -149,6 +160,9 @@ def _print_table(title: str, summary: dict[str, Any], result: Any) -> None:
 @FMUS
 @MAPS
 @click.option("--set", "settings", multiple=True, metavar="COMPONENT.PARAMETER=VALUE", help="Fix a parameter.")
+@SCHEME
+@STEP
+@STOP
 @WORKERS
 @click.option("--scheduler", metavar="ADDRESS", help="Run on Dask: tcp://host:8786, or local-cluster.")
 @click.option("--shard", metavar="K/N", help="Run the K-th of N parts; `merge` joins them.")
@@ -175,6 +189,9 @@ def study(
     fmus: tuple[str, ...],
     maps: tuple[str, ...],
     settings: tuple[str, ...],
+    scheme: str | None,
+    step: str | None,
+    stop: str | None,
     workers: int | None,
     scheduler: str | None,
     shard: str | None,
@@ -193,7 +210,7 @@ def study(
     from .study.progress import reporter
     from .study.runner import first_trajectories, part
 
-    chosen = _changed(load_study(study), fmus, maps, settings)
+    chosen = _changed(load_study(study), fmus, maps, settings).with_master(scheme, step, stop)
     if isolate:
         chosen = chosen.isolated()
     if inputs is not None:
@@ -381,6 +398,9 @@ def check(fmu: Path, mapping: Path | None, as_json: bool) -> int:
     metavar="NAME.PARAMETER=VALUE",
     help="Of one brace (soft.angle_scale=1.5) or of all (plant.drop_height=...).",
 )
+@SCHEME
+@STEP
+@STOP
 @click.option("--trials", type=click.IntRange(2), help="Landings of a study.")
 @click.option("--workers", type=click.IntRange(1), help="Worker processes of a study (default: one per core).")
 @click.option("--resume", is_flag=True, help="Continue what --out holds of a study.")
@@ -393,6 +413,9 @@ def compare(
     braces: tuple[str, ...],
     maps: tuple[str, ...],
     settings: tuple[str, ...],
+    scheme: str | None,
+    step: str | None,
+    stop: str | None,
     trials: int | None,
     workers: int | None,
     resume: bool,
@@ -415,6 +438,9 @@ def compare(
             {name: file for name, file, _ in devices},
             maps={name: mapping for name, _, mapping in devices if mapping is not None},
             settings={name: parse_value(value) for name, value in pairs},
+            scheme=scheme,
+            step=step,
+            stop=stop,
             out=out or Path("runs") / f"compare_{Path(source).stem}",
             trials=trials,
             workers=workers,

@@ -88,6 +88,12 @@ FILE = keys.File(
                 keys.measured(SECOND, above_zero=True),
                 'its own fixed step where the FMU declares none, such as "1 ms"',
             ),
+            keys.Key(
+                "continuous",
+                keys.flag(),
+                "true: its law is continuous in truth; its fixed step is only that of the tool that exported it",
+                "false",
+            ),
             keys.Key("reset", keys.flag(), "true: its reset equals a fresh instance", "false"),
             keys.Key("inputs", _signals("to", "input", INPUTS), "the input of the FMU that takes the signal"),
             keys.Key("outputs", _signals("from", "output", OUTPUTS), "the output of the FMU that is the signal"),
@@ -116,6 +122,7 @@ class Mapping:
     source: str = ""
     step: float | None = None
     reset: bool = False
+    continuous: bool = False
 
     def apply(self, component: Component) -> Component:
         """The component under the contract's names. Raises InputError with all that cannot be honoured."""
@@ -162,6 +169,7 @@ class Mapping:
         driven = replace(
             component.capabilities,
             fixed_step=self.step or component.capabilities.fixed_step,
+            continuous=self.continuous,
             reusable=self.reset or component.capabilities.reusable,
         )
         return replace(component, connectors=connectors, capabilities=driven)
@@ -220,6 +228,7 @@ def parse(text: str, source: str) -> Mapping:
         source=source,
         step=content.get("step"),
         reset=content.get("reset", False),
+        continuous=content.get("continuous", False),
     )
 
 

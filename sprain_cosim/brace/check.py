@@ -15,7 +15,7 @@ from ..contract import AXES, INPUTS, OUTPUTS, POSITIVE, plain, profile
 from ..errors import InputError
 from ..fmu import archive, cache
 from ..fmu.component import Component
-from ..fmu.element import Connector
+from ..fmu.element import Capabilities, Connector
 from ..mapping import carried, load_mapping
 from ..process import Child, Gone, Limits
 from .probe import CYCLE_SPEED, STATIC_DEG, own_step
@@ -126,12 +126,10 @@ def check_brace(fmu: Path | str, mapping: Path | str | None = None) -> Report:
             cache.forget(component.sha256)
             raise
     mapped = f" --map brace={mapping}" if mapping is not None else ""
-    own = component.capabilities.fixed_step or report.facts.get("own_step_s")
-    step = "" if own is None else f' --step "{1e3 * own * max(1, math.ceil(0.5e-3 / own - 1e-9)):g} ms"'
     if report.proposal:
         report.next_step = f"review the mapping file, then sprain-cosim check {fmu} --map FILE"
     elif report.fits:
-        report.next_step = f"sprain-cosim run incline30 --fmu brace={fmu}{mapped}{step}"
+        report.next_step = f"sprain-cosim run incline30 --fmu brace={fmu}{mapped}"
     elif not report.next_step:
         report.next_step = (
             f"correct it, then sprain-cosim check {fmu}{f' --map {mapping}' if mapping is not None else ''}"
@@ -290,7 +288,7 @@ def _measure(component: Component, axes: tuple[str, ...], active: bool, report: 
                 report.problems.append(f"{DOING[probe]}: the device {gone}{_last(child)}")
                 return
             if probe == "steps":
-                step = _judge_steps(measured[probe]["taken"], step, component.capabilities.fixed_step, report)
+                step = _judge_steps(measured[probe]["taken"], step, component.capabilities, report)
                 if not report.fits:
                     return
             elif "error" in measured[probe]:
@@ -338,7 +336,7 @@ def _last(child: Child) -> str:
     return f"; it said: {said[-1].strip()}" if said else ""
 
 
-def _judge_steps(taken: dict[str, list[float] | str], step: float, declared: float | None, report: Report) -> float:
+def _judge_steps(taken: dict[str, list[float] | str], step: float, able: Capabilities, report: Report) -> float:
     """The step to go on with: the wanted one, or one that it takes."""
     calls = {float(h): t for h, t in taken.items() if not isinstance(t, str)}
     report.facts["steps_taken_s"] = sorted(calls)
@@ -349,15 +347,14 @@ def _judge_steps(taken: dict[str, list[float] | str], step: float, declared: flo
         return step
     refused = [float(h) for h, t in taken.items() if isinstance(t, str)]
     own = min(calls)
-    if declared is not None:
-        report.notes.append(
-            f"has a fixed step of its own: communication steps are whole multiples of {1e3 * declared:g} ms"
-        )
+    if able.fixed_step is not None:
+        report.facts["own_step_s"] = able.fixed_step
+        report.notes.append(_rate(able.fixed_step, able.continuous))
     if refused and not any(_multiple(h, own) for h in refused) and all(_multiple(h, own) for h in calls):
         report.facts["own_step_s"] = own
         report.warnings.append(
             f"has a fixed step of its own that it does not declare: takes {_ms(calls)}, refuses {_ms(refused)};"
-            f' step = "{1e3 * own:g} ms" in a mapping file makes every run keep to it'
+            f' step = "{1e3 * own:g} ms" in a mapping file calls it at that rate'
         )
         report.proposal = f'step = "{1e3 * own:g} ms"   # review\n{report.proposal}'
     elif refused:
@@ -380,6 +377,19 @@ def _judge_steps(taken: dict[str, list[float] | str], step: float, declared: flo
             "held at 10 deg"
         )
     return step if any(abs(h - step) < 1e-9 for h in calls) else min(calls, key=lambda h: abs(h - step))
+
+
+def _rate(period: float, continuous: bool) -> str:
+    if continuous:
+        return (
+            f"has steps of its own of {1e3 * period:g} ms and a law that is continuous in truth: its torque is carried "
+            "on by its stiffness between its calls"
+        )
+    return (
+        f"sampled every {1e3 * period:g} ms: every run calls it at that rate and holds its torque in between; if its "
+        "law is continuous in truth and the step only that of the tool it was exported with, write continuous = true "
+        "in a mapping file"
+    )
 
 
 def _multiple(h: float, own: float) -> bool:

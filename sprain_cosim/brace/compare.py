@@ -105,6 +105,9 @@ def compare_braces(
     *,
     maps: Mapping[str, Path | str] | None = None,
     settings: Mapping[str, Value] | None = None,
+    scheme: str | None = None,
+    step: str | None = None,
+    stop: str | None = None,
     out: Path | str,
     trials: int | None = None,
     workers: int | None = None,
@@ -116,11 +119,11 @@ def compare_braces(
     command: str = "",
 ) -> Comparison:
     """`braces` {name: FMU file or name of a shipped one}; `settings` {"plant.drop_height": for all, "NAME.parameter":
-    of that brace}; `say` hears one line as each brace begins; `command` what the manifests say was typed. Writes `out`
-    and returns what it holds, also when braces failed.
+    of that brace}; `scheme`, `step` and `stop` as in Scenario.with_master, for all; `say` hears one line as each brace
+    begins; `command` what the manifests say was typed. Writes `out` and returns what it holds, also when braces failed.
 
     Raises InputError before anything has run: names, files, mappings, parameters, a folder in use."""
-    source = load(source) if isinstance(source, str) else source
+    source = (load(source) if isinstance(source, str) else source).with_master(scheme, step, stop)
     folder, limits = Path(out), limits or Limits()
     source, own = _settings(source, braces, settings or {})
     if isinstance(source, Study):

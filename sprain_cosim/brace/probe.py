@@ -179,9 +179,10 @@ def repeat(bench: Bench, h: float) -> dict[str, Any]:
 
 
 def steps(bench: Bench, h: float) -> dict[str, Any]:
-    """Which communication steps it takes; its torques call by call for 10 ms of each size, the angle held."""
+    """Which communication steps it takes, its own alone where it has one; its torques call by call for 10 ms of each
+    size, the angle held."""
     own = bench.component.capabilities.fixed_step
-    sizes = STEPS if own is None else tuple(own * k for k in (1, 2, 5, 10))
+    sizes = STEPS if own is None else (own,)
     taken: dict[str, list[float] | str] = {}
     angles = np.deg2rad([10.0 if k == 0 else 0.0 for k in range(len(bench.axes))])
     still = np.zeros(len(bench.axes))

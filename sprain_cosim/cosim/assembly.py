@@ -11,17 +11,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contract import is_impedance
+from ..contract import PLANT, is_impedance
 from ..errors import SimulationError
 from ..fmu.element import Element
 from ..fmu.instance import Instance
 from ..units import Unit
+from .hand_over import HandOver
 from .loops import make_consistent
+from .own_rate import OwnRate
+from .schedule import Rate
 
 if TYPE_CHECKING:
+    from .recorder import Recorder
     from .system import System
 
-Values = NDArray[np.float64]
+Values = NDArray[np.floating]
 Slots = NDArray[np.intp]
 NO_SLOTS: Slots = np.zeros(0, dtype=np.intp)
 
@@ -62,10 +66,13 @@ class Assembly:
     record      the part of the bus that belongs to connectors
     identified  {input of the plant: slot of the identified stiffness or damping that may feed it}
     members     in the order in which they take their steps
+    stepping    those of them that take every step
+    own_rate    the others: called at a rate of their own
     parameters, time, stop  of the present run
+    recorder    what is to be recorded while the plant passes; None where nothing is
 
-    Order of the calls: start - (transfer, advance by the scheme)* - start again, or close. After a SimulationError only
-    `close` may be called."""
+    Order of the calls: start - (transfer, advance by the scheme, call)* - start again, or close. After a
+    SimulationError only `close` may be called."""
 
     def __init__(self, system: System) -> None:
         self.system = system
@@ -77,12 +84,15 @@ class Assembly:
                 self.names.append(f"{component.name}.{name}")
                 self.units.append(component.connectors[name].unit)
         # this slot stays 0, the source of what is not handed over; after it stand the values found by identification
-        self._zero = len(self.names)
-        self.bus = np.zeros(self._zero + 1 + len(system.undeclared))
-        self.record = self.bus[: self._zero]
+        self.zero = len(self.names)
+        self.bus = np.zeros(self.zero + 1 + len(system.undeclared))
+        self.record = self.bus[: self.zero]
         self.index = {name: k for k, name in enumerate(self.names)}
-        self.identified = {name: k for k, name in enumerate(system.undeclared, self._zero + 1)}
+        self.identified = {name: k for k, name in enumerate(system.undeclared, self.zero + 1)}
         self.members: list[Member] = []
+        self.stepping: list[Member] = []
+        self.own_rate: dict[str, OwnRate] = {}
+        self.recorder: Recorder | None = None
         self.parameters: Mapping[str, float] = {}
         self.time, self.stop = 0.0, math.inf
         self._started = False
@@ -95,7 +105,8 @@ class Assembly:
             raise
         for member in self.members:
             self._connect(member)
-        self.hand_over(False)
+        self._hand_over = HandOver(self) if system.torques else None
+        self._set_rates({})
 
     def _open(self, component: Element, inputs: Sequence[str], outputs: Sequence[str], feedthrough: int) -> None:
         """Adds the component behind the members that are there; its last `feedthrough` outputs follow its inputs."""
@@ -112,16 +123,28 @@ class Assembly:
         sources = [system.connections.get(name) for name in names]
         ends = list(zip(names, sources, strict=True))
         member.connected = np.array([self.index[s] if s else self.identified[n] for n, s in ends], dtype=np.intp)
-        member.unconnected = np.where([is_impedance(n) for n in names], self._zero, member.connected).astype(np.intp)
+        member.unconnected = np.where([is_impedance(n) for n in names], self.zero, member.connected).astype(np.intp)
         links = [_link(system.find(s).unit if s else None, system.find(n).unit) for n, s in ends]
         member.factor, member.offset = np.array([f for f, _ in links]), np.array([b for _, b in links])
         member.scaled = any(link != (1.0, 0.0) for link in links)
 
+    def _set_rates(self, rates: Mapping[str, Rate]) -> None:
+        self.own_rate = {
+            m.name: OwnRate(self, m, rates[m.name], self._hand_over) for m in self.members if m.name in rates
+        }
+        self.stepping = [m for m in self.members if m.name not in rates]
+        self._carried = [own for own in self.own_rate.values() if not own.rate.sampled]
+        self.hand_over(False)
+
     def hand_over(self, on: bool) -> None:
-        """Connects stiffness and damping, or feeds zeros in their place."""
+        """Connects stiffness and damping, those of sampled members excepted, or feeds zeros in their place."""
+        held = [own.member.outputs for own in self.own_rate.values() if own.rate.sampled]
         for member in self.members:
-            member.sources = member.connected if on else member.unconnected
-            member.fed_back = bool((member.sources[member.sources < self._zero] >= member.outputs.stop).any())
+            member.sources = member.connected.copy() if on else member.unconnected
+            for outputs in held if on else ():
+                from_held = (member.sources >= outputs.start) & (member.sources < outputs.stop)
+                member.sources[from_held & (member.unconnected == self.zero)] = self.zero
+            member.fed_back = bool((member.sources[member.sources < self.zero] >= member.outputs.stop).any())
             member.inputs_set = False
 
     def watch_locals(self, patterns: Sequence[str]) -> tuple[list[str], list[Unit | None]]:
@@ -147,10 +170,22 @@ class Assembly:
         return np.concatenate([values for _, values in self._watched])
 
     def feedback_slots(self, chosen: Callable[[str], bool]) -> Slots:
-        """Slots of the inputs that `chosen` accepts by name, of members that are fed back."""
-        members = [m for m in self.members if m.fed_back]
-        slots = [k for m in members for k in range(m.inputs.start, m.inputs.stop) if chosen(self.names[k])]
+        """Slots of the inputs that `chosen` accepts by name, of members that are fed back, where what feeds them takes
+        every step."""
+        held = [own.member.outputs for own in self.own_rate.values()]
+        slots = [
+            k
+            for m in self.stepping
+            if m.fed_back
+            for k, source in zip(range(m.inputs.start, m.inputs.stop), m.sources.tolist(), strict=True)
+            if chosen(self.names[k]) and not any(outputs.start <= source < outputs.stop for outputs in held)
+        ]
         return np.array(slots, dtype=np.intp)
+
+    def factor(self, slot: int) -> float:
+        """From the slot's unit to SI, offsets apart; 1 for slots of the bus itself and for undeclared units."""
+        unit = self.units[slot] if slot < self.zero else None
+        return unit.factor if unit else 1.0
 
     def si(self, name: str) -> float:
         """The present value of a connector in SI."""
@@ -166,14 +201,18 @@ class Assembly:
             member.input_values *= member.factor
             member.input_values += member.offset
 
-    def start(self, parameters: Mapping[str, float], time: float, stop: float) -> None:
-        """Initialises all components; inputs and outputs are consistent afterwards. Raises SimulationError."""
+    def start(
+        self, parameters: Mapping[str, float], time: float, stop: float, rates: Mapping[str, Rate] | None = None
+    ) -> None:
+        """Initialises all components; inputs and outputs are consistent afterwards. `rates` are those of the members
+        that are called at a rate of their own. Raises SimulationError."""
         if self._started:
             for member in self.members:
                 member.instance.reset()
         self._started = True
         self.parameters, self.time, self.stop = parameters, time, stop
-        self.hand_over(False)
+        self.recorder = None
+        self._set_rates(rates or {})
         self.bus[:] = 0.0
         for member in self.members:
             member.instance.set_parameters(self.parameters_of(member))
@@ -185,6 +224,8 @@ class Assembly:
         for member in self.members:
             member.instance.get_outputs()
         make_consistent(self)
+        for own in self.own_rate.values():
+            own.start()
 
     def parameters_of(self, member: Member) -> dict[str, float]:
         prefix = f"{member.name}."
@@ -198,6 +239,8 @@ class Assembly:
         instance = member.instance
         if not member.inputs_set:
             instance.set_inputs()
+        if self.recorder is not None and member.name == PLANT:
+            time, step = self._pass_records(self.recorder, member, time, step)
         instance.do_step(time, step)
         if member.fed_back and member.feedthrough and not all_outputs:
             instance.get_outputs_without_feedthrough()
@@ -206,14 +249,50 @@ class Assembly:
         member.inputs_set = False
         # the square of a large finite number may overflow: then every value is tested by itself
         if not math.isfinite(member.output_values @ member.output_values):
-            for name, value in zip(self.names[member.outputs], member.output_values.tolist(), strict=True):
-                if not math.isfinite(value):
-                    raise SimulationError(f"{member.name}: {name.partition('.')[2]} = {value:g} at {time + step:.6g} s")
+            self._check_outputs(member, time + step)
 
-    def refresh_feedback(self) -> None:
+    def _pass_records(self, recorder: Recorder, plant: Member, time: float, step: float) -> tuple[float, float]:
+        """Stops the plant where something is to be recorded within its step; its torques are carried on, so that the
+        step is the same as in one piece. Returns what remains of the step: time and size [s]."""
+        end = time + step
+        rows = recorder.between(time, end)
+        for row, at in rows:
+            since = self._hand_over.motion() if self._hand_over else None
+            plant.instance.do_step(time, at - time)
+            plant.instance.get_outputs()
+            self._check_outputs(plant, at)
+            if self._hand_over and since is not None:
+                self._hand_over.carry_on(since)
+                plant.instance.set_inputs()
+                if plant.feedthrough:
+                    plant.instance.get_feedthrough_outputs()
+            recorder.write_row(row)
+            time = at
+        return (time, end - time) if rows else (time, step)
+
+    def _check_outputs(self, member: Member, time: float) -> None:
+        for name, value in zip(self.names[member.outputs], member.output_values.tolist(), strict=True):
+            if not math.isfinite(value):
+                raise SimulationError(f"{member.name}: {name.partition('.')[2]} = {value:g} at {time:.6g} s")
+
+    def call(self, names: Sequence[str]) -> None:
+        """Members with a rate of their own take their next step, up to the present point; members that are fed back
+        take their new inputs. Raises SimulationError."""
+        for name in names:
+            self.own_rate[name].call()
+        self.refresh_feedback(carry_on=False)
+
+    def carry_on(self) -> None:
+        """Moves the torques of members that are not called here on with the plant's motion."""
+        for own in self._carried:
+            own.carry_on()
+
+    def refresh_feedback(self, carry_on: bool = True) -> None:
         """After all have stepped: members that are fed back take their new inputs, and their outputs with direct
         feed-through are fetched again."""
-        for member in self.members:
+        if carry_on:
+            self.carry_on()
+        for member in self.stepping:
             if member.fed_back:
                 self.transfer(member)
                 member.instance.set_inputs()

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError, nearest
 from .assembly import Assembly
-from .energy import exchange, residual
+from .energy import Values, exchange, residual
 from .identification import Identification, Linearisation
+from .schedule import Schedule
 from .schemes.adaptive import Adaptive
 from .schemes.extrapolated import Extrapolated
 from .schemes.gauss_seidel import GaussSeidel
@@ -18,7 +19,7 @@ from .schemes.impedance import Impedance
 from .schemes.iterative import Iterative
 from .schemes.jacobi import Jacobi
 from .schemes.protocol import Scheme
-from .stability import WARNING, growth, verdict
+from .stability import WARNING, growth, own_doubts, verdict
 
 __all__ = ["SCHEMES", "Coupling", "Scheme", "begin", "check_scheme"]
 
@@ -37,30 +38,37 @@ def check_scheme(name: str) -> None:
 class Coupling:
     """The scheme of one run, started.
 
-    scheme   what couples
-    reason   why it was taken, in words
-    warning  of the stability guard and the identification; empty for none
+    scheme          what couples
+    reason          why it was taken, in words
+    warning         of the stability guard and the identification; empty for none
+    identification  of what is handed over; None where nothing is
     """
 
     scheme: Scheme
     reason: str
     warning: str
+    identification: Identification | None = None
 
-    def error(self, assembly: Assembly, record: NDArray[np.float64]) -> float | None:
-        """The coupling error of the run recorded (n, slots)."""
-        return (
-            self.scheme.error
-            if isinstance(self.scheme, Adaptive)
-            else residual(self.scheme, exchange(assembly, record))
-        )
+    def step(self, assembly: Assembly, time: float, step: float, due: Sequence[str] = ()) -> None:
+        """From one point of exchange to the next; there, the members that are `due` are called. Raises
+        SimulationError."""
+        self.scheme.step(assembly, time, step)
+        if due:
+            assembly.call(due)
+            if self.identification is not None and self.identification.update_called(due, time + step):
+                assembly.refresh_feedback(carry_on=False)
 
-    def effort(self, steps: int, step: float) -> tuple[int, float]:
-        """Communication steps taken and the smallest of them [s], for `steps` recorded steps of `step` [s]."""
-        return (
-            (self.scheme.exchanges, step / max(1, self.scheme.most))
-            if isinstance(self.scheme, Adaptive)
-            else (steps, step)
-        )
+    def error(self, assembly: Assembly, passed: Values, schedule: Schedule) -> float | None:
+        """The coupling error of a run whose values at the schedule's points were `passed` (n + 1, slots)."""
+        if isinstance(self.scheme, Adaptive) and all(own.rate.sampled for own in assembly.own_rate.values()):
+            return self.scheme.error
+        return residual(self.scheme, exchange(assembly, passed, schedule.step, schedule.due))
+
+    def effort(self, schedule: Schedule, points: int) -> tuple[int, float]:
+        """Exchanges up to this point of the schedule, and the smallest step [s] between two of them."""
+        if isinstance(self.scheme, Adaptive):
+            return self.scheme.exchanges, self.scheme.smallest
+        return points, float(schedule.step[: max(1, points)].min())
 
 
 def begin(
@@ -70,7 +78,7 @@ def begin(
     `guard` and `adaptive` as in Master. Raises InputError for a scheme that the system cannot run or, with `guard`,
     that would be unstable."""
     check_scheme(name)
-    unable = [m.name for m in assembly.members if not m.component.capabilities.state]
+    unable = [m.name for m in assembly.stepping if not m.component.capabilities.state]
     if name == Iterative.name and unable:
         raise InputError(
             f"scheme iterative: {', '.join(unable)} cannot save and restore its state; use auto, impedance or "
@@ -97,9 +105,10 @@ def begin(
         level, message = verdict(name, found, step / finest, steps * finest, others)
         if level == "refusal":
             raise InputError(message)
-        warnings = [message, found.doubt if found else ""]
+        warnings = [message, found.doubt if found else "", *own_doubts(found, step * steps)]
     scheme.start(assembly)
-    return Coupling(scheme, reason, "; ".join(w for w in warnings if w))
+    handing = identification if name == Impedance.name and identify else None
+    return Coupling(scheme, reason, "; ".join(w for w in warnings if w), handing)
 
 
 def _choose(found: Linearisation | None, states: bool, step: float, steps: int) -> tuple[str, str]:
@@ -107,6 +116,9 @@ def _choose(found: Linearisation | None, states: bool, step: float, steps: int) 
     all can repeat a step."""
     if found is None:
         return GaussSeidel.name, "no device gives the plant a torque"
+    if found.period.all():
+        periods = " and ".join(f"{1e3 * p:g} ms" for p in np.unique(found.period).tolist())
+        return GaussSeidel.name, f"every torque is sampled, every {periods}, and held in between"
     if found.declared or found.identified:
         return Impedance.name, f"{_handed_over(found)}; {found.size()} at the start"
     why = "stiffness and damping are neither declared nor to be found"

@@ -4,12 +4,15 @@ Over a communication step the plant moves by d(angle) under the torque that the 
 ends of the step, gave other torques. The residual is (mean torque applied - mean torque of the device) d(angle); its
 sum of magnitudes over the run, as a share of the sum of the magnitudes exchanged, is the run's coupling error: 0 where
 the applied torque was the device's all along. After the residual energy of S. Sadjina, L. T. Kyllingstad, S. Skjong, E.
-Pedersen, Energy conservation and power bonds in co-simulations, Eng. Comput. 33 (2017) 607-620."""
+Pedersen, Energy conservation and power bonds in co-simulations, Eng. Comput. 33 (2017) 607-620.
+
+What a sampled device holds between its calls is its torque, so the plant feels it without an error; how old it becomes
+is stated apart (result.Held)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -18,25 +21,29 @@ from numpy.typing import NDArray
 from ..contract import MOTION, impedance_input, motion_output, torque_input
 from .assembly import Assembly
 
-Values = NDArray[np.float64]
+Values = NDArray[np.floating]
 
 
 @dataclass(frozen=True)
 class Exchange:
     """What passed between devices and plant at n communication points, SI.
 
-    torque             (n, axes) of the devices on the foot
+    torque             (n, axes) of the devices on the foot, as the plant was given it
+    device             (n, axes) as the devices themselves give it
     angle, velocity    (n, axes) of the plant
     stiffness, damping (n, axes, axes) as handed over; zeros otherwise
     steps              (n - 1,) distances of the points, in any unit
+    held               (axes,) about which a sampled device holds its torque
     """
 
     torque: Values
+    device: Values
     angle: Values
     velocity: Values
     stiffness: Values
     damping: Values
     steps: Values
+    held: NDArray[np.bool_]
 
 
 class Applies(Protocol):
@@ -47,9 +54,11 @@ class Applies(Protocol):
     def applied(self, exchange: Exchange) -> Values: ...
 
 
-def exchange(assembly: Assembly, values: Values, steps: Values | None = None) -> Exchange | None:
-    """From a record (n, slots) of the assembly's bus at points `steps` (n - 1,) apart (equal ones if left out); None
-    without a device that gives a torque about an axis of the plant."""
+def exchange(
+    assembly: Assembly, values: Values, steps: Values, due: Mapping[int, Sequence[str]] | None = None
+) -> Exchange | None:
+    """From a record (n, slots) of the assembly's bus at points `steps` (n - 1,) apart, at which members with a rate of
+    their own were `due`; None without a device that gives a torque about an axis of the plant."""
     axes = list(assembly.system.torques)
     if not axes:
         return None
@@ -70,14 +79,43 @@ def exchange(assembly: Assembly, values: Values, steps: Values | None = None) ->
                 name = impedance_input(a, b, kind)
                 if name in assembly.index:
                     matrix[:, i, j] = column(name)
-    return Exchange(
-        columns(torque_input(a) for a in axes),
-        columns(motion_output(a, "stiffness") for a in axes),
-        columns(motion_output(a, "damping") for a in axes),
-        matrices["stiffness"],
-        matrices["damping"],
-        np.ones(n - 1) if steps is None else steps,
+    owners = [assembly.own_rate.get(source.partition(".")[0]) for source in assembly.system.torques.values()]
+    torque = columns(torque_input(a) for a in axes)
+    passed = Exchange(
+        torque=torque,
+        device=torque,
+        angle=columns(motion_output(a, "stiffness") for a in axes),
+        velocity=columns(motion_output(a, "damping") for a in axes),
+        stiffness=matrices["stiffness"],
+        damping=matrices["damping"],
+        steps=steps,
+        held=np.array([own is not None and own.rate.sampled for own in owners]),
     )
+    carried = {k: own.member.name for k, own in enumerate(owners) if own is not None and not own.rate.sampled}
+    return _with_calls(passed, carried, due or {}) if carried else passed
+
+
+def handed_over(passed: Exchange) -> Values:
+    """(n - 1, axes) change of each torque over each step by stiffness and damping."""
+    turned, quickened = np.diff(passed.angle, axis=0), np.diff(passed.velocity, axis=0)
+    change: Values = np.einsum("nij,nj->ni", passed.stiffness[:-1], turned)
+    change += np.einsum("nij,nj->ni", passed.damping[:-1], quickened)
+    return -change
+
+
+def _with_calls(passed: Exchange, carried: Mapping[int, str], due: Mapping[int, Sequence[str]]) -> Exchange:
+    """Torques that are carried on between the calls of a device miss its own by what shows at the next call: the
+    device's torque in between is taken to leave them in proportion to time."""
+    time = np.concatenate([[0.0], np.cumsum(passed.steps)])
+    device, change = passed.device.copy(), handed_over(passed)
+    for axis, name in carried.items():
+        last = 0
+        for point in sorted(k for k, names in due.items() if name in names and k < len(time)):
+            missed = passed.torque[point, axis] - (passed.torque[point - 1, axis] + change[point - 1, axis])
+            span = slice(last + 1, point)
+            device[span, axis] += missed * (time[span] - time[last]) / (time[point] - time[last])
+            last = point
+    return replace(passed, device=device)
 
 
 def shares(scheme: Applies, passed: Exchange | None) -> tuple[Values, Values] | None:
@@ -85,14 +123,15 @@ def shares(scheme: Applies, passed: Exchange | None) -> tuple[Values, Values] | 
     if passed is None or len(passed.torque) < 2:
         return None
     moved = np.diff(passed.angle, axis=0)
-    device = passed.torque
+    device = passed.device
     if scheme.lag:  # the last ones are not known yet: straight on
-        slope = passed.torque[-1] - passed.torque[-2]
-        device = np.vstack(
-            [passed.torque[scheme.lag :], [passed.torque[-1] + (k + 1) * slope for k in range(scheme.lag)]]
-        )
-    mean = 0.5 * (device[1:] + device[:-1])
-    return np.abs(((scheme.applied(passed) - mean) * moved).sum(axis=1)), np.abs(mean * moved).sum(axis=1)
+        slope = device[-1] - device[-2]
+        device = np.vstack([device[scheme.lag :], [device[-1] + (k + 1) * slope for k in range(scheme.lag)]])
+    mean, applied = 0.5 * (device[1:] + device[:-1]), scheme.applied(passed)
+    if passed.held.any():
+        for torque in (mean, applied):
+            torque[:, passed.held] = passed.torque[:-1, passed.held]
+    return np.abs(((applied - mean) * moved).sum(axis=1)), np.abs(mean * moved).sum(axis=1)
 
 
 def residual(scheme: Applies, passed: Exchange | None) -> float | None:

@@ -5,12 +5,15 @@ One input of a device is moved at a time, and the slope of its torques is read o
     direct    outputs follow inputs at once: no step is taken
     step      over one step, repeated from a saved state
     start     over the first step of a second instance; only once, so held over the run
-A stiffness is the secant over the angle that the plant is about to turn by, a damping the tangent.
+A stiffness is the secant over the angle that the plant is about to turn by, a damping the tangent. The step is that of
+the device: the communication step, or its own period. A sampled device hands nothing over: its stiffness and damping
+are found once, for the stability of what it does itself.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from operator import mul
 from typing import Any
@@ -42,6 +45,7 @@ class Linearisation:
     stiffness, damping      (d, d) that their torques show where they can be found, else as declared
     handed_stiffness, handed_damping  (d, d) that a scheme can hand over: declared or identified
     inertia                 (d,) effective inertia of the plant; None where the plant has no such outputs
+    period                  (d,) [s] of devices that are sampled and held in between; 0 for others
     declared                the outputs that declare
     identified              what was found by finite differences, and how, in words
     doubt                   a sentence about what is declared but not true, or cannot be found
@@ -53,6 +57,7 @@ class Linearisation:
     handed_stiffness: Matrix
     handed_damping: Matrix
     inertia: Matrix | None
+    period: Matrix
     declared: tuple[str, ...] = ()
     identified: tuple[str, ...] = ()
     doubt: str = ""
@@ -87,20 +92,31 @@ class Identification:
             if rows:
                 self._devices.append(_Device(assembly, member, self.axes, rows))
         self.linearisation = self._at_start(step) if self._devices else None
-        self._repeated = [device for device in self._devices if device.targets and device.constant is None]
+        repeated = [device for device in self._devices if device.targets and device.constant is None]
+        self._repeated = [device for device in repeated if device.member.name not in assembly.own_rate]
+        self._called = {device.member.name: device for device in repeated if device.member.name in assembly.own_rate}
 
     def update(self, time: float, step: float) -> bool:
         """Finds what is not declared anew, at the present values of the bus and over a step of that size, for devices
-        whose torques have changed otherwise than the last numbers predict. The plant's inputs are left to be
-        transferred; False where nothing was found."""
-        found = False
-        for device in self._repeated:
-            if device.has_drifted():
-                slopes = device.repeat(time, step)
-                if np.isfinite(slopes).all():  # else the coming step will fail and say where
-                    device.write(slopes)
-                    found = True
-        return found
+        that take every step and whose torques have changed otherwise than the last numbers predict. The plant's inputs
+        are left to be transferred; False where nothing was found."""
+        return sum(self._renew(device, time, step) for device in self._repeated) > 0
+
+    def update_called(self, names: Sequence[str], time: float) -> bool:
+        """The same for devices with a rate of their own, after their call at `time`."""
+        own = self.assembly.own_rate
+        due = [n for n in names if n in self._called and time + own[n].rate.period * (1.0 - 1e-6) <= self.assembly.stop]
+        return sum(self._renew(self._called[n], time, own[n].rate.period) for n in due) > 0
+
+    @staticmethod
+    def _renew(device: _Device, time: float, span: float) -> bool:
+        if not device.has_drifted():
+            return False
+        slopes = device.repeat(time, span)
+        if not np.isfinite(slopes).all():  # the coming step will fail and say where
+            return False
+        device.write(slopes)
+        return True
 
     @property
     def recent(self) -> list[Recent]:
@@ -114,10 +130,13 @@ class Identification:
 
     def _at_start(self, step: float) -> Linearisation:
         assembly, axes, d = self.assembly, self.axes, len(self.axes)
-        found = _Findings(np.zeros((2, d, d)), np.zeros((2, d, d)))
+        found, period = _Findings(np.zeros((2, d, d)), np.zeros((2, d, d))), np.zeros(d)
         for device in self._devices:
-            slopes = np.nan_to_num(device.linearise(assembly.time, step), nan=0.0, posinf=0.0, neginf=0.0)
+            span = device.period or step
+            slopes = np.nan_to_num(device.linearise(assembly.time, span), nan=0.0, posinf=0.0, neginf=0.0)
             device.write(slopes)
+            if device.sampled:
+                period[device.rows] = span
             for kind in range(len(KINDS)):
                 for row in device.rows:
                     self._compare(device, kind, row, slopes, found)
@@ -133,6 +152,7 @@ class Identification:
             handed_stiffness=found.handed[0],
             handed_damping=found.handed[1],
             inertia=np.array([assembly.si(n) for n in inertia]) if set(inertia) <= set(assembly.index) else None,
+            period=period,
             declared=tuple(found.declared),
             identified=tuple(found.identified),
             doubt="; ".join(found.doubts),
@@ -145,13 +165,16 @@ class Identification:
         found.shown[kind, row] = slopes[kind, row]
         if own not in connections:
             return
-        found.declared.append(connections[own])
+        if not device.sampled:
+            found.declared.append(connections[own])
         names = [impedance_input(axes[row], other, KINDS[kind]) for other in axes]
-        found.handed[kind, row] = [assembly.si(connections[n]) if n in connections else 0.0 for n in names]
+        stated = np.array([assembly.si(connections[n]) if n in connections else 0.0 for n in names])
+        if not device.sampled:
+            found.handed[kind, row] = stated
         if not device.answers:
-            found.shown[kind, row] = found.handed[kind, row]
+            found.shown[kind, row] = stated
             return
-        declared, shown = found.handed[kind, row, row], found.shown[kind, row, row]
+        declared, shown = stated[row], found.shown[kind, row, row]
         tolerance = max(0.5 * abs(shown), 0.02 * np.abs(found.shown[kind]).max(), 1e-3)
         if any(c.axis == row and c.kind == kind for c in device.columns) and abs(declared - shown) > tolerance:
             found.doubts.append(
@@ -215,6 +238,9 @@ class _Device:
     columns       the outputs of the plant that it reads
     targets       the slots for what it does not declare
     ways          by column, how its slopes are found
+    incomplete    it does not declare all stiffness and damping about its axes
+    period        [s] of its own; None where it takes every step
+    sampled       its torques are held between its calls, so it hands nothing over
     answers       its torques follow its inputs directly
     inaccessible  no probe can reach its law
     constant      the slopes that were found once and for all; None where they are found again along the run
@@ -223,6 +249,9 @@ class _Device:
 
     def __init__(self, assembly: Assembly, member: Member, axes: tuple[str, ...], rows: list[int]) -> None:
         self.assembly, self.member, self.axes, self.rows = assembly, member, axes, rows
+        own = assembly.own_rate.get(member.name)
+        self.period = own.rate.period if own else None
+        self.sampled = own is not None and own.rate.sampled
         system, index = assembly.system, assembly.index
         self._torques = [index[system.torques[axes[row]]] for row in rows]
         self._factors = np.array([_factor(assembly, k) for k in self._torques])
@@ -233,13 +262,14 @@ class _Device:
             for k, axis in enumerate(axes)
             if (name := motion_output(axis, impedance)) in read
         ]
-        self.targets = [
+        targets = [
             _Target(slot, kind, row, column)
             for kind, impedance in enumerate(KINDS)
             for row in rows
             for column in range(len(axes))
             if (slot := assembly.identified.get(impedance_input(axes[row], axes[column], impedance))) is not None
         ]
+        self.incomplete, self.targets = bool(targets), [] if self.sampled else targets
         self._law = np.array([c.slot for c in self.columns] + self._torques, dtype=np.intp)
         self.recent: Recent = ([], [])
         self.ways = [DIRECT] * len(self.columns)
@@ -258,7 +288,7 @@ class _Device:
         slopes = self._probe(DIRECT, self.columns, time, span)
         moves = [bool(slopes[c.kind][self.rows, c.axis].any()) for c in self.columns]
         self.answers = any(moves)
-        if not self.targets or all(moves):
+        if not self.incomplete or all(moves):
             return slopes
         still = [c for c, moved in zip(self.columns, moves, strict=True) if not moved]
         if self.member.component.capabilities.state:

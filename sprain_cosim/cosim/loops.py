@@ -21,7 +21,7 @@ MAX_ROUNDS = 20
 CONSISTENT = 1e-12  # relative to the larger of 1 and the value
 FAR = 1e9
 
-Values = NDArray[np.float64]
+Values = NDArray[np.floating]
 
 
 def make_consistent(assembly: Assembly) -> None:

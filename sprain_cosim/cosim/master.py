@@ -1,9 +1,12 @@
 """The master algorithm: drives a system through time.
 
-    start all components until their values agree, record k = 0
-    for k = 0, 1, ... n-1:  t = start + k * communication_step
-        the scheme takes every component from t to t + communication_step
-        record k + 1
+    start all components until their values agree
+    for every point of exchange but the last:  the communication points, start + k * communication_step, and the times
+                                               at which a component with a rate of its own is due (schedule.py)
+        the scheme takes every other component to the next point
+        the components that are due there take their step
+
+The record lies on a grid of its own, min(communication step, 0.5 ms), which the plant passes through.
 
 Failure policy: a scheme that would be unstable with this device is refused before the first step (InputError). An FMI
 error or a value that is not finite ends the run with status `failed` and a message that names component, call or
@@ -23,7 +26,9 @@ import numpy as np
 from ..errors import InputError, SimulationError, SimulationStopped, StepDiscarded
 from .assembly import Assembly
 from .coupling import begin
+from .recorder import Recorder
 from .result import Result
+from .schedule import schedule
 
 
 @dataclass(frozen=True)
@@ -84,43 +89,43 @@ class Master:
 
     def _run(self, assembly: Assembly, parameters: Mapping[str, float]) -> Result:
         began = perf_counter()
-        n, h = self.steps, self.communication_step
-        record = np.empty((n + 1, len(assembly.names)))
-        more, their_units = assembly.watch_locals(self.record) if self.record else ([], [])
-        seen = np.empty((n + 1, len(more)))
-        coupling, done, status, message = None, 0, "completed", ""
+        plan = schedule(assembly.system.components, self.start, self.communication_step, self.steps)
+        coupling, points, status, message = None, 0, "completed", ""
+        recorder: Recorder | None = None
         try:
-            assembly.start(parameters, self.start, self.stop)
-            coupling = begin(self.scheme, assembly, h, n, self.identify, self.guard, self.adaptive)
-            scheme = coupling.scheme
-            record[0] = assembly.record
-            if more:
-                seen[0] = assembly.local_values()
-            done = 1
-            for k in range(n):
-                scheme.step(assembly, self.start + k * h, h)
-                record[k + 1] = assembly.record
-                if more:
-                    seen[k + 1] = assembly.local_values()
-                done = k + 2
+            assembly.start(parameters, self.start, self.stop, plan.rates)
+            recorder = Recorder(assembly, plan, self.record)
+            coupling = begin(
+                self.scheme, assembly, self.communication_step, self.steps, self.identify, self.guard, self.adaptive
+            )
+            recorder.write(0)
+            times, sizes = plan.time.tolist(), plan.step.tolist()
+            for k, (time, step) in enumerate(zip(times, sizes, strict=False)):
+                coupling.step(assembly, time, step, plan.due.get(k + 1, ()))
+                points = k + 1
+                recorder.write(points)
         except StepDiscarded:
             raise
         except SimulationStopped as end:
             status, message = "stopped", str(end)
         except SimulationError as problem:
             status, message = "failed", str(problem)
-        exchanges, smallest = coupling.effort(max(0, done - 1), h) if coupling else (0, h)
+        values = recorder.values() if recorder else np.empty((0, len(assembly.names)))
+        exchanges, smallest = coupling.effort(plan, points) if coupling else (0, self.communication_step)
+        error = coupling.error(assembly, recorder.passed, plan) if coupling and recorder and not message else None
+        held = {name: held for name, own in assembly.own_rate.items() if (held := own.held()) is not None}
         return Result(
-            time=self.start + h * np.arange(done),
-            values=np.hstack([record[:done], seen[:done]]) if more else record[:done],
-            names=(*assembly.names, *more),
-            units=(*assembly.units, *their_units),
+            time=plan.record[: len(values)],
+            values=values,
+            names=recorder.names if recorder else tuple(assembly.names),
+            units=recorder.units if recorder else tuple(assembly.units),
             status=status,
             message=message,
             scheme=coupling.scheme.name if coupling else self.scheme,
             scheme_reason=coupling.reason if coupling else "",
             warning=coupling.warning if coupling else "",
-            coupling_error=None if message or not coupling else coupling.error(assembly, record),
+            coupling_error=error,
+            held=held,
             exchanges=exchanges,
             smallest_step=smallest,
             parameters=dict(parameters),

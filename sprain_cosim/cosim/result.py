@@ -18,6 +18,22 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
+class Held:
+    """How old the torques of a sampled device become between two of its calls.
+
+    period          [s] of its calls
+    largest_change  [N.m] of a torque from one call to the next
+    share           of that torque's largest magnitude
+    axis            of that torque
+    """
+
+    period: float
+    largest_change: float
+    share: float
+    axis: str
+
+
+@dataclass(frozen=True)
 class Result:
     """One run.
 
@@ -33,9 +49,11 @@ class Result:
     warning         of the stability guard; empty for none
     parameters      those that were set, in their own units
     coupling_error  the residual energy as a share of the exchanged energy; None where nothing was exchanged
+    held            {component: Held} of devices whose torques are held between their calls
     wall            wall time [s]
-    exchanges       communication steps taken
-    smallest_step   of those [s]; shorter than the record's under an adaptive step
+    exchanges       steps of the coupling taken
+    smallest_step   of those [s]; shorter than the communication step under an adaptive step, and where a component
+                    with a rate of its own is due between two communication points
     """
 
     time: np.ndarray
@@ -49,6 +67,7 @@ class Result:
     warning: str = ""
     parameters: dict[str, float] = field(default_factory=dict)
     coupling_error: float | None = None
+    held: dict[str, Held] = field(default_factory=dict)
     wall: float = 0.0
     exchanges: int = 0
     smallest_step: float = 0.0

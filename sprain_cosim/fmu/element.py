@@ -89,6 +89,7 @@ class Capabilities:
     shared_modules    its Python modules have names that another FMU's may have as well: it needs a process of its own
     single            one instance per process
     variable_step     the communication step may change during a run
+    continuous        its law is continuous in truth, though it has a fixed step; a mapping file says so
     event_mode        an FMI 3 FMU uses event mode
     early_return      an FMI 3 FMU may return before the end of a step
     """
@@ -104,6 +105,7 @@ class Capabilities:
     shared_modules: bool = False
     single: bool = False
     variable_step: bool = True
+    continuous: bool = False
     event_mode: bool = False
     early_return: bool = False
 

@@ -31,6 +31,15 @@ def summary(scenario: Scenario, result: Result) -> dict[str, Any]:
         "scheme_reason": result.scheme_reason,
         "warning": result.warning,
         "communication_step_s": scenario.master.communication_step,
+        "held": {
+            name: {
+                "period_s": held.period,
+                "largest_change_Nm": held.largest_change,
+                "share": held.share,
+                "axis": held.axis,
+            }
+            for name, held in result.held.items()
+        },
         "exchanges": result.exchanges,
         "smallest_step_s": result.smallest_step,
         "fmus": {name: path.name for name, path in scenario.fmus.items()},

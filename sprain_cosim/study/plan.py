@@ -329,6 +329,12 @@ class Plan:
             grid={},
         )
 
+    def with_master(
+        self, scheme: str | None = None, communication_step: str | None = None, stop: str | None = None
+    ) -> Self:
+        """The same study with other settings of the master, as Scenario.with_master. Raises InputError."""
+        return replace(self, scenario=self.scenario.with_master(scheme, communication_step, stop))
+
     def isolated(self) -> Self:
         """The same with every FMU in a process of its own beside its worker."""
         return replace(self, scenario=self.scenario.isolated())

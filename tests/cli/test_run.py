@@ -230,15 +230,39 @@ def test_a_run_that_a_device_ends_is_stopped(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
-def test_a_step_the_device_cannot_take(tmp_path: Path) -> None:
-    fmu = make_fmu(tmp_path, "slow", brace_variables(), "def step(self, time, step):\n    pass", "FIXED_STEP = 0.001")
-    refused(
-        call("run", "incline30", "--fmu", f"brace={fmu}"),
-        2,
-        "brace takes only whole multiples of its own 1 ms",
-        "use 1 ms or 2 ms",
-    )
-    assert call("run", "incline30", "--fmu", f"brace={fmu}", "--step", "1 ms").returncode == 0
+def test_a_device_with_a_step_of_its_own_is_called_at_its_rate(tmp_path: Path) -> None:
+    """Whatever --step says; the age of its torque stands beside the coupling error, also at half the step."""
+    law = 'def step(self, time, step):\n    self["subtalar_torque"] = -self["k"] * self["subtalar_angle"]\n'
+    fmu = make_fmu(tmp_path, "slow", brace_variables(), law, "FIXED_STEP = 0.005")
+    arguments = ("run", "incline30", "--fmu", f"brace={fmu}", "--check-coupling")
+    usual, coarse = call(*arguments, "--json"), call(*arguments, "--json", "--step", "10 ms", "--stop", "0.15 s")
+    assert (usual.returncode, coarse.returncode) == (0, 0), usual.stderr + coarse.stderr
+    usual, coarse = json.loads(usual.stdout), json.loads(coarse.stdout)
+    assert usual["held"]["brace"]["period_s"] == coarse["held"]["brace"]["period_s"] == 0.005
+    assert 0.1 < usual["held"]["brace"]["share"] < 1.0
+    assert coarse["metrics"]["peak_vertical_grf_N"] == pytest.approx(usual["metrics"]["peak_vertical_grf_N"], rel=1e-3)
+    assert abs(usual["coupling_check"]["peak_subtalar_angle_deg"]) < 0.05
+    text = call(*arguments[:-1]).stdout
+    assert "brace is sampled every 5 ms" in text
+
+
+@pytest.mark.parametrize("command", ["run", "study", "compare"])
+def test_the_master_s_settings_are_the_same_for_run_study_and_compare(command: str, tmp_path: Path) -> None:
+    """--step, --stop and --scheme; a wrong one is refused before anything runs."""
+    what = ["study2", "--trials", "1", "--workers", "1"] if command == "study" else ["incline30"]
+    more = ["--brace", "soft=brace_linear"] if command == "compare" else []
+    refused(call(command, *what, *more, "--scheme", "jacoby"), 2, "did you mean jacobi?")
+    refused(call(command, *what, *more, "--step", "7 m"), 2, "communication step")
+    out = tmp_path / "out"
+    settings = ("--step", "1 ms", "--stop", "20 ms", "--scheme", "gauss-seidel")
+    done = call(command, *what, *more, *settings, "--out", str(out))
+    assert done.returncode == 0, done.stderr
+    if command == "study":
+        return
+    folders = [out] if command == "run" else [out / "none", out / "soft"]
+    for folder in folders:
+        summary = json.loads((folder / "summary.json").read_text())
+        assert (summary["scheme"], summary["communication_step_s"], summary["exchanges"]) == ("gauss-seidel", 1e-3, 20)
 
 
 def test_an_input_fed_twice(tmp_path: Path) -> None:

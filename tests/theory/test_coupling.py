@@ -230,10 +230,11 @@ def test_the_iteration_holds_where_plain_substitution_diverges(stiffness: float,
         System(parts, connect(parts, {})[0]).open(), {}
     )
     assert result.status == "completed", result.message
-    assert np.abs(result["plant.subtalar_angle"]).max() <= 1.001 * START[0]
+    points = result["plant.subtalar_angle"][:: round(step / 5e-4)]  # between them it is a parabola
+    assert np.abs(points).max() <= 1.001 * START[0]
     assert result.coupling_error < 1e-4
     steps = sum(line.startswith("do_step") for line in brace.journal)
-    assert steps <= 4 * (len(result.time) - 1)
+    assert steps <= 4 * result.exchanges
 
 
 PUBLISHED = {"plant.initial_pose": "published", "plant.fibre_start": "as_published"}
@@ -432,7 +433,7 @@ def test_stiff_linear_braces_on_the_real_plant(stiffness: float, damping: float,
 
 
 def test_a_device_with_a_smaller_step_of_its_own(tmp_path) -> None:
-    """0.1 ms under a 0.5 ms master: five steps of its own in each, at the right times."""
+    """0.1 ms under a 0.5 ms master: a hundred steps of its own in 10 ms, at the right times."""
     counting = """
         count = 0
 

@@ -121,12 +121,15 @@ def test_a_device_that_matches_nothing_is_named() -> None:
     ("own", "asked", "fits"),
     [(1e-3, 1e-3, True), (1e-3, 2e-3, True), (1e-3, 5e-4, False), (1e-3, 2.5e-3, False), (1e-4, 5e-4, True)],
 )
-def test_a_fixed_step_takes_whole_multiples(own: float, asked: float, fits: bool) -> None:
-    stiff = device("subtalar", capabilities=Capabilities("2.0", fixed_step=own))
-    parts = (plant(), stiff)
+def test_a_plant_with_a_fixed_step_takes_whole_multiples(own: float, asked: float, fits: bool) -> None:
+    """A device with one is called at its own rate (test_schedule.py)."""
+    able = Capabilities("2.0", fixed_step=own)
+    parts = (plant(capabilities=able), device("subtalar"))
     problems = System(parts, connect(parts, {})[0]).check(asked)
     assert (not problems) == fits
-    assert fits or ("brace" in problems[0] and f"{1e3 * own:g} ms" in problems[0])
+    assert fits or ("plant" in problems[0] and f"{1e3 * own:g} ms" in problems[0])
+    parts = (plant(), device("subtalar", capabilities=able))
+    assert not System(parts, connect(parts, {})[0]).check(asked)
 
 
 def test_units_are_converted_on_the_wire() -> None:

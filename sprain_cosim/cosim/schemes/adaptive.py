@@ -15,6 +15,7 @@ import numpy as np
 from ...errors import InputError
 from ..assembly import Assembly
 from ..energy import Exchange, Values, exchange, shares
+from ..schedule import is_multiple
 from .iterative import Iterative
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ class Adaptive:
 
     tolerance  the share of the exchanged energy that the run's residual may reach
     exchanges  steps of the scheme so far, over all parts
-    most       parts of a communication step so far
+    smallest   of those [s]
 
     A step's residual is held against the mean of what it exchanges itself and what the steps before it exchanged on
     average, so that steps around a turning point, which exchange nothing, are not divided without end."""
@@ -44,7 +45,7 @@ class Adaptive:
             )
         rigid = [
             m.name
-            for m in assembly.members
+            for m in assembly.stepping
             if not m.component.capabilities.variable_step and m.component.capabilities.fixed_step is None
         ]
         if rigid:
@@ -53,10 +54,11 @@ class Adaptive:
             )
         self.scheme, self.tolerance = scheme, tolerance
         self.name, self.lag, self.order = scheme.name, scheme.lag, scheme.order
-        self.saves = all(m.component.capabilities.state for m in assembly.members)
-        self.allowed = [n for n in PARTS if not assembly.system.check_step(step / n)]
+        self.saves = all(m.component.capabilities.state for m in assembly.stepping)
+        own = [s for m in assembly.stepping if (s := m.component.capabilities.fixed_step) is not None]
+        self.allowed = [n for n in PARTS if all(is_multiple(step / n, s) for s in own)]
         self.parts = 1 if self.saves else max(n for n in self.allowed if n <= FIRST_UNSAVED)
-        self.exchanges, self.most = 0, 0
+        self.exchanges, self.smallest = 0, step
         self._residual = self._exchanged = 0.0
         self._steps = 0
         self._before: tuple[Values, float] | None = None
@@ -70,7 +72,7 @@ class Adaptive:
         self.scheme.start(assembly)
 
     def step(self, assembly: Assembly, time: float, step: float) -> None:
-        states = [(m, m.instance.save_state()) for m in assembly.members] if self.saves else []
+        states = [(m, m.instance.save_state()) for m in assembly.stepping] if self.saves else []
         bus, memory = assembly.bus.copy(), self.scheme.save()
         try:
             while True:
@@ -93,28 +95,31 @@ class Adaptive:
         self._residual += residual
         self._exchanged += exchanged
         self._steps += 1
-        self.exchanges, self.most = self.exchanges + n, max(self.most, n)
+        self.exchanges, self.smallest = self.exchanges + n, min(self.smallest, step / n)
         self.parts = self._number(n, residual, allowed, least=(n + 1) // 2)
 
     def applied(self, exchange: Exchange) -> Values:
         return self.scheme.applied(exchange)
 
     def save(self) -> Any:
-        counts = self.parts, self.exchanges, self.most
+        counts = self.parts, self.exchanges, self.smallest
         return self.scheme.save(), counts, (self._residual, self._exchanged, self._steps, self._before)
 
     def restore(self, memory: Any) -> None:
-        inner, (self.parts, self.exchanges, self.most), sums = memory
+        inner, (self.parts, self.exchanges, self.smallest), sums = memory
         self.scheme.restore(inner)
         self._residual, self._exchanged, self._steps, self._before = sums
 
     def _divided(self, assembly: Assembly, time: float, step: float, n: int) -> tuple[float, float, Values]:
         """Takes the step in `n` parts: its residual and exchanged energy [J], and the record before the last part."""
-        rows, sizes = [assembly.record.copy()], list[float]()
+        rows: list[Values] = [assembly.record.copy()]
+        sizes: list[float] = []
         if self._before is not None:
             rows, sizes = [self._before[0], *rows], [self._before[1]]
         for k in range(n):
             self.scheme.step(assembly, time + k * step / n, step / n)
+            if assembly.recorder is not None:
+                assembly.recorder.write_at(time + (k + 1) * step / n)
             rows.append(assembly.record.copy())
             sizes.append(step / n)
         found = shares(self.scheme, exchange(assembly, np.array(rows), np.array(sizes)))

@@ -28,7 +28,7 @@ class Extrapolated:
         if self._before is not None:
             assembly.bus[self._slots] = now + 0.5 * step / self._last_step * (now - self._before)
         self._before, self._last_step = now, step
-        for member in assembly.members:
+        for member in assembly.stepping:
             if member.fed_back:
                 member.inputs_set = False  # those on the bus are the extrapolated ones
             else:

@@ -17,7 +17,7 @@ class GaussSeidel:
         pass
 
     def step(self, assembly: Assembly, time: float, step: float) -> None:
-        for member in assembly.members:
+        for member in assembly.stepping:
             if not member.inputs_set:
                 assembly.transfer(member)
             assembly.advance(member, time, step)

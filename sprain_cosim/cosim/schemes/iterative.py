@@ -31,7 +31,7 @@ class Iterative:
         bus, slots = assembly.bus, self._slots
         now, start = bus[slots].copy(), bus.copy()
         guess = now if self._before is None else 2.0 * now - self._before
-        states = [(member, member.instance.save_state()) for member in assembly.members]
+        states = [(member, member.instance.save_state()) for member in assembly.stepping]
         last: tuple[np.ndarray, np.ndarray] | None = None
         try:
             for k in range(MAX_ITERATIONS):
@@ -61,7 +61,7 @@ class Iterative:
     @staticmethod
     def _advance(assembly: Assembly, time: float, step: float) -> None:
         """With the torques that stand on the bus."""
-        for member in assembly.members:
+        for member in assembly.stepping:
             if member.fed_back:
                 member.inputs_set = False
             else:

@@ -18,9 +18,10 @@ class Jacobi:
         pass
 
     def step(self, assembly: Assembly, time: float, step: float) -> None:
-        for member in assembly.members:
+        for member in assembly.stepping:
             assembly.advance(member, time, step, all_outputs=True)
-        for member in assembly.members:
+        assembly.carry_on()
+        for member in assembly.stepping:
             assembly.transfer(member)
 
     def applied(self, exchange: Exchange) -> Values:
