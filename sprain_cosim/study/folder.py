@@ -7,6 +7,7 @@ import json
 import platform
 import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -19,7 +20,8 @@ from ..errors import EnvironmentProblem, InputError
 from ..files import read_json, sweep, whole, write, write_json
 from .codec import decode
 from .ledger import FILE, LOCK, RESUME, Ledger
-from .plan import Plan
+from .originals import restored
+from .plan import Plan, digest_of
 from .summary import FILE as SUMMARY
 from .summary import StudySummary
 
@@ -54,8 +56,10 @@ def described(folder: Path, ledger: Ledger) -> Plan:
 
 
 def load(folder: Path, ledger: Ledger) -> Plan:
-    """The study that a ledger was made with. Raises InputError when one of its files is gone or has changed."""
+    """The study that a ledger was made with, from the copies of its files where those have changed. Raises InputError
+    when there is no copy of a file that is gone or has changed."""
     study = described(folder, ledger)
+    study = replace(study, scenario=restored(study.scenario, json.loads(ledger.facts["identity"])))
     for name, path in (*study.scenario.fmus.items(), *study.scenario.maps.items()):
         if not path.is_file():
             raise InputError(f"{folder}: was made with {name} = {path}, which is gone; put it back")
@@ -80,17 +84,16 @@ def _differences(before: Any, now: Any) -> list[str]:
     return [f"{before} then, {now} now"]
 
 
-def manifest(study: Plan, command: str, before: Mapping[str, Any]) -> dict[str, Any]:
+def manifest(study: Plan, command: str, before: Mapping[str, Any], identity: Mapping[str, Any]) -> dict[str, Any]:
     """With what the study was run. `before` is the manifest that stands in the folder, {} for none: it keeps when the
     study began."""
-    identity = study.identity
     return {
         "versions": {"sprain-cosim": __version__, "python": platform.python_version()}
         | {name: _version(name) for name in PACKAGES},
         "fmus": {
             name: {"file": str(path), "sha256": identity["fmus"][name]} for name, path in study.scenario.fmus.items()
         },
-        "study_digest": study.digest,
+        "study_digest": digest_of(identity),
         "seed": study.seed,
         "platform": platform.platform(),
         "command": command,
@@ -107,15 +110,15 @@ def _version(package: str) -> str | None:
         return None
 
 
-def begin(folder: Path, study: Plan, command: str) -> None:
-    """study.toml and manifest.json."""
+def begin(folder: Path, study: Plan, command: str, identity: Mapping[str, Any]) -> None:
+    """study.toml and manifest.json, which says what `identity` the study has."""
     sweep(folder)
     try:
         before = read_json(folder / "manifest.json")
     except InputError:
         before = {}
     write(folder / "study.toml", study.text, RESUME)
-    write(folder / "manifest.json", json.dumps(manifest(study, command, before), indent=2) + "\n", RESUME)
+    write(folder / "manifest.json", json.dumps(manifest(study, command, before, identity), indent=2) + "\n", RESUME)
 
 
 def tables(study: Plan, ledger: Ledger, wanted: np.ndarray | None) -> tuple[pd.DataFrame, pd.DataFrame]:

@@ -33,6 +33,11 @@ IMPOSSIBLE = 1e-6  # a marginal may lie outside its parameter's range with at mo
 TOLERANCE = 1e-3  # of searches, in standard deviations of the response: a landing's own noise is 1e-4 of them
 
 
+def digest_of(identity: Mapping[str, Any]) -> str:
+    """The SHA-256 of an identity."""
+    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+
+
 @dataclass(frozen=True)
 class Plan:
     """What is varied and asked. `sample()` gives the trials of a method that draws them, `search()` runs one that
@@ -206,7 +211,7 @@ class Plan:
 
     @property
     def digest(self) -> str:
-        return hashlib.sha256(json.dumps(self.identity, sort_keys=True).encode()).hexdigest()
+        return digest_of(self.identity)
 
     def checked(self) -> Self:
         """Itself. Raises InputError with all problems: names, samples outside a parameter's range, sizes,

@@ -82,7 +82,7 @@ def reproduce(
     target = out or folder.with_name(f"{folder.resolve().name}-again")
     if target.resolve() == folder.resolve():
         raise InputError(f"{target}: is the study's own folder; name a new one with --out")
-    now = studyfolder.manifest(study, "", {})
+    now = studyfolder.manifest(study, "", {}, study.identity)
     done = run(
         study,
         out=target,

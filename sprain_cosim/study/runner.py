@@ -27,6 +27,7 @@ from ..errors import EnvironmentProblem, InputError, SimulationError, nearest
 from ..process import Limits
 from ..uq.distributions import Array
 from . import folder as studyfolder
+from . import originals
 from .backends.backend import Task
 from .backends.choice import open_backend
 from .codec import encode
@@ -109,31 +110,33 @@ def run(
     if folder is not None:
         studyfolder.check(folder, resume)
     began = perf_counter()
+    held = replace(study, scenario=originals.kept(study.scenario))
     first = ALL if study.method in SEARCHES and study.method != "sobol-indices" else trajectories
     wanted = None if study.method in SEARCHES else _numbers(study, shard)
     ledger: Ledger | None = None
     try:
         request = _request(study, wanted, shard, first, parquet)
         if folder is not None and (folder / LEDGER).exists():
-            ledger = _ledger(study, folder)
+            ledger = _ledger(study, held, folder)
             done = _done(study, ledger, folder, request, wanted, max_failed, progress)
             if done is not None:
                 return done
         backend = open_backend(
-            Task(study.scenario, study.names, limits or Limits()), workers, scheduler
+            Task(held.scenario, study.names, limits or Limits()), workers, scheduler
         )  # before the folder: a wrong address leaves none
         try:
-            ledger = ledger or _ledger(study, folder)
+            ledger = ledger or _ledger(study, held, folder)
             dispatch = Dispatch(ledger, backend, max_failed, progress, Trajectories(folder, first))
         except BaseException:
             backend.close()
             raise
-        tables, summary, recorded = _finished(study, dispatch, folder, wanted, shard, command)
+        tables, summary, recorded = _finished(study, held, dispatch, folder, wanted, shard, command)
         summary = replace(summary, wall_s=round(perf_counter() - began, 3))
         if folder is not None:
             studyfolder.finish(folder, *tables, summary, parquet)
             seal(folder, ledger, request, recorded)
-        return Campaign(study, summary, folder, partial(_given, tables), _mended(ledger))
+        warnings = (*_mended(ledger), *originals.changes(study.scenario, held.scenario))
+        return Campaign(study, summary, folder, partial(_given, tables), warnings)
     finally:
         if ledger is not None:
             ledger.close()
@@ -141,24 +144,26 @@ def run(
 
 def _finished(
     study: Plan,
+    held: Plan,
     dispatch: Dispatch,
     folder: Path | None,
     wanted: np.ndarray | None,
     shard: tuple[int, int] | None,
     command: str,
 ) -> tuple[Tables, StudySummary, list[int]]:
-    """Runs what is missing; the tables, the summary, and the trials that have a trajectory."""
+    """Runs what is missing; the tables, the summary, and the trials that have a trajectory. `held` is the study from
+    the copies of its files."""
     ledger, recorder = dispatch.ledger, dispatch.trajectories
     found, recorded = None, list[int]()
     try:
         if folder is not None:
-            studyfolder.begin(folder, study, command)
+            studyfolder.begin(folder, study, command, held.identity)
         if wanted is None:
             found = _search(study, dispatch)
         else:
             dispatch.finish(_part(study, shard), len(wanted))
         tables = table, _ = studyfolder.tables(study, ledger, wanted)
-        summary = summarise(study, table, found)
+        summary = summarise(held, table, found)
         if folder is not None:
             kept = _roles(study, table, found)
             recorded = _recorded(table, recorder, kept)
@@ -177,8 +182,8 @@ def _finished(
     return tables, summary, sorted({*recorded} - {*recorder.lacks(recorded)})
 
 
-def _ledger(study: Plan, folder: Path | None) -> Ledger:
-    return Ledger(folder, study.digest, study.identity, json.dumps(encode(study)))
+def _ledger(study: Plan, held: Plan, folder: Path | None) -> Ledger:
+    return Ledger(folder, held.digest, held.identity, json.dumps(encode(study)))
 
 
 def _request(
@@ -254,7 +259,7 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
         studyfolder.check(folder, resume=False)
         recorder = Trajectories(folder, 0)
         with Ledger(folder, study.digest, study.identity, parts[0].facts["study"]) as ledger:
-            studyfolder.begin(folder, study, "")
+            studyfolder.begin(folder, study, "", study.identity)
             for source, part in zip(folders, parts, strict=True):
                 for row in part.rows():
                     known = ledger.row(row.trial)

@@ -17,6 +17,7 @@ import sprain_cosim as sc
 from sprain_cosim.cli import cli
 from sprain_cosim.cosim.result import Result
 from sprain_cosim.errors import InputError
+from sprain_cosim.fmu.cache import cache_folder
 from sprain_cosim.study.ledger import Ledger
 from sprain_cosim.study.runner import merge, part, replay
 
@@ -88,6 +89,8 @@ def test_no_such_trial_and_a_changed_fmu_are_one_line(whole: Path, tmp_path: Pat
     shutil.copy(sc.load_scenario("incline30_brace").fmus["brace"], brace)
     sc.load_study("study6").replace_fmu("brace", brace).run(trials=2, workers=1, out=tmp_path / "own")
     brace.write_bytes(sc.load_scenario("incline30").fmus["plant"].read_bytes())
+    assert replay(tmp_path / "own", 1).same  # from the copy that the study kept
+    shutil.rmtree(cache_folder() / "files")
     with pytest.raises(InputError, match=r"fmus .brace: .* then, .* now"):
         replay(tmp_path / "own", 0)
     brace.unlink()

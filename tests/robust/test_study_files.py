@@ -1,0 +1,83 @@
+"""A study and its files: what is changed, moved or removed while it runs changes none of its trials."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import sprain_cosim as sc
+from sprain_cosim.errors import InputError
+from sprain_cosim.fmu import cache
+from sprain_cosim.process import Limits
+from sprain_cosim.study.plan import Plan
+from sprain_cosim.study.runner import replay
+from tests.native import device
+
+MAP = '[outputs]\nsubtalar_torque = { from = "subtalar_torque", factor = 1 }\n'
+TRIALS = 12
+
+
+@pytest.fixture(scope="module")
+def fmus(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Two devices that differ by a factor of two."""
+    folder = tmp_path_factory.mktemp("fmus")
+    return device(folder / "one.fmu"), device(folder / "two.fmu", sign=2.0)
+
+
+def study(folder: Path, fmus: tuple[Path, Path]) -> Plan:
+    shutil.copy(fmus[0], folder / "brace.fmu")
+    (folder / "brace.toml").write_text(MAP)
+    return sc.load_study("study2").replace_fmu("brace", folder / "brace.fmu", folder / "brace.toml")
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory, fmus: tuple[Path, Path]) -> pd.DataFrame:
+    folder = tmp_path_factory.mktemp("undisturbed")
+    return study(folder, fmus).run(trials=TRIALS, workers=1, limits=Limits(recycle=3)).trials
+
+
+@pytest.mark.parametrize("what", ["replaced", "overwritten", "removed", "map"])
+def test_a_file_that_changes_meanwhile(
+    what: str, fmus: tuple[Path, Path], undisturbed: pd.DataFrame, tmp_path: Path
+) -> None:
+    """Children are replaced after three trials, so that later ones open the files anew."""
+    brace, table = tmp_path / "brace.fmu", tmp_path / "brace.toml"
+
+    def disturb(finished: int, *_: object) -> None:
+        if finished < 2:
+            return
+        if what == "replaced":
+            shutil.copy(fmus[1], tmp_path / "new.fmu")
+            os.replace(tmp_path / "new.fmu", brace)
+        elif what == "overwritten":
+            brace.write_bytes(fmus[1].read_bytes())
+        elif what == "removed":
+            brace.unlink(missing_ok=True)
+        else:
+            table.write_text(MAP.replace("factor = 1", "factor = 3"))
+
+    done = study(tmp_path, fmus).run(
+        trials=TRIALS, workers=1, out=tmp_path / "s", limits=Limits(recycle=3), progress=disturb, trajectories=0
+    )
+    pd.testing.assert_frame_equal(done.trials, undisturbed, check_exact=True)
+    changed = table if what == "map" else brace
+    became = "is gone" if what == "removed" else "has changed"
+    assert len(done.warnings) == 1
+    assert done.warnings[0].startswith(f"{changed} {became}")
+    assert "all its trials are of the file as it was then" in done.warnings[0]
+    manifest = json.loads((tmp_path / "s" / "manifest.json").read_text())
+    assert manifest["fmus"]["brace"] == {"file": str(brace), "sha256": cache.file_sha256(fmus[0])}
+    assert replay(tmp_path / "s", 5).same  # from the copy
+    if what != "removed":
+        again = sc.load_study("study2").replace_fmu("brace", brace, table)
+        with pytest.raises(InputError, match="holds another study"):
+            again.run(trials=TRIALS, workers=1, out=tmp_path / "s", resume=True)
+
+
+def test_nothing_changed_no_warning(fmus: tuple[Path, Path], tmp_path: Path) -> None:
+    assert study(tmp_path, fmus).run(trials=2, workers=1).warnings == ()
