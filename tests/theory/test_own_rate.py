@@ -15,7 +15,7 @@ from sprain_cosim.cosim.master import Master
 from sprain_cosim.cosim.result import Result
 from sprain_cosim.cosim.system import System, connect
 from sprain_cosim.errors import InputError
-from sprain_cosim.fmu.component import Capabilities
+from sprain_cosim.fmu.element import Capabilities
 from tests.fake import FakeComponent, connector
 from tests.theory.test_coupling import INERTIA, START, device, exact, foot, light_foot, silent
 

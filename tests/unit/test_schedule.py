@@ -7,7 +7,7 @@ import pytest
 
 from sprain_cosim.cosim.schedule import FINEST, Rate, own_rates, schedule
 from sprain_cosim.errors import InputError
-from sprain_cosim.fmu.component import Capabilities
+from sprain_cosim.fmu.element import Capabilities
 from tests.fake import FakeComponent
 
 
