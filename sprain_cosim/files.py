@@ -1,4 +1,4 @@
-"""The one place that puts files on disk, whole or not at all, and that reads JSON and TOML from disk.
+"""The one place that puts files on disk, whole or not at all, and that reads JSON, TOML and CSV from disk.
 
 Reading raises InputError with one line: the place, the cause, the line where the parser knows it. Writing raises
 EnvironmentProblem. A file is written beside its place under a name of its own and takes the place by one rename, so
@@ -7,6 +7,7 @@ that a reader, a crash or a second writer never meets half of it; `sweep` remove
 from __future__ import annotations
 
 import contextlib
+import csv
 import json
 import os
 import re
@@ -16,8 +17,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from .errors import EnvironmentProblem, InputError
+from .errors import EnvironmentProblem, InputError, problems_to_error
 
+LARGEST = 256 << 20  # B of a text that is read at once
+LARGEST_CSV = 2 << 30  # B; its rows are read one after the other
+ENOUGH = 5  # wrong rows of a table, after which the rest is not read
 PARTIAL = re.compile(r"\..*\.[0-9a-f]{8}\.partial(\..*)?")
 
 
@@ -69,8 +73,9 @@ def is_partial(path: Path) -> bool:
 
 
 def read_text(path: Path) -> str:
-    """UTF-8, with or without a byte-order mark."""
+    """UTF-8, with or without a byte-order mark; not more than LARGEST."""
     try:
+        _check_size(path, LARGEST)
         return path.read_text("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(f"{path}: is not UTF-8 text") from None
@@ -78,6 +83,66 @@ def read_text(path: Path) -> str:
         raise InputError(f"{path}: no such file") from None
     except OSError as problem:
         raise InputError(f"{path}: cannot be read: {problem.strerror or problem}") from None
+
+
+def _check_size(path: Path, most: int) -> None:
+    size = path.stat().st_size
+    if size > most:
+        raise InputError(f"{path}: {size / 2**20:.0f} MB; at most {most >> 20} MB are accepted")
+
+
+def read_csv(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """(line number in the file, cells without blanks around them) of the header and of each row; blank lines are passed
+    over. Raises InputError: no UTF-8 text, other separators than commas, a row with more or fewer cells than the
+    header, a header cell that stands twice."""
+    try:
+        _check_size(path, LARGEST_CSV)
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.reader(file)
+            header, problems = list[str](), list[str]()
+            for cells in reader:
+                if not any(cell.strip() for cell in cells):
+                    continue
+                cells = [cell.strip() for cell in cells]
+                if not header:
+                    header = cells
+                    _check_header(path, header)
+                elif len(cells) != len(header):
+                    problems.append(f"row {reader.line_num}: {_count(cells, header)}")
+                    if len(problems) < ENOUGH:
+                        continue
+                    break
+                yield reader.line_num, cells
+            problems_to_error(str(path), problems)
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not UTF-8 text") from None
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, ValueError, csv.Error) as problem:
+        raise InputError(
+            f"{path}: cannot be read as a table: {getattr(problem, 'strerror', None) or problem}"
+        ) from None
+    if not header:
+        raise InputError(f"{path}: is empty; needs a header and rows")
+
+
+def _check_header(path: Path, cells: list[str]) -> None:
+    for mark, name in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
+        if len(cells) == 1 and mark in cells[0]:
+            raise InputError(f"{path}: cells are separated by {name}; save it with commas, and points in the numbers")
+    for k, cell in enumerate(cells):
+        if cell and cell in cells[:k]:
+            raise InputError(f"{path}: column {k + 1} {cell!r}: given twice, also as column {cells.index(cell) + 1}")
+
+
+def _count(cells: list[str], header: list[str]) -> str:
+    """What is wrong with a row whose cells are not as many as the header's."""
+    text = f"{len(cells)} cells, the header has {len(header)}"
+    if len(cells) == 2 * len(header) and all(cell.lstrip("+-").isdigit() for cell in cells):
+        return f"{text}; its numbers seem to have decimal commas; write points"
+    if len(cells) == 1 and ";" in cells[0]:
+        return f"{text}; its cells are separated by semicolons"
+    return text
 
 
 def read_json(path: Path) -> dict[str, Any]:

@@ -10,7 +10,6 @@ with the end slope (fmus/brace_table/README.md)."""
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import io
 import json
@@ -22,7 +21,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from ..errors import InputError, nearest, problems_to_error
-from ..files import write
+from ..files import read_csv, write
 from ..fmu.archive import read
 from ..fmu.build import EPOCH
 from ..units import Unit, unit
@@ -64,21 +63,10 @@ def from_csv(table: Path, target: Path, template: Path) -> dict[str, tuple[float
 def read_table(path: Path) -> dict[str, dict[str, list[list[float]]]]:
     """{axis: {loading, unloading: rows of angle [rad], torque [N.m] in the contract's sign, slope [N.m/rad]}}. Raises
     InputError."""
-    try:
-        reader = csv.reader(io.StringIO(path.read_text("utf-8-sig")))
-        lines = [(reader.line_num, cells) for cells in reader if any(c.strip() for c in cells)]
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: is not UTF-8 text") from None
-    except OSError as problem:
-        raise InputError(f"{path}: cannot be read: {problem.strerror}") from None
+    lines = list(read_csv(path))
     if len(lines) < 4:
         raise InputError(f"{path}: needs a header and at least three rows")
     header, numbered = lines[0][1], [number for number, _ in lines[1:]]
-    if len(header) == 1 and (";" in header[0] or "\t" in header[0]):
-        raise InputError(
-            f"{path}: cells are separated by {'semicolons' if ';' in header[0] else 'tabs'}; save it with commas, and "
-            "points in the numbers"
-        )
     columns, angle = _header(path, header)
     numbers = _numbers(path, header, lines[1:])
     x = angle.factor * numbers[:, 0]
@@ -175,9 +163,6 @@ def _numbers(path: Path, header: list[str], lines: list[tuple[int, list[str]]]) 
     """(n, columns), NaN for an empty cell; `lines` (n,) of row number in the file and cells."""
     numbers, problems = np.full((len(lines), len(header)), np.nan), []
     for k, (at, row) in enumerate(lines):
-        if len(row) != len(header):
-            problems.append(f"row {at}: {len(row)} cells, the header has {len(header)}")
-            continue
         for j, cell in enumerate(row):
             place = f"row {at}, column {j + 1} ({header[j].strip()}): {cell.strip()!r}"
             try:

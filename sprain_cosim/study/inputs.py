@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from array import array
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..cosim.system import System
 from ..errors import InputError, nearest, problems_to_error
+from ..files import read_csv
 from ..fmu.element import Connector
 from ..units import Unit
 from ..uq.distributions import Array
 
-if TYPE_CHECKING:
-    import pandas as pd
-
+HEADING = re.compile(r"([^\[\]]*?)\s*\[\s*([^\]]*?)\s*\]")
+DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 OPTIONAL = ("plant", "controller", "brace")  # a column of one that the scenario lacks is dropped, with a warning
 OUTCOMES = ("status", "message")  # columns of trials.csv that are no inputs
-ENOUGH = 5  # problems of one column, after which the rest of its rows is not read
+ENOUGH = 5  # problems after which the rest of the rows is not read
 
 
 @dataclass(frozen=True)
@@ -61,81 +62,94 @@ def read_table(path: Path, system: System, varied: Sequence[str]) -> Table:
     """A CSV file with header `component.parameter [unit]`, one row a trial, an optional column `trial` numbering them.
     `varied` are the study's own names, for the hint at a column that is none.
 
-    Raises InputError naming row and column."""
-    cells = _cells(path)
-    components = {c.name for c in system.components}
-    reader = _Reader(path, system, components, varied)
-    if cells.empty:
-        reader.problems.append("has no rows")
-    for heading in cells.columns:
-        reader.column(str(heading), list(cells[heading]))
-    numbers = reader.numbers or tuple(range(len(cells)))
+    Raises InputError naming row and column; rows are counted as the file's lines."""
+    lines = read_csv(path)
+    _, header = next(lines)
+    columns = _Columns(path, system, varied)
+    readers = [columns.reader(k, heading) for k, heading in enumerate(header)]
+    count = 0
+    for at, cells in lines:
+        count += 1
+        for read, cell in zip(readers, cells, strict=True):
+            try:
+                read(cell)
+            except InputError as problem:
+                columns.problems.append(f"row {at}: {problem}")
+        if len(columns.problems) > ENOUGH:
+            break
+    if not count:
+        columns.problems.append("has no rows")
+    numbers = tuple(columns.numbers) if columns.numbered else tuple(range(count))
     if len(set(numbers)) != len(numbers) or any(n < 0 for n in numbers):
-        reader.problems.append("column trial: numbers must be different and not negative")
-    problems_to_error(str(path), reader.problems)
-    return Table(reader.columns, reader.units, numbers, tuple(reader.warnings))
-
-
-def _cells(path: Path) -> pd.DataFrame:
-    import pandas as pd
-
-    try:
-        return pd.read_csv(path, dtype=str, keep_default_na=False)
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (ValueError, OSError) as problem:
-        raise InputError(f"{path}: cannot be read as a table: {' '.join(str(problem).split())}") from None
+        columns.problems.append("column trial: numbers must be different and not negative")
+    problems_to_error(str(path), columns.problems)
+    values = {name: np.array(column) for name, column in columns.values.items()}
+    return Table(values, columns.units, numbers, tuple(columns.warnings))
 
 
 @dataclass
-class _Reader:
-    """Takes one column after the other; `problems` and `warnings` grow."""
+class _Columns:
+    """What each column of a table is; `problems` and `warnings` grow, and the values while the rows are read."""
 
     path: Path
     system: System
-    components: set[str]
     varied: Sequence[str]
-    columns: dict[str, Array] = field(default_factory=dict)
+    values: dict[str, array[float]] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
-    numbers: tuple[int, ...] = ()
+    numbers: list[int] = field(default_factory=list)
+    numbered: bool = False
     problems: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
-    def column(self, heading: str, texts: Sequence[str]) -> None:
-        name, _, rest = heading.partition(" [")
+    def reader(self, place: int, heading: str) -> Callable[[str], None]:
+        """What takes a cell of the column. Raises InputError for a cell that does not fit."""
+        name, unit = _named(heading)
         component = name.partition(".")[0]
         if name == "trial":
-            self._numbers(heading, texts)
-        elif component in self.components:
-            self._values(name, heading, rest.rstrip("] "), texts)
-        elif component in OPTIONAL:
+            self.numbered = True
+            return self._number
+        if component in {c.name for c in self.system.components}:
+            return self._value(place, name, heading, unit)
+        if component in OPTIONAL and "." in name:
             self.warnings.append(f"{self.path}: column {heading} is dropped: the scenario has no {component}")
         elif name not in OUTCOMES:
-            self.problems.append(f"column {heading!r}: expected component.parameter [unit]{nearest(name, self.varied)}")
+            self.problems.append(
+                f"column {place + 1} {heading!r}: expected component.parameter [unit]{nearest(name, self.varied)}"
+            )
+        return _pass_over
 
-    def _numbers(self, heading: str, texts: Sequence[str]) -> None:
-        numbers = []
-        for row, text in enumerate(texts, 2):
-            try:
-                numbers.append(int(text))
-            except ValueError:
-                self.problems.append(f"row {row}: {heading} = {text!r}: not a whole number")
-            if len(self.problems) > ENOUGH:
-                break
-        self.numbers = tuple(numbers)
+    def _number(self, text: str) -> None:
+        if not text.removeprefix("-").isdecimal() or len(text) > 18:
+            raise InputError(f"trial = {text!r}: not a whole number")
+        self.numbers.append(int(text))
 
-    def _values(self, name: str, heading: str, unit: str, texts: Sequence[str]) -> None:
+    def _value(self, place: int, name: str, heading: str, unit: str) -> Callable[[str], None]:
         try:
             connector = parameter(self.system, name)
         except InputError as problem:
-            self.problems.append(f"column {heading}: {problem}")
-            return
-        values = []
-        for row, text in enumerate(texts, 2):
-            try:
-                values.append(connector.value(f"{text.strip()} {unit}".strip(), heading))
-            except InputError as problem:
-                self.problems.append(f"row {row}: {problem}")
-            if len(self.problems) > ENOUGH:
-                break
-        self.columns[name], self.units[name] = np.array(values), unit_name(connector.unit)
+            self.problems.append(f"column {place + 1} {heading}: {problem}")
+            return _pass_over
+        if name in self.values:
+            self.problems.append(f"column {place + 1} {heading}: {name} is given twice")
+            return _pass_over
+        column = self.values.setdefault(name, array("d"))
+        self.units[name] = unit_name(connector.unit)
+
+        def read(text: str) -> None:
+            if not text:
+                raise InputError(f"{heading}: the cell is empty")
+            if DECIMAL_COMMA.fullmatch(text):
+                raise InputError(f"{heading} = {text!r}: has a decimal comma; write a point")
+            column.append(connector.value(f"{text} {unit}".strip(), heading))
+
+        return read
+
+
+def _named(heading: str) -> tuple[str, str]:
+    """Name and unit of a heading, with or without a blank between them."""
+    match = HEADING.fullmatch(heading)
+    return (match[1], match[2]) if match else (heading, "")
+
+
+def _pass_over(_: str) -> None:
+    """A column that is not read."""
