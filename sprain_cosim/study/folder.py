@@ -19,9 +19,10 @@ from .. import __version__
 from ..errors import EnvironmentProblem, InputError
 from ..files import read_json, sweep, whole, write, write_json
 from .codec import decode
+from .identity import changes, digest_of
 from .ledger import FILE, LOCK, RESUME, Ledger
 from .originals import restored
-from .plan import Plan, digest_of
+from .plan import Plan
 from .summary import FILE as SUMMARY
 from .summary import StudySummary
 
@@ -64,24 +65,9 @@ def load(folder: Path, ledger: Ledger) -> Plan:
         if not path.is_file():
             raise InputError(f"{folder}: was made with {name} = {path}, which is gone; put it back")
     if study.digest != ledger.facts["digest"]:
-        before, now = json.loads(ledger.facts["identity"]), json.loads(json.dumps(study.identity))
-        changed = [
-            f"{key} ({', '.join(_differences(before.get(key), now[key]))})"
-            for key in now
-            if now[key] != before.get(key)
-        ]
-        raise InputError(f"{folder}: was made with other {', '.join(changed)}; put back what has changed since")
+        changed = changes(json.loads(ledger.facts["identity"]), json.loads(json.dumps(study.identity)))
+        raise InputError(f"{folder}: its study is another now ({'; '.join(changed)}); put back what has changed since")
     return study
-
-
-def _differences(before: Any, now: Any) -> list[str]:
-    if isinstance(before, dict) and isinstance(now, dict):
-        return [
-            f"{key}: {str(before.get(key))[:12]} then, {str(now.get(key))[:12]} now"
-            for key in now
-            if before.get(key) != now[key]
-        ]
-    return [f"{before} then, {now} now"]
 
 
 def manifest(study: Plan, command: str, before: Mapping[str, Any], identity: Mapping[str, Any]) -> dict[str, Any]:

@@ -26,6 +26,7 @@ import numpy as np
 from ..errors import EnvironmentProblem, InputError
 from ..files import whole
 from ..uq.distributions import Array
+from .identity import changes
 from .worker import Outcome
 
 FILE = "ledger.sqlite"
@@ -84,11 +85,8 @@ class Ledger:
             self._connect(":memory:" if folder is None else folder / FILE)
             known = self._known(folder)
             if known and known["digest"] != digest:
-                before = json.loads(known["identity"])
-                changed = [key for key in identity if json.loads(json.dumps(identity[key])) != before.get(key)]
-                raise InputError(
-                    f"{folder}: holds another study ({', '.join(changed)} differ); name a new folder with --out"
-                )
+                changed = changes(json.loads(known["identity"]), json.loads(facts["identity"]))
+                raise InputError(f"{folder}: holds another study ({'; '.join(changed)}); name a new folder with --out")
             if folder is not None and not self._sound():
                 self._mend(folder)
             elif known != facts:

@@ -3,8 +3,6 @@ picklable; it knows no files and runs nothing (study.py does)."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,29 +11,22 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import __version__
 from ..cosim.system import System
 from ..errors import InputError, nearest, problems_to_error
 from ..fmu.component import Component
 from ..scenario import Scenario, Value
 from ..uq import sampling
 from ..uq.distributions import Array, Fixed, JointDistribution, Marginal
+from .identity import SAMPLED, SEARCHES, digest_of, identity
 from .inputs import parameter as varied_parameter
 from .inputs import read_table
 
 if TYPE_CHECKING:
     from ..uq.reliability import Difference, Space
 
-SAMPLED = ("monte-carlo", "lhs", "sobol", "grid", "table")
-SEARCHES = ("mean-value", "amv", "amv+", "hmv", "form", "sobol-indices")  # the trials depend on the method's own plan
 METHODS = (*SAMPLED, *SEARCHES)
 IMPOSSIBLE = 1e-6  # a marginal may lie outside its parameter's range with at most this probability
 TOLERANCE = 1e-3  # of searches, in standard deviations of the response: a landing's own noise is 1e-4 of them
-
-
-def digest_of(identity: Mapping[str, Any]) -> str:
-    """The SHA-256 of an identity."""
-    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -171,43 +162,8 @@ class Plan:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What a ledger must have been made with to be continued. The number of trials counts only where a row depends
-        on it."""
-        scenario = self.scenario
-        return {
-            "version": __version__,
-            "fmus": {name: Component.read(name, path).sha256 for name, path in scenario.fmus.items()},
-            **(
-                {"maps": {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in scenario.maps.items()}}
-                if scenario.maps
-                else {}
-            ),
-            "parameters": dict(scenario.parameters),
-            "connections": dict(scenario.connections),
-            "master": [scenario.master.communication_step, scenario.master.stop, scenario.master.scheme],
-            "marginals": {name: repr(marginal) for name, marginal in self.marginals.items()},
-            "correlation": None if self.correlation is None else self.correlation.tolist(),
-            "grid": {name: list(levels) for name, levels in self.grid.items()},
-            "method": self.method,
-            "seed": self.seed,
-            "trials": self.trials if self.method in ("lhs", "sobol-indices") else None,
-            "replicates": self.replicates if self.method in ("sobol", "sobol-indices") else None,
-            "search": [
-                *self.levels,
-                repr(self.threshold),
-                self.space,
-                self.step,
-                self.difference,
-                self.tolerance,
-                self.budget,
-                self.responses[0],
-            ]
-            if self.method in SEARCHES
-            else None,
-            "table": None
-            if self.table is None
-            else hashlib.sha256(self.table.tobytes() + repr(self.numbers).encode()).hexdigest(),
-        }
+        """All that the rows depend on: what a ledger must have been made with to be continued."""
+        return identity(self)
 
     @property
     def digest(self) -> str:

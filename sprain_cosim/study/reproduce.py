@@ -17,6 +17,7 @@ from ..shipped import fmu_path
 from . import folder as studyfolder
 from .dispatch import Progress
 from .file import load_study
+from .identity import changes
 from .ledger import FILE, Ledger
 from .plan import Plan
 from .runner import run
@@ -161,10 +162,10 @@ def _study(folder: Path, then: Mapping[str, Any]) -> Plan:
             study, method=identity["method"], seed=identity["seed"], trials=then.get("trials", study.trials)
         )
     now = json.loads(json.dumps(study.identity))
-    changed = [key for key in now if key not in OF_THE_MACHINE and now[key] != then["identity"].get(key)]
+    changed = changes(then["identity"], now, OF_THE_MACHINE)
     if changed:
         raise InputError(
-            f"{folder}: its study.toml alone does not give the study of the manifest ({', '.join(changed)} differ); "
+            f"{folder}: its study.toml alone does not give the study of the manifest ({'; '.join(changed)}); "
             "put the ledger beside it, or type again: "
             f"{then.get('command') or 'the command it was made with'}"
         )

@@ -33,6 +33,7 @@ from .backends.choice import open_backend
 from .codec import encode
 from .dispatch import Dispatch, Progress
 from .evaluation import summarise
+from .identity import changes
 from .ledger import FILE as LEDGER
 from .ledger import Ledger, Row
 from .plan import SEARCHES, Plan
@@ -246,7 +247,9 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
         study = studyfolder.load(folders[0], parts[0])
         for folder, part in zip(folders, parts, strict=True):
             if part.facts["digest"] != parts[0].facts["digest"]:
-                raise InputError(f"{folder}: belongs to another study than {folders[0]}")
+                one, other = (json.loads(ledger.facts["identity"]) for ledger in (parts[0], part))
+                different = "; ".join(changes(one, other, words=("there", "here")))
+                raise InputError(f"{folder}: belongs to another study than {folders[0]} ({different})")
         study = max((studyfolder.load(f, p) for f, p in zip(folders, parts, strict=True)), key=lambda s: s.trials)
         wanted = _numbers(study, None)
         lost = np.setdiff1d(wanted, np.concatenate([part.finished()[0] for part in parts]))

@@ -163,7 +163,7 @@ def test_reproduce_without_a_ledger(place: Path, tmp_path: Path) -> None:
     shutil.copy(place / "short.toml", many)
     # the study had --set brace.angle_scale=1.5, which its study.toml does not know
     outcome = call("reproduce", "many/manifest.json", cwd=tmp_path)
-    refused(outcome, 2, "parameters differ", "--set brace.angle_scale=1.5")
+    refused(outcome, 2, "parameters.brace.angle_scale: 1.5 then", "--set brace.angle_scale=1.5")
     plain = tmp_path / "plain"
     assert (
         call(
