@@ -6,14 +6,13 @@ from __future__ import annotations
 import json
 import logging
 import os
-import signal
 import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
-from . import __version__
+from . import __version__, signals
 from .errors import InputError, SimulationError, SprainError
 
 OUT = click.option("--out", type=click.Path(path_type=Path), help="Folder for signals, summary and figure.")
@@ -239,7 +238,7 @@ def study(
             parquet=parquet,
             command=again,
         )
-    except (Interrupted, SimulationError):
+    except (signals.Interrupted, SimulationError):
         click.echo(f"{chr(10) if sys.stderr.isatty() else ''}continue with: {again} --resume", err=True)
         raise
     for warning in done.warnings:
@@ -450,7 +449,7 @@ def compare(
             progress=reporter(progress),
             say=lambda name: None if progress == "none" else click.echo(f"{name} ...", err=True),
         )
-    except Interrupted:
+    except signals.Interrupted:
         click.echo(f"continue with: {again} --resume", err=True)
         raise
     for entry in done.entries:
@@ -744,26 +743,12 @@ def _pair(text: str, option: str, form: str) -> tuple[str, str]:
     return name.strip(), value.strip()
 
 
-class Interrupted(BaseException):
-    """A signal that asks to stop. Not a KeyboardInterrupt, which click reports in its own way."""
-
-
 def main(arguments: list[str] | None = None) -> None:
     """Runs the command line; errors become one line on stderr and the exit code of interface and README."""
-    received: list[int] = []
-
-    def stop(number: int, _: Any) -> None:
-        received.append(number)
-        if hasattr(signal, "setitimer"):  # once more in a while, should native code swallow the exception
-            signal.setitimer(signal.ITIMER_REAL, 0.2)
-        raise Interrupted
-
-    for name in ("SIGINT", "SIGTERM", "SIGALRM"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), stop)
+    received = signals.interrupt()
     code = _run(arguments, received)
-    if received and hasattr(signal, "setitimer"):
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
+    if received:
+        signals.settle()
     sys.exit(128 + received[0] if received else code)
 
 
@@ -779,7 +764,7 @@ def _run(arguments: list[str] | None, received: list[int]) -> int:
         code = _say(f"{_one_line(problem.format_message())} (see `{where} --help`)", 2)
     except SprainError as problem:
         code = _say("interrupted" if received else _one_line(str(problem)), problem.exit_code)
-    except (click.Abort, Interrupted):
+    except (click.Abort, signals.Interrupted):
         code = _say("interrupted", 130)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

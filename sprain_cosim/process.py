@@ -1,9 +1,14 @@
-"""Child processes: started, limited, asked, ended. Everything that runs foreign code apart from this process goes
-through here.
+"""Processes: started, limited, asked, ended. Whatever runs apart from this process goes through here.
 
-Frames are a length and JSON (the first request a pickle, which the parent made) on two pipes of their own; what a child
-prints goes elsewhere: its last lines are kept for the record. A child ends with its parent; it is ended with its whole
-process group."""
+    parent                                     child: own session and group, ends with its parent
+    Child(module, limits)     -- starts -->    serve(handlers): its limits first
+    child.open(subject)       -- pickle -->    handlers(subject) opens it, gives functions by name
+    child.call(name, ...)     -- JSON   -->    handlers[name](...)
+                              <-- JSON --      {"value": ...} or {"error": message, "kind": class}
+    child.close()             -- SIGKILL to the whole group
+
+An error travels by class: a SprainError that a handler raises is raised by `call` as the same class with the same
+message. What a child prints goes elsewhere than its replies: the last lines are kept for the record."""
 
 from __future__ import annotations
 
@@ -19,22 +24,33 @@ import subprocess
 import sys
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from pathlib import Path
 from time import monotonic
-from typing import IO, Any
+from typing import IO, Any, NoReturn
+
+from .errors import EnvironmentProblem, SprainError
 
 LENGTH = struct.Struct("<I")
-
-
 FRAME_LIMIT = 1 << 26  # B, longer replies are not ours
+SINGLE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONFAULTHANDLER": ""}
+
+Handlers = Mapping[str, Callable[..., Any]]
 
 
 @dataclass(frozen=True)
 class Limits:
-    """`trial` and `start` [s] wall time of one trial and of opening the FMUs; `cpu` [s] processor time of one trial,
-    all threads; `memory` [B] address space; `recycle` trials per child; `growth` [B] of resident memory after which a
-    child is replaced."""
+    """What a child may use.
+
+    trial    s of wall time of one trial
+    start    s of wall time of opening the FMUs
+    cpu      s of processor time of one trial, all threads
+    memory   B of address space
+    recycle  trials per child
+    growth   B of resident memory after which a child is replaced
+    """
 
     trial: float = 60.0
     start: float = 300.0
@@ -44,23 +60,68 @@ class Limits:
     growth: int = 512 << 20
 
 
-class Gone(Exception):
-    """The child ended or was killed; says how."""
+class ProcessEnded(Exception):
+    """The child ended or was ended; the message says how. `status`: crashed or timeout."""
 
     def __init__(self, status: str, message: str) -> None:
         super().__init__(message)
         self.status = status
 
 
-class Child:
-    """The process itself: runs `module` with the ends of its two lines, the limit of memory and our process number as
-    arguments."""
+# ---- the line between the two
 
-    def __init__(self, limits: Limits, module: str) -> None:
+
+class Line:
+    """Frames over two pipes: a length, then as many bytes."""
+
+    def __init__(self, source: int, sink: int) -> None:
+        """`source`, `sink`: descriptors to read from and to write to."""
+        self._source, self._sink = source, sink
+        self._poll = select.poll()
+        self._poll.register(source, select.POLLIN)
+
+    def send(self, data: bytes) -> None:
+        """Raises OSError when the other end is closed."""
+        view = memoryview(LENGTH.pack(len(data)) + data)
+        while view:
+            view = view[os.write(self._sink, view) :]
+
+    def receive(self, deadline: float = math.inf) -> bytes:
+        """One frame. `deadline` [s] by `monotonic`. Raises TimeoutError after it, EOFError when the other end is
+        closed, ValueError for more than a frame may hold."""
+        length: int = LENGTH.unpack(self._read(LENGTH.size, deadline))[0]
+        if length > FRAME_LIMIT:
+            raise ValueError("the process wrote into the line to its parent")
+        return self._read(length, deadline)
+
+    def close(self) -> None:
+        os.close(self._sink)
+        os.close(self._source)
+
+    def _read(self, count: int, deadline: float) -> bytes:
+        data = b""
+        while len(data) < count:
+            if deadline < math.inf:
+                left = deadline - monotonic()
+                if left <= 0 or not self._poll.poll(1e3 * left):
+                    raise TimeoutError
+            piece = os.read(self._source, count - len(data))
+            if not piece:
+                raise EOFError
+            data += piece
+        return data
+
+
+# ---- the parent's side
+
+
+class Child:
+    """One child process that runs `module`, whose end is `serve(...)`. May be closed from any thread."""
+
+    def __init__(self, module: str, limits: Limits) -> None:
         self.trials, self.memory, self.grown = 0, 0, 0
-        requests, self._to = os.pipe()
-        self._from, replies = os.pipe()
-        environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONFAULTHANDLER": ""}
+        requests, sink = os.pipe()
+        source, replies = os.pipe()
         self._process = subprocess.Popen(
             [sys.executable, "-m", module, str(requests), str(replies), str(limits.memory), str(os.getpid())],
             stdin=subprocess.DEVNULL,
@@ -68,12 +129,11 @@ class Child:
             stderr=subprocess.STDOUT,
             pass_fds=(requests, replies),
             start_new_session=True,
-            env=environment,
+            env=os.environ | SINGLE_THREAD,
         )
         os.close(requests)
         os.close(replies)
-        self._poll = select.poll()
-        self._poll.register(self._from, select.POLLIN)
+        self._line = Line(source, sink)
         self._tail: deque[bytes] = deque(maxlen=4)
         assert self._process.stdout is not None
         self._reader = threading.Thread(target=self._drain, args=(self._process.stdout,), daemon=True)
@@ -81,12 +141,15 @@ class Child:
         self._closing = threading.Lock()
         self._closed = False
 
-    def open(self, what: Any, limit: float) -> dict[str, Any]:
-        """The first request; picklable. Raises Gone."""
-        return self._exchange(pickle.dumps(what), limit)
+    def open(self, subject: Any, limit: float) -> None:
+        """The first request: hands over `subject`, picklable, and waits until the child has opened it, `limit` [s] at
+        most. Raises ProcessEnded, and the SprainError that the child met."""
+        self._exchange(pickle.dumps(subject), limit)
 
-    def ask(self, request: dict[str, Any], limit: float) -> dict[str, Any]:
-        return self._exchange(json.dumps(request).encode(), limit)
+    def call(self, name: str, *arguments: Any, limit: float) -> Any:
+        """The value of a handler; arguments and value as JSON has them. `limit` [s] of wall time. Raises ProcessEnded,
+        and the SprainError that the handler raised."""
+        return self._exchange(json.dumps({"call": name, "with": arguments}).encode(), limit)
 
     def note(self, memory: int) -> None:
         """Counts a trial; `memory` [B] resident after it. Growth is counted from the tenth trial on, when caches are
@@ -97,59 +160,53 @@ class Child:
             self.memory = memory
 
     def log(self) -> str:
+        """The last lines that the child printed."""
         self._reader.join(0.2)
         text = b"".join(self._tail).decode("utf-8", "replace")
         return "\n".join(text.splitlines()[-20:])[-4000:]
 
+    def last_words(self, before: str = "; it said: ") -> str:
+        """The last line that the child printed behind `before`; empty when it printed none."""
+        lines = self.log().splitlines()
+        return f"{before}{lines[-1].strip()}" if lines else ""
+
     def close(self) -> None:
+        """Ends the child with its whole group."""
         with self._closing:
             if self._closed:
                 return
             self._closed = True
-            self._end()
-            os.close(self._to)
-            os.close(self._from)
+            _end_group(self._process)
+            self._line.close()
 
-    def _end(self) -> int:
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._process.pid, signal.SIGKILL)
-        return self._process.wait()
-
-    def _exchange(self, request: bytes, limit: float) -> dict[str, Any]:
+    def _exchange(self, request: bytes, limit: float) -> Any:
         deadline = monotonic() + limit
         try:
-            _write(self._to, request)
-            length = LENGTH.unpack(self._read(LENGTH.size, deadline))[0]
-            if length > FRAME_LIMIT:
-                raise Gone("crashed", "the process wrote into the line to its parent")
-            reply = json.loads(self._read(length, deadline))
-        except (OSError, ValueError):
-            raise self._how() from None
-        assert isinstance(reply, dict)
-        return reply
+            self._line.send(request)
+            reply = json.loads(self._line.receive(deadline))
+        except TimeoutError:
+            raise ProcessEnded("timeout", "overran its limit of wall time and was ended") from None
+        except json.JSONDecodeError:
+            raise self._ending() from None
+        except ValueError as problem:
+            raise ProcessEnded("crashed", str(problem)) from None
+        except (OSError, EOFError):
+            raise self._ending() from None
+        if "error" in reply:
+            raise _error(reply["kind"], reply["error"])
+        return reply["value"]
 
-    def _read(self, count: int, deadline: float) -> bytes:
-        data = b""
-        while len(data) < count:
-            left = deadline - monotonic()
-            if left <= 0 or not self._poll.poll(1e3 * left):
-                raise Gone("timeout", "overran its limit of wall time and was ended")
-            piece = os.read(self._from, count - len(data))
-            if not piece:
-                raise self._how()
-            data += piece
-        return data
-
-    def _how(self) -> Gone:
+    def _ending(self) -> ProcessEnded:
+        """How the process ended by itself."""
         try:
             code = self._process.wait(1.0)
         except subprocess.TimeoutExpired:
-            return Gone("crashed", "closed the line to its parent")
+            return ProcessEnded("crashed", "closed the line to its parent")
         if code == -signal.SIGXCPU:
-            return Gone("timeout", "overran its limit of processor time and was ended")
+            return ProcessEnded("timeout", "overran its limit of processor time and was ended")
         if code < 0:
-            return Gone("crashed", f"ended by signal {signal.Signals(-code).name}")
-        return Gone("crashed", f"ended its process with exit code {code}")
+            return ProcessEnded("crashed", f"ended by signal {signal.Signals(-code).name}")
+        return ProcessEnded("crashed", f"ended its process with exit code {code}")
 
     def _drain(self, stream: IO[bytes]) -> None:
         with stream, contextlib.suppress(OSError, ValueError):
@@ -157,24 +214,65 @@ class Child:
                 self._tail.append(piece[-4096:])
 
 
-def _write(descriptor: int, data: bytes) -> None:
-    view = memoryview(LENGTH.pack(len(data)) + data)
-    while view:
-        view = view[os.write(descriptor, view) :]
+def _error(kind: str, message: str) -> SprainError:
+    """The error of that class; of the base class where no class has that name."""
+    classes = [SprainError]
+    for known in classes:
+        classes += known.__subclasses__()
+    return next((c for c in classes if c.__name__ == kind), SprainError)(message)
 
 
-def _take(descriptor: int) -> bytes | None:
-    def exactly(count: int) -> bytes | None:
-        data = b""
-        while len(data) < count:
-            piece = os.read(descriptor, count - len(data))
-            if not piece:
-                return None
-            data += piece
-        return data
+# ---- the child's side
 
-    head = exactly(LENGTH.size)
-    return None if head is None else exactly(LENGTH.unpack(head)[0])
+
+def serve(handlers: Callable[[Any], AbstractContextManager[Handlers]]) -> NoReturn:
+    """The whole life of a child that `Child` started: opens the subject that it is sent, answers calls until the line
+    closes, ends the process.
+
+    `handlers(subject)` opens the subject and gives the functions that can be called, by name. A SprainError, also of
+    opening, becomes a reply; any other exception ends the process."""
+    requests, replies, memory, parent = (int(argument) for argument in sys.argv[1:5])
+    _die_with_parent(parent)
+    _confine(memory)
+    line = Line(requests, replies)
+    with contextlib.suppress(EOFError):
+        _answer_all(line, handlers(pickle.loads(line.receive())))
+    os._exit(0)  # what a foreign library does at the end of a process is not our matter
+
+
+def _answer_all(line: Line, opening: AbstractContextManager[Handlers]) -> None:
+    """Raises EOFError when the line closes; returns when nothing could be opened."""
+    with contextlib.ExitStack() as stack:
+        try:
+            handlers = stack.enter_context(opening)
+        except SprainError as problem:
+            line.send(_refusal(problem))
+            return
+        line.send(_answer(None))
+        while True:
+            request = json.loads(line.receive())
+            try:
+                reply = _answer(handlers[request["call"]](*request["with"]))
+            except SprainError as problem:
+                reply = _refusal(problem)
+            line.send(reply)
+
+
+def _answer(value: Any) -> bytes:
+    return json.dumps({"value": value}).encode()
+
+
+def _refusal(problem: SprainError) -> bytes:
+    return json.dumps({"error": str(problem), "kind": type(problem).__name__}).encode()
+
+
+def _confine(memory: int) -> None:
+    """What this process may use from here on: `memory` [B] of address space, no core file."""
+    import resource
+
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    with contextlib.suppress(ValueError, OSError):
+        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
 
 
 def _die_with_parent(parent: int) -> None:
@@ -187,35 +285,12 @@ def _die_with_parent(parent: int) -> None:
 
 
 def resident() -> int:
+    """Resident memory of this process [B]; 0 where the system does not say."""
     try:
         with open("/proc/self/statm", "rb") as file:
             return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:
         return 0
-
-
-Answer = Callable[[dict[str, Any]], None]
-
-
-def listen(requests: int, replies: int, memory: int, parent: int) -> tuple[Any, Iterator[Any], Answer]:
-    """The child's side: what it was opened with (None if the parent is gone already), its requests, and the way to
-    answer."""
-    import resource
-
-    _die_with_parent(parent)
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    with contextlib.suppress(ValueError, OSError):
-        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
-
-    def answer(content: dict[str, Any]) -> None:
-        _write(replies, json.dumps(content).encode())
-
-    def asked() -> Iterator[Any]:
-        while (request := _take(requests)) is not None:
-            yield json.loads(request)
-
-    first = _take(requests)
-    return (None if first is None else pickle.loads(first)), asked(), answer
 
 
 def allow_processor_time(seconds: float) -> None:
@@ -225,3 +300,43 @@ def allow_processor_time(seconds: float) -> None:
     used = sum(os.times()[:2])
     with contextlib.suppress(ValueError, OSError):
         resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(used + seconds), resource.getrlimit(resource.RLIMIT_CPU)[1]))
+
+
+# ---- other programs
+
+
+class Program:
+    """Another program that runs until it is ended: in a group of its own, silent."""
+
+    def __init__(self, command: Sequence[str], environment: Mapping[str, str]) -> None:
+        """`environment`: on top of this process's own."""
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env=os.environ | environment,
+            start_new_session=True,
+        )
+
+    def end(self) -> None:
+        """At once, with its whole group."""
+        _end_group(self._process)
+
+
+def run_program(
+    command: Sequence[str], folder: Path | None = None, limit: float | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Runs a compiler or another tool to its end, in `folder`, for at most `limit` [s] of wall time: exit code, text.
+
+    Raises EnvironmentProblem when it overruns the limit; a code other than 0 is the caller's matter."""
+    try:
+        return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=limit, check=False)
+    except subprocess.TimeoutExpired:
+        raise EnvironmentProblem(f"{command[0]} did not end within {limit:g} s") from None
+
+
+def _end_group(process: subprocess.Popen[bytes]) -> None:
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()

@@ -7,16 +7,15 @@ the child alone."""
 from __future__ import annotations
 
 import math
-import os
-import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..cosim.loops import make_consistent
-from ..errors import EnvironmentProblem, SimulationError, SprainError
+from ..errors import InputError, SimulationError
 from ..folders import run as runfolder
-from ..process import Child, Gone, Limits, listen
+from ..process import Child, Handlers, Limits, ProcessEnded, serve
 from ..scenario import Scenario
 from .probe import own_step
 
@@ -43,7 +42,7 @@ class Bench:
         """The landing as a table of one row; leaves the run's folder."""
         import pandas as pd
 
-        reply = self._ask({"land": str(folder)})
+        reply = self._call("land", str(folder))
         if reply["status"] != "completed":
             raise SimulationError(reply["message"])
         return pd.DataFrame([{"trial": 0, "status": reply["status"], "message": "", **reply["metrics"]}])
@@ -51,23 +50,18 @@ class Bench:
     def hold(self, values: Mapping[str, float] | None = None) -> dict[str, float] | None:
         """{posture: N.m that resist it}, with parameter `values` on top of the scenario's; None where the plant cannot
         be put into postures."""
-        found = self._ask({"hold": POSTURES, "values": values or {}})["hold"]
-        return found or None
+        return self._call("hold", POSTURES, dict(values or {})) or None
 
-    def _ask(self, request: dict[str, Any]) -> dict[str, Any]:
+    def _call(self, name: str, *arguments: Any) -> Any:
         try:
             if self._child is None:
-                self._child = Child(self.limits, "sprain_cosim.brace.bench")
+                self._child = Child(__name__, self.limits)
                 self._child.open(self.scenario, self.limits.start)
-            reply = self._child.ask(request, self.limits.trial)
-        except Gone as gone:
-            said = self._child.log().splitlines() if self._child else []
-            raise SimulationError(f"the process {gone}{f'; it said: {said[-1].strip()}' if said else ''}") from None
-        if "error" in reply:
-            raise (EnvironmentProblem if reply["code"] == EnvironmentProblem.exit_code else SimulationError)(
-                reply["error"]
-            )
-        return reply
+            return self._child.call(name, *arguments, limit=self.limits.trial)
+        except ProcessEnded as end:
+            raise SimulationError(f"the process {end}{self._child.last_words() if self._child else ''}") from None
+        except InputError as problem:  # of this device with this scenario: the comparison goes on without it
+            raise SimulationError(str(problem)) from None
 
     def close(self) -> None:
         if self._child is not None:
@@ -128,23 +122,14 @@ def hold(
     return out
 
 
-def serve(*arguments: int) -> None:
-    """The child: answers requests to land or to hold until the line closes."""
-    scenario, requests, answer = listen(*arguments)
-    if scenario is None:
-        return
-    answer({})
-    for request in requests:
-        try:
-            answer(
-                land(scenario, Path(request["land"]))
-                if "land" in request
-                else {"hold": hold(scenario, request["hold"], request["values"])}
-            )
-        except SprainError as problem:
-            answer({"error": str(problem), "code": problem.exit_code})
+@contextmanager
+def handlers(scenario: Scenario) -> Iterator[Handlers]:
+    """The child: lands, and holds postures."""
+    yield {
+        "land": lambda folder: land(scenario, Path(folder)),
+        "hold": lambda postures, values: hold(scenario, postures, values),
+    }
 
 
 if __name__ == "__main__":
-    serve(*(int(argument) for argument in sys.argv[1:5]))
-    os._exit(0)
+    serve(handlers)

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from ..contract import AXES, INPUTS, OUTPUTS, POSITIVE, plain, profile
-from ..errors import InputError
+from ..errors import InputError, SprainError
 from ..fmu import archive, cache
 from ..fmu.component import Component
 from ..fmu.element import Capabilities, Connector
 from ..mapping import carried, load_mapping
-from ..process import Child, Gone, Limits
+from ..process import Child, Limits, ProcessEnded
 from .probe import CYCLE_SPEED, STATIC_DEG, own_step
 
 START_LIMIT, PROBE_LIMIT = 60.0, 6.0  # s
@@ -259,49 +259,19 @@ def propose(component: Component) -> str:
 
 
 def _measure(component: Component, axes: tuple[str, ...], active: bool, report: Report) -> None:
-    child = Child(Limits(memory=8 << 30), "sprain_cosim.brace.probe")
+    child = Child("sprain_cosim.brace.probe", Limits(memory=8 << 30))
     try:
         try:
-            opened = child.open((component, axes), START_LIMIT)
-        except Gone as gone:
-            raise InputError(f"{component.fmu}: cannot be instantiated: {gone}{_last(child)}") from None
-        if "error" in opened:
-            raise InputError(f"{component.fmu}: cannot be instantiated: {opened['error']}")
-        measured: dict[str, dict[str, Any]] = {}
-        step = own_step(component)
-        probes = [
-            "steps",
-            "start",
-            "reset",
-            "repeat",
-            *(["state"] if component.capabilities.state else []),
-            "finite",
-            "recorded",
-            "static",
-            "moving",
-            "cycle",
-        ]
-        for probe in probes:
-            try:
-                measured[probe] = child.ask({"probe": probe, "step": step}, PROBE_LIMIT)
-            except Gone as gone:
-                report.problems.append(f"{DOING[probe]}: the device {gone}{_last(child)}")
-                return
-            if probe == "steps":
-                step = _judge_steps(measured[probe]["taken"], step, component.capabilities, report)
-                if not report.fits:
-                    return
-            elif "error" in measured[probe]:
-                report.problems.append(f"{DOING[probe]}: {measured[probe]['error'].removeprefix('brace: ')}")
-                return
-            elif probe == "reset" and component.capabilities.reusable and not measured[probe]["equal"]:
-                report.problems.append(
-                    "its reset does not give a fresh instance, though reset = true says so; take that line out of the "
-                    "mapping file"
-                )
-                return
+            child.open((component, axes), START_LIMIT)
+        except ProcessEnded as end:
+            raise InputError(f"{component.fmu}: cannot be instantiated: {end}{child.last_words()}") from None
+        except SprainError as problem:
+            raise InputError(f"{component.fmu}: cannot be instantiated: {problem}") from None
+        measured, step = _probe(child, component, report)
     finally:
         child.close()
+    if not measured:
+        return
     _judge_dynamics(measured, report)
     for k, axis in enumerate(axes):
         _judge_physics(axis, k, measured, step, active, report)
@@ -317,6 +287,36 @@ def _measure(component: Component, axes: tuple[str, ...], active: bool, report: 
     }
 
 
+def _probe(child: Child, component: Component, report: Report) -> tuple[dict[str, dict[str, Any]], float]:
+    """{experiment: its numbers}, and the step [s] that they were made with; nothing when one of them ended the check,
+    as the report says."""
+    measured: dict[str, dict[str, Any]] = {}
+    step = own_step(component)
+    for name in ORDER:
+        if name == "state" and not component.capabilities.state:
+            continue
+        try:
+            measured[name] = child.call("run", name, step, limit=PROBE_LIMIT)
+        except ProcessEnded as end:
+            report.problems.append(f"{DOING[name]}: the device {end}{child.last_words()}")
+            return {}, step
+        except SprainError as problem:
+            report.problems.append(f"{DOING[name]}: {str(problem).removeprefix('brace: ')}")
+            return {}, step
+        if name == "steps":
+            step = _judge_steps(measured[name]["taken"], step, component.capabilities, report)
+            if not report.fits:
+                return {}, step
+        elif name == "reset" and component.capabilities.reusable and not measured[name]["equal"]:
+            report.problems.append(
+                "its reset does not give a fresh instance, though reset = true says so; take that line out of the "
+                "mapping file"
+            )
+            return {}, step
+    return measured, step
+
+
+ORDER = ("steps", "start", "reset", "repeat", "state", "finite", "recorded", "static", "moving", "cycle")
 DOING = {
     "steps": "trying communication steps",
     "start": "instantiated twice and started",
@@ -329,11 +329,6 @@ DOING = {
     "moving": "passed through zero at 200 deg/s",
     "cycle": "in closed cycles of +-15 deg",
 }
-
-
-def _last(child: Child) -> str:
-    said = child.log().splitlines()
-    return f"; it said: {said[-1].strip()}" if said else ""
 
 
 def _judge_steps(taken: dict[str, list[float] | str], step: float, able: Capabilities, report: Report) -> float:

@@ -8,7 +8,6 @@ import os
 import platform
 import re
 import shutil
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -16,6 +15,7 @@ from pathlib import Path
 from ..errors import EnvironmentProblem, InputError
 from ..files import write
 from ..fmu.build import LIBRARIES, build_fmu, pack
+from ..process import run_program
 from ..shipped import template
 
 LANGUAGES = {"python": ("interface.py", "slave.py"), "c": ("brace.c", "modelDescription.xml", "CMakeLists.txt")}
@@ -133,7 +133,7 @@ def _build_c(folder: Path, target: Path) -> None:
 
 
 def _call(command: list[str], folder: Path) -> None:
-    ended = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    ended = run_program(command, folder)
     if ended.returncode == 0:
         return
     said = [line.strip() for line in (ended.stderr + ended.stdout).splitlines() if line.strip()]

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import csv
 import math
-import os
-import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,11 +17,11 @@ from typing import Any
 import numpy as np
 
 from ..contract import MAX_VELOCITY_DEG_S, RANGE_DEG, plain
-from ..errors import SimulationError, SprainError
+from ..errors import SimulationError
 from ..fmu.component import Component
 from ..fmu.element import Element
 from ..fmu.instance import Instance
-from ..process import listen
+from ..process import Handlers, serve
 from ..units import Unit
 
 STEP = 0.5e-3
@@ -310,28 +309,20 @@ PROBES: dict[str, Callable[[Bench, float], dict[str, Any]]] = {
 }
 
 
-def serve(*arguments: int) -> None:
-    """Opens the device once, then runs the probes it is asked for."""
-    first, requests, answer = listen(*arguments)
-    if first is None:
-        return
-    component, axes = first
-    try:
-        Bench(component, axes).close()
-    except SprainError as problem:
-        answer({"error": str(problem)})
-        return
-    answer({})
-    for request in requests:
-        try:
-            bench = Bench(component, axes)
-            found = PROBES[request["probe"]](bench, request["step"])
-            bench.close()
-            answer(found)
-        except SprainError as problem:
-            answer({"error": str(problem)})
+@contextmanager
+def handlers(subject: tuple[Component, tuple[str, ...]]) -> Iterator[Handlers]:
+    """The child: opens the device once, then runs the experiments."""
+    component, axes = subject
+    Bench(component, axes).close()
+
+    def run(name: str, h: float) -> dict[str, Any]:
+        bench = Bench(component, axes)
+        found = PROBES[name](bench, h)
+        bench.close()
+        return found
+
+    yield {"run": run}
 
 
 if __name__ == "__main__":
-    serve(*(int(argument) for argument in sys.argv[1:5]))
-    os._exit(0)
+    serve(handlers)

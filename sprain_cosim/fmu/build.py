@@ -16,7 +16,6 @@ import io
 import os
 import platform
 import shutil
-import subprocess
 import sys
 import tempfile
 import zipfile
@@ -29,6 +28,7 @@ from xml.etree import ElementTree as ET
 
 from ..errors import EnvironmentProblem, InputError, nearest
 from ..files import write
+from ..process import run_program
 from ..shipped import FMUS, SOURCES
 
 LIBRARIES = {  # (system, machine): folder of FMI 2.0 and ending of a shared library
@@ -285,7 +285,7 @@ def _compiled(source: Path) -> bytes | None:
         if sys.platform == "linux":
             options += ["-s", "-Wl,--build-id=none"]
         command = [compiler, *options, "-o", str(library), source.name, "-ldl"]
-        outcome = subprocess.run(command, cwd=source.parent, capture_output=True, text=True)
+        outcome = run_program(command, source.parent)
         if outcome.returncode:
             raise EnvironmentProblem(
                 f"{source}: {compiler} cannot compile it: {(outcome.stderr.splitlines() or ['no message'])[0]}"

@@ -1,30 +1,40 @@
-"""One FMU in a process of its own: what it does to its process ends the run with a message, not ours; what it loads
-meets no other FMU's.
+"""One FMU in a process of its own: what it does to its process ends the run with a message, not this process; what it
+loads meets no other FMU's.
 
 `Isolated` is a component whose instances live in a child each. The proxy here and the child exchange one message per
-step: the inputs that were pushed since the last one go along with the step, the outputs come back with its answer.
+step: the inputs that were set since the last one go along with the step, the outputs come back with its answer.
 Numbers travel as the shortest decimal that gives the same double back, so a run is the same to the bit."""
 
 from __future__ import annotations
 
+import contextlib
 import itertools
-import os
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from ..errors import EnvironmentProblem, InputError, SimulationError, SimulationStopped, SprainError, StepDiscarded
-from ..process import Child, Gone, Limits, listen
+from ..errors import SimulationError, SprainError
+from ..process import Child, Handlers, Limits, ProcessEnded, serve
 from .component import Component
-from .instance import Instance
+from .instance import Instance, Values
 
 START_LIMIT, STEP_LIMIT = 120.0, 10.0  # s of wall time: opening and initialising; any other call
 CLOSE_LIMIT = 1.0
-ERRORS: dict[str, type[SprainError]] = {
-    kind.__name__: kind for kind in (SimulationError, SimulationStopped, StepDiscarded, EnvironmentProblem, InputError)
+DOING = {
+    "bind": "choosing its variables",
+    "watch_locals": "choosing its variables",
+    "set_parameters": "setting its parameters",
+    "enter_initialization": "entering initialisation",
+    "exit_initialization": "initialising",
+    "get_outputs": "reading its outputs",
+    "get_locals": "reading its variables",
+    "save_state": "saving its state",
+    "restore_state": "restoring its state",
+    "free_state": "freeing a state",
+    "reset": "resetting",
 }
 
 
@@ -32,10 +42,13 @@ class Isolated(Component):
     """A component whose instances run in processes of their own."""
 
     def open(self) -> Instance:
-        return Proxy(self)
+        """Starts a process and opens the FMU there. Raises what the FMU's opening raises there, and SimulationError
+        when the process ends or takes too long."""
+        return Proxy(Component(**_fields(self)))
 
 
 def isolated(component: Component) -> Isolated:
+    """The same component, in processes of its own."""
     return Isolated(**_fields(component))
 
 
@@ -44,38 +57,38 @@ def _fields(component: Component) -> dict[str, Any]:
 
 
 class Proxy:
-    """Implements component.Instance on the near side. Raises what the instance raises, and SimulationError when its
-    process ends or overruns its limit."""
+    """Implements Instance on the near side. Raises what the instance raises, and SimulationError when its process ends
+    or overruns its limit."""
 
     def __init__(self, component: Component) -> None:
         self.name = component.name
-        self._pushed: list[float] | None = None
-        self._current = False
-        self._child = Child(Limits(), "sprain_cosim.fmu.isolated")
+        self._pending_inputs: list[float] | None = None
+        self._outputs_current = False
+        self._child = Child("sprain_cosim.fmu.isolated", Limits())
         try:
-            self._answer(lambda: self._child.open(Component(**_fields(component)), START_LIMIT), "opening it")
+            self._guarded(lambda: self._child.open(component, START_LIMIT), "opening it")
         except SprainError:
             self._child.close()
             raise
 
     def bind(
         self,
-        bus: np.ndarray,
+        bus: Values,
         inputs: Sequence[str],
         first_input: int,
         outputs: Sequence[str],
         first_output: int,
         feedthrough: int,
     ) -> None:
-        self._given = bus[first_input : first_input + len(inputs)]
         boundary = len(outputs) - feedthrough
-        self._gives = bus[first_output : first_output + len(outputs)]
-        self._states, self._echoes = slice(0, boundary), slice(boundary, len(outputs))
-        self._outputs = np.zeros(len(outputs))
+        self._inputs = bus[first_input : first_input + len(inputs)]
+        self._outputs = bus[first_output : first_output + len(outputs)]
+        self._without_feedthrough, self._feedthrough = slice(0, boundary), slice(boundary, len(outputs))
+        self._latest = np.zeros(len(outputs))
         self._call("bind", list(inputs), list(outputs))
 
-    def watch_locals(self, names: Sequence[str], seen: np.ndarray) -> None:
-        self._seen = seen
+    def watch_locals(self, names: Sequence[str], values: Values) -> None:
+        self._locals = values
         self._call("watch_locals", list(names))
 
     def set_parameters(self, values: Mapping[str, float]) -> None:
@@ -89,28 +102,27 @@ class Proxy:
         self._call("exit_initialization", limit=START_LIMIT)
 
     def set_inputs(self) -> None:
-        self._pushed, self._current = self._given.tolist(), False
+        self._pending_inputs, self._outputs_current = self._inputs.tolist(), False
 
     def do_step(self, time: float, step: float) -> None:
-        self._outputs[:] = self._call(
-            "do_step", time, step, doing=f"in the step from {time:.6g} s to {time + step:.6g} s"
-        )
-        self._current = True
+        doing = f"in the step from {time:.6g} s to {time + step:.6g} s"
+        self._latest[:] = self._call("do_step", time, step, doing=doing)
+        self._outputs_current = True
 
     def get_outputs(self) -> None:
-        self._refresh()
-        self._gives[:] = self._outputs
+        self._fetch()
+        self._outputs[:] = self._latest
 
     def get_outputs_without_feedthrough(self) -> None:
-        self._refresh()
-        self._gives[self._states] = self._outputs[self._states]
+        self._fetch()
+        self._outputs[self._without_feedthrough] = self._latest[self._without_feedthrough]
 
     def get_feedthrough_outputs(self) -> None:
-        self._refresh()
-        self._gives[self._echoes] = self._outputs[self._echoes]
+        self._fetch()
+        self._outputs[self._feedthrough] = self._latest[self._feedthrough]
 
     def get_locals(self) -> None:
-        self._seen[:] = self._call("get_locals")
+        self._locals[:] = self._call("get_locals")
 
     def save_before_steps(self) -> None:
         self._call("save_before_steps")
@@ -129,74 +141,86 @@ class Proxy:
 
     def close(self) -> None:
         try:
-            self._child.ask({"do": "close", "with": [], "inputs": None}, CLOSE_LIMIT)
-        except Gone:
+            self._child.call("close", None, limit=CLOSE_LIMIT)
+        except (ProcessEnded, SprainError):
             pass
         finally:
             self._child.close()
 
-    def _refresh(self) -> None:
-        if not self._current:
-            self._outputs[:] = self._call("get_outputs")
-            self._current = True
+    def _fetch(self) -> None:
+        if not self._outputs_current:
+            self._latest[:] = self._call("get_outputs")
+            self._outputs_current = True
 
-    def _call(self, do: str, *arguments: Any, limit: float = STEP_LIMIT, doing: str = "") -> Any:
-        self._current = False
-        request = {"do": do, "with": arguments, "inputs": self._pushed}
-        self._pushed = None
-        return self._answer(lambda: self._child.ask(request, limit), doing or f"in {do.replace('_', ' ')}")
+    def _call(self, method: str, *arguments: Any, limit: float | None = None, doing: str = "") -> Any:
+        self._outputs_current = False
+        inputs, self._pending_inputs = self._pending_inputs, None
+        return self._guarded(
+            lambda: self._child.call(method, inputs, *arguments, limit=STEP_LIMIT if limit is None else limit),
+            doing or DOING.get(method, method),
+        )
 
-    def _answer(self, ask: Callable[[], dict[str, Any]], doing: str) -> Any:
+    def _guarded(self, request: Callable[[], Any], doing: str) -> Any:
+        """Raises SimulationError when the process ends."""
         try:
-            answer = ask()
-        except Gone as gone:
-            said = self._child.log().splitlines()
+            return request()
+        except ProcessEnded as end:
+            last_words = self._child.last_words()
             self._child.close()
-            raise SimulationError(
-                f"{self.name}: {doing}: its process "
-                f"{_past(str(gone))}{f'; it said: {said[-1].strip()}' if said else ''}"
-            ) from None
-        if "error" in answer:
-            raise ERRORS[answer["kind"]](answer["error"])
-        return answer["value"]
+            raise SimulationError(f"{self.name}: {doing}: its process {_past(str(end))}{last_words}") from None
 
 
 def _past(text: str) -> str:
-    """What isolation says of a process, as the end of a sentence about it."""
+    """How a process ended, as the end of a sentence about it."""
     return text.replace("ended by signal", "was ended by signal").replace("ended its process with", "ended with")
 
 
 class Host:
-    """The far side: the instance on a bus of its own."""
+    """The far side: the instance on a bus of its own. Its methods take and give what travels as JSON."""
 
     def __init__(self, component: Component) -> None:
         self.instance = component.open()
-        self.states: dict[int, Any] = {}
-        self.keys = itertools.count()
+        self._states: dict[int, Any] = {}
+        self._keys = itertools.count()
 
-    def answer(self, request: Mapping[str, Any]) -> Any:
-        if request["inputs"] is not None:
-            self.bus[: self.split] = request["inputs"]
+    def handlers(self) -> Handlers:
+        """The methods of the instance by name. Their first argument: inputs to be set before the call, or None."""
+        passed_on = ("set_parameters", "enter_initialization", "exit_initialization", "save_before_steps", "close")
+        methods = [getattr(self.instance, name) for name in passed_on] + [
+            self.bind,
+            self.watch_locals,
+            self.get_locals,
+            self.get_outputs,
+            self.do_step,
+            self.reset,
+            self.save_state,
+            self.restore_state,
+            self.free_state,
+        ]
+        return {method.__name__: partial(self._call, method) for method in methods}
+
+    def _call(self, method: Callable[..., Any], inputs: list[float] | None, *arguments: Any) -> Any:
+        if inputs is not None:
+            self._bus[: self._split] = inputs
             self.instance.set_inputs()
-        own: Callable[..., Any] = getattr(self, request["do"], None) or getattr(self.instance, request["do"])
-        return own(*request["with"])
+        return method(*arguments)
 
     def bind(self, inputs: list[str], outputs: list[str]) -> None:
-        self.split = len(inputs)
-        self.bus = np.zeros(len(inputs) + len(outputs))
-        self.instance.bind(self.bus, inputs, 0, outputs, self.split, 0)
+        self._split = len(inputs)
+        self._bus = np.zeros(len(inputs) + len(outputs))
+        self.instance.bind(self._bus, inputs, 0, outputs, self._split, 0)
 
     def watch_locals(self, names: list[str]) -> None:
-        self.seen = np.zeros(len(names))
-        self.instance.watch_locals(names, self.seen)
+        self._locals = np.zeros(len(names))
+        self.instance.watch_locals(names, self._locals)
 
     def get_locals(self) -> list[float]:
         self.instance.get_locals()
-        return self.seen.tolist()
+        return list(self._locals.tolist())
 
     def get_outputs(self) -> list[float]:
         self.instance.get_outputs()
-        return self.bus[self.split :].tolist()
+        return list(self._bus[self._split :].tolist())
 
     def do_step(self, time: float, step: float) -> list[float]:
         self.instance.do_step(time, step)
@@ -204,40 +228,26 @@ class Host:
 
     def reset(self) -> None:
         self.instance.reset()
-        self.bus[:] = 0.0
-        self.states.clear()
+        self._bus[:] = 0.0
+        self._states.clear()
 
     def save_state(self) -> int:
-        key = next(self.keys)
-        self.states[key] = self.instance.save_state()
+        key = next(self._keys)
+        self._states[key] = self.instance.save_state()
         return key
 
     def restore_state(self, key: int) -> None:
-        self.instance.restore_state(self.states[key])
+        self.instance.restore_state(self._states[key])
 
     def free_state(self, key: int) -> None:
-        self.instance.free_state(self.states.pop(key))
+        self.instance.free_state(self._states.pop(key))
 
 
-def serve(*arguments: int) -> None:
-    component, requests, answer = listen(*arguments)
-    if component is None:
-        return
-    try:
-        host = Host(component)
-    except SprainError as problem:
-        answer({"error": str(problem), "kind": type(problem).__name__})
-        return
-    answer({"value": None})
-    for request in requests:
-        try:
-            answer({"value": host.answer(request)})
-        except SprainError as problem:
-            answer({"error": str(problem), "kind": type(problem).__name__})
-        if request["do"] == "close":
-            return
+@contextlib.contextmanager
+def handlers(component: Component) -> Iterator[Handlers]:
+    """The child: opens the FMU, then answers for its instance."""
+    yield Host(component).handlers()
 
 
 if __name__ == "__main__":
-    serve(*(int(argument) for argument in sys.argv[1:5]))
-    os._exit(0)
+    serve(handlers)

@@ -5,16 +5,14 @@ are single trials; when the time of one is known, a batch holds as many as the b
 
 from __future__ import annotations
 
-import contextlib
 import math
-import signal
-import threading
 from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from time import monotonic
 
 import numpy as np
 
+from .. import signals
 from ..errors import SimulationError
 from ..uq.distributions import Array
 from .backends.backend import Backend, Job
@@ -91,7 +89,7 @@ class Dispatch:
 
     def close(self) -> None:
         """Ends what runs, keeps what is finished; signals wait meanwhile."""
-        with _undisturbed():
+        with signals.held():
             for row in self.backend.close():
                 if self.ledger.row(row.trial) is None:
                     self.ledger.add(row)
@@ -122,21 +120,3 @@ class Dispatch:
         return SimulationError(
             f"{failed} of {finished} trials failed, more than --max-failed {100 * self.max_failed:g} % allows{example}"
         )
-
-
-@contextlib.contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Signals that ask to stop wait until this is done."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    heard: list[int] = []
-    signal.setitimer(signal.ITIMER_REAL, 0.0)  # the command line repeats a signal until it is heard, which it was
-    before = {number: signal.signal(number, lambda n, _: heard.append(n)) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-    if heard:
-        signal.raise_signal(heard[0])

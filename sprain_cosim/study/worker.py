@@ -1,8 +1,8 @@
 """A child process that runs trials, so that a crash, a hang or a leak of an FMU costs one trial.
 
-parent                                   child (own session; ends with its parent)
-  Worker.run(trial, values)  --request-->  session.run(values)      the session is opened once
-  Outcome                    <--reply---   status, message, metrics, wall time, memory
+    parent                                child
+    Worker.run(values)   -- request -->   session.run(values)    the session is opened once
+    Outcome              <-- reply --     status, message, metrics, wall time, memory
 
 A child that crashes or overruns its time is killed with its whole process group and the trial repeated once on a fresh
 child. A child is replaced after `recycle` trials or when its memory has grown; the fresh one repeats the last trial and
@@ -13,9 +13,7 @@ from __future__ import annotations
 import base64
 import contextlib
 import gzip
-import os
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
@@ -25,7 +23,7 @@ from ..cosim.result import Result
 from ..errors import SimulationError, SprainError
 from ..fmu import archive
 from ..fmu.cache import cache_folder
-from ..process import Child, Gone, Limits, allow_processor_time, listen, resident
+from ..process import Child, Handlers, Limits, ProcessEnded, allow_processor_time, resident, serve
 
 
 @dataclass(frozen=True)
@@ -77,21 +75,18 @@ class Worker:
         """One trial with `values` (d,) of the names, with its trajectory where `record`. Raises Stopped after `kill`,
         SimulationError when the system cannot be opened at all or a fresh child disagrees with the one it replaces."""
         numbers = [float(v) for v in values]
-        request = {"values": numbers, "record": record}
         for attempt in (1, 2):
             try:
                 child = self._ready()
-                reply = child.ask(request, self.limits.trial)
+                reply = child.call("run", numbers, record, limit=self.limits.trial)
                 break
-            except Gone as gone:
+            except ProcessEnded as end:
                 log = self._child.log() if self._child else ""
                 self._drop()
                 if self._stopped:
                     raise Stopped from None
                 if attempt == 2:
-                    return Outcome(gone.status, str(gone), attempts=2, log=log)
-        if "error" in reply:
-            raise SimulationError(reply["error"])
+                    return Outcome(end.status, str(end), attempts=2, log=log)
         child.note(reply["memory"])
         completed = reply["status"] == "completed"
         if completed:
@@ -108,8 +103,8 @@ class Worker:
         self._drop()
 
     def _ready(self) -> Child:
-        """The child for the next trial. Raises Gone when one that replaces another ends at the trial that it is to
-        repeat."""
+        """The child for the next trial. Raises ProcessEnded when one that replaces another ends at the trial that
+        it is to repeat."""
         if self._stopped:
             raise Stopped
         spent = self._child is not None and (
@@ -121,7 +116,7 @@ class Worker:
             self._child = self._fresh()
             if spent and self._last is not None:
                 values, before = self._last
-                if self._child.ask({"values": values}, self.limits.trial).get("metrics") != before:
+                if self._child.call("run", values, False, limit=self.limits.trial)["metrics"] != before:
                     raise SimulationError(
                         "a fresh process gives other numbers for the same trial: a component keeps something between "
                         "runs"
@@ -145,26 +140,22 @@ class Worker:
             self._opened,
             False,
         ):  # what has opened before gets a second chance: the machine may have been short of something
-            child = Child(self.limits, __name__)
+            child = Child(__name__, self.limits)
+            problem = ""
             try:
-                reply = child.open((self.scenario, self.names, self.limits), self.limits.start)
-            except Gone as gone:
-                log = child.log()
-                child.close()
-                if self._stopped:
-                    raise Stopped from None
-                if again:
-                    continue
-                raise SimulationError(
-                    f"the system cannot be opened: {gone}{f'; last words: {log.splitlines()[-1]}' if log else ''}"
-                ) from None
-            if "error" in reply or self._stopped:
-                child.close()
-                if self._stopped:
-                    raise Stopped
-                raise SimulationError(reply["error"])
-            self._opened = True
-            return child
+                child.open((self.scenario, self.names, self.limits), self.limits.start)
+                if not self._stopped:
+                    self._opened = True
+                    return child
+            except ProcessEnded as end:
+                problem = f"the system cannot be opened: {end}{child.last_words('; last words: ')}"
+            except SprainError as refusal:  # what a study cannot open is a failure of its simulations
+                problem, again = str(refusal), False
+            child.close()
+            if self._stopped:
+                raise Stopped
+            if not again:
+                raise SimulationError(problem)
         raise AssertionError("unreachable")
 
     def _drop(self) -> None:
@@ -185,31 +176,26 @@ def _marks(scenario: Openable) -> list[Path]:
     return [cache_folder() / "opened" / archive.read(path).sha256[:32] for path in fmus.values()]
 
 
-def serve(*arguments: int) -> None:
-    """The child: opens the scenario it is sent, then answers one request per trial until the line closes."""
-    first, requests, answer = listen(*arguments)
-    if first is None:
-        return
-    scenario, names, limits = first
-    try:
-        session = scenario.open()
-    except SprainError as problem:
-        answer({"error": str(problem)})
-        return
-    answer({"memory": resident()})
-    with session:
-        for request in requests:
-            began = perf_counter()
-            allow_processor_time(limits.cpu)
-            try:
-                result = session.run(dict(zip(names, request["values"], strict=True)))
-                wall = perf_counter() - began
-                reply = {"status": result.status, "message": result.message, "metrics": result.metrics}
-                if (request.get("record") or result.status != "completed") and isinstance(result, Result):
-                    reply |= _record(result)
-            except SprainError as problem:
-                wall, reply = perf_counter() - began, {"status": "failed", "message": str(problem), "metrics": {}}
-            answer(reply | {"wall": wall, "memory": resident()})
+@contextlib.contextmanager
+def handlers(subject: tuple[Openable, tuple[str, ...], Limits]) -> Iterator[Handlers]:
+    """The child: opens the scenario, then runs trials with values of `names`."""
+    scenario, names, limits = subject
+
+    def run(values: Sequence[float], record: bool) -> dict[str, Any]:
+        began = perf_counter()
+        allow_processor_time(limits.cpu)
+        try:
+            result = session.run(dict(zip(names, values, strict=True)))
+            wall = perf_counter() - began
+            reply = {"status": result.status, "message": result.message, "metrics": result.metrics}
+            if (record or result.status != "completed") and isinstance(result, Result):
+                reply |= _record(result)
+        except SprainError as problem:
+            wall, reply = perf_counter() - began, {"status": "failed", "message": str(problem), "metrics": {}}
+        return reply | {"wall": wall, "memory": resident()}
+
+    with scenario.open() as session:
+        yield {"run": run}
 
 
 def _record(result: Result) -> dict[str, Any]:
@@ -218,5 +204,4 @@ def _record(result: Result) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    serve(*(int(argument) for argument in sys.argv[1:5]))
-    os._exit(0)  # what a foreign library does at the end of a process is not our matter
+    serve(handlers)

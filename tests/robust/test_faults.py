@@ -15,7 +15,7 @@ import sprain_cosim as sc
 from sprain_cosim.cli import cli
 from sprain_cosim.cosim.result import Result
 from sprain_cosim.errors import SimulationError
-from sprain_cosim.process import Child, Gone, Limits
+from sprain_cosim.process import Child, Limits, ProcessEnded
 from sprain_cosim.study.study import Study
 from sprain_cosim.study.worker import Worker
 from tests.native import FAULTS, compile_fmu
@@ -168,16 +168,16 @@ def test_a_device_that_hangs_when_it_is_loaded_is_one_message(tmp_path: Path) ->
 
 def test_a_hang_is_ended_in_time_with_its_grandchildren(study: Study) -> None:
     names, limits = ("brace.fault",), Limits(trial=LIMIT)
-    child = Child(limits, "sprain_cosim.study.worker")
+    child = Child("sprain_cosim.study.worker", limits)
     try:
         child.open((study.scenario, names, limits), limits.start)
         for fault in ("none", "fork"):
-            assert child.ask({"values": [float(FAULTS.index(fault))]}, 60.0)["status"] == "completed"
+            assert child.call("run", [float(FAULTS.index(fault))], False, limit=60.0)["status"] == "completed"
         group = child._process.pid
         assert len(alive_in(group)) == 2
         began = time.monotonic()
-        with pytest.raises(Gone, match="wall time"):
-            child.ask({"values": [float(FAULTS.index("hang_step"))]}, limits.trial)
+        with pytest.raises(ProcessEnded, match="wall time"):
+            child.call("run", [float(FAULTS.index("hang_step"))], False, limit=limits.trial)
     finally:
         child.close()
     while left := alive_in(group):  # killed, and not yet buried by the system

@@ -14,8 +14,6 @@ import logging
 import os
 import pickle
 import queue
-import signal
-import subprocess
 import sys
 import tempfile
 import threading
@@ -28,6 +26,7 @@ from typing import Any
 from ... import __version__
 from ...errors import EnvironmentProblem, InputError
 from ...fmu import cache
+from ...process import Program
 from ...scenario import Scenario
 from ..ledger import Row
 from ..worker import Outcome, Worker
@@ -66,7 +65,7 @@ class Dask:
         self._delivered: dict[str, Any] = {}
         self._done: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._cluster: Any = None
-        self._processes: list[subprocess.Popen[bytes]] = []
+        self._processes: list[Program] = []
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         dask.config.set(
             {"distributed.admin.low-level-log-length": LOG}
@@ -129,9 +128,7 @@ class Dask:
 
     def close(self) -> list[Row]:
         for process in self._processes:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
+            process.end()
         with contextlib.suppress(Exception):
             if self._cluster is None and self._client.status == "running":
                 self._client.run(_release, self._key, wait=False)
@@ -174,7 +171,7 @@ class Dask:
         )
 
 
-def _dask_worker(scheduler: str) -> subprocess.Popen[bytes]:
+def _dask_worker(scheduler: str) -> Program:
     """A Dask worker of one thread, which ends when its scheduler does. A process by command line: forking or spawning
     would run the user's script again."""
     options = [
@@ -189,13 +186,9 @@ def _dask_worker(scheduler: str) -> subprocess.Popen[bytes]:
         "--local-directory",
         tempfile.gettempdir(),
     ]
-    return subprocess.Popen(
+    return Program(
         [sys.executable, "-m", "distributed.cli.dask_worker", scheduler, *options],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        env=os.environ | {"DASK_DISTRIBUTED__ADMIN__LOW_LEVEL_LOG_LENGTH": str(LOG)},
-        start_new_session=True,
+        {"DASK_DISTRIBUTED__ADMIN__LOW_LEVEL_LOG_LENGTH": str(LOG)},
     )
 
 

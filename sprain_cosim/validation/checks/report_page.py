@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -12,6 +11,7 @@ from ...errors import EnvironmentProblem
 from ...figures.gallery import landing_picture
 from ...folders import read as folders
 from ...folders import run as runfolder
+from ...process import run_program
 from ...report import page as report
 from ..check import Check, Row
 from ..laboratory import Laboratory, browser, scenario
@@ -37,7 +37,7 @@ def report_of_a_landing(_: Laboratory) -> list[Row]:
             f"--user-data-dir={folder}/profile",
         ]
         options = ["--enable-logging=stderr", "--virtual-time-budget=4000", "--dump-dom", page.as_uri()]
-        done = subprocess.run([*command, *options], capture_output=True, text=True, timeout=SECONDS, check=False)
+        done = run_program([*command, *options], limit=SECONDS)
     if done.returncode:
         raise EnvironmentProblem(f"{command[0]} ended with {done.returncode}: {done.stderr.strip()[-200:]}")
     return [

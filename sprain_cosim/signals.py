@@ -1,0 +1,58 @@
+"""Signals that ask this process to stop: how they interrupt it, and how they wait."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+REPEAT = 0.2  # s after which an interruption comes again, should native code swallow the exception
+
+
+class Interrupted(BaseException):
+    """A signal that asks to stop. Not a KeyboardInterrupt, which click reports in its own way."""
+
+
+def interrupt() -> list[int]:
+    """From here on SIGINT and SIGTERM raise Interrupted in the main thread, again and again until `settle`. The numbers
+    of the signals that arrived, in a list that grows."""
+    received: list[int] = []
+
+    def stop(number: int, _: Any) -> None:
+        received.append(number)
+        if hasattr(signal, "setitimer"):
+            signal.setitimer(signal.ITIMER_REAL, REPEAT)
+        raise Interrupted
+
+    for name in ("SIGINT", "SIGTERM", "SIGALRM"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), stop)
+    return received
+
+
+def settle() -> None:
+    """An interruption that has arrived does not come again."""
+    if hasattr(signal, "setitimer"):
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+@contextlib.contextmanager
+def held() -> Iterator[None]:
+    """Signals that ask to stop wait until this is done. Only the main thread gets signals."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    waiting: list[int] = []
+    settle()
+    before = {
+        number: signal.signal(number, lambda n, _: waiting.append(n)) for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if waiting:
+        signal.raise_signal(waiting[0])

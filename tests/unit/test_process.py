@@ -1,0 +1,150 @@
+"""Child processes speak one dialect: values come back as they are, errors by class, endings by name."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sprain_cosim import errors, process
+from sprain_cosim.errors import EnvironmentProblem, SprainError, StepDiscarded
+from sprain_cosim.process import Child, Handlers, Limits, ProcessEnded, Program, run_program, serve
+from tests.processes import alive_in
+
+ENOUGH = 60.0  # s
+
+
+@contextmanager
+def handlers(subject: Any) -> Iterator[Handlers]:
+    """The child that these tests start: this module."""
+
+    def fail(kind: str, message: str) -> None:
+        raise getattr(errors, kind)(message)
+
+    def overflow() -> None:
+        os.write(int(sys.argv[2]), b"\xff" * 8)
+
+    if isinstance(subject, SprainError):
+        raise subject
+    yield {
+        "subject": lambda: subject,
+        "same": lambda *values: list(values),
+        "fail": fail,
+        "bug": lambda: 1 / 0,
+        "exit": os._exit,
+        "print": lambda text: print(text, flush=True),
+        "hang": lambda: time.sleep(ENOUGH),
+        "memory": lambda size: len(bytearray(size)),
+        "spin": lambda: [process.allow_processor_time(0.0), sum(k * k for k in range(10**9))],
+        "overflow": overflow,
+    }
+
+
+@pytest.fixture
+def child() -> Iterator[Child]:
+    opened = Child(__name__, Limits(memory=1 << 30))
+    try:
+        opened.open({"plant": 0.3}, ENOUGH)
+        yield opened
+    finally:
+        opened.close()
+
+
+def test_values_come_back_as_they_are(child: Child) -> None:
+    """Doubles to the bit, one call after the other."""
+    assert child.call("subject", limit=ENOUGH) == {"plant": 0.3}
+    for values in ([0.1 + 0.2, 5e-324, -1.7976931348623157e308], [float("inf")], ["a", None, {"b": [1]}], []):
+        assert child.call("same", *values, limit=ENOUGH) == values
+
+
+@pytest.mark.parametrize("kind", ["InputError", "SimulationError", "SimulationStopped", "StepDiscarded"])
+def test_errors_travel_by_class(kind: str, child: Child) -> None:
+    """With message and exit code; the child lives on."""
+    with pytest.raises(getattr(errors, kind)) as caught:
+        child.call("fail", kind, "brace: 12 °: too far", limit=ENOUGH)
+    assert type(caught.value) is getattr(errors, kind)
+    assert str(caught.value) == "brace: 12 °: too far"
+    assert child.call("same", 1, limit=ENOUGH) == [1]
+
+
+def test_an_error_of_opening_travels_by_class() -> None:
+    opened = Child(__name__, Limits())
+    try:
+        with pytest.raises(EnvironmentProblem, match="no library"):
+            opened.open(EnvironmentProblem("no library"), ENOUGH)
+    finally:
+        opened.close()
+
+
+def test_every_error_of_the_package_finds_its_class() -> None:
+    kinds = [k for k in vars(errors).values() if isinstance(k, type) and issubclass(k, SprainError)]
+    assert StepDiscarded in kinds
+    for kind in kinds:
+        found = process._error(kind.__name__, "why")
+        assert (type(found), str(found), found.exit_code) == (kind, "why", kind.exit_code)
+    assert type(process._error("Unknown", "why")) is SprainError
+
+
+@pytest.mark.parametrize(
+    ("call", "status", "message"),
+    [
+        (("exit", 7), "crashed", "exit code 7"),
+        (("bug",), "crashed", "exit code 1"),
+        (("spin",), "timeout", "processor time"),
+        (("overflow",), "crashed", "wrote into the line"),
+    ],
+)
+def test_endings_are_named(call: tuple[Any, ...], status: str, message: str, child: Child) -> None:
+    with pytest.raises(ProcessEnded, match=message) as caught:
+        child.call(*call, limit=ENOUGH)
+    assert caught.value.status == status
+
+
+def test_the_last_words_are_kept(child: Child) -> None:
+    assert child.last_words() == ""
+    child.call("print", "first\nlast", limit=ENOUGH)
+    with pytest.raises(ProcessEnded):
+        child.call("bug", limit=ENOUGH)
+    assert child.log().startswith("first\nlast\nTraceback")
+    assert child.last_words() == "; it said: ZeroDivisionError: division by zero"
+
+
+def test_a_call_that_hangs_ends_at_its_limit_with_the_group(child: Child) -> None:
+    began = time.monotonic()
+    with pytest.raises(ProcessEnded, match="wall time") as caught:
+        child.call("hang", limit=0.3)
+    assert caught.value.status == "timeout"
+    child.close()
+    assert time.monotonic() - began < 5.0
+    assert not alive_in(child._process.pid)
+
+
+def test_memory_is_limited(child: Child) -> None:
+    with pytest.raises(ProcessEnded, match="exit code 1"):
+        child.call("memory", 2 << 30, limit=ENOUGH)
+    assert "MemoryError" in child.last_words()
+
+
+def test_a_tool_is_run_to_its_end(tmp_path: Path) -> None:
+    done = run_program([sys.executable, "-c", "import os; print(os.getcwd()); raise SystemExit(3)"], tmp_path)
+    assert (done.returncode, done.stdout.strip()) == (3, str(tmp_path.resolve()))
+    with pytest.raises(EnvironmentProblem, match=r"did not end within 0\.2 s"):
+        run_program([sys.executable, "-c", "import time; time.sleep(60)"], limit=0.2)
+
+
+def test_a_program_ends_with_its_group() -> None:
+    program = Program([sys.executable, "-c", "import time; time.sleep(60)"], {"A": "b"})
+    group = program._process.pid
+    assert alive_in(group)
+    program.end()
+    assert not alive_in(group)
+
+
+if __name__ == "__main__":
+    serve(handlers)
