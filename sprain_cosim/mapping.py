@@ -8,6 +8,7 @@ none or a wrong one."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping as MappingOf
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,10 +21,13 @@ from .files import parse_toml, read_text
 from .fmu import archive
 from .fmu.component import Component
 from .fmu.element import Connector
+from .sandbox.allowed import NOTHING, Allowed, allowed
+from .sandbox.allowed import PATTERN as ALLOW
 from .units import Unit, unit
 
 INSIDE = "extra/sprain-cosim/map.toml"
 SECOND = unit("s")
+SHA256 = re.compile(r"[0-9a-fA-F]{64}")
 FACTOR = {"type": "number", "not": {"const": 0}}
 
 
@@ -43,6 +47,12 @@ def _unit(value: Any, place: str) -> Unit:
         return unit(value)
     except InputError as problem:
         raise InputError(f"{table}: {problem}") from None
+
+
+def _allowed(value: Any, place: str) -> Allowed:
+    if not isinstance(value, list):
+        raise InputError(f'{place}: must be a list, such as ["loopback", "read:/opt/licence"]')
+    return allowed(value)
 
 
 def _signals(link: str, causality: str, known: MappingOf[str, Unit]) -> keys.Named:
@@ -95,6 +105,25 @@ FILE = keys.File(
                 "false",
             ),
             keys.Key("reset", keys.flag(), "true: its reset equals a fresh instance", "false"),
+            keys.Key(
+                "allow",
+                keys.Value("list of text", {"type": "array", "items": {"type": "string", "pattern": ALLOW}}, _allowed),
+                'what it may do beyond the sandbox: "loopback", "network", "exec", "read:/path"; only in '
+                "a file beside the FMU, never in one that it carries",
+                "nothing",
+            ),
+            keys.Key(
+                "expect_sha256",
+                keys.plain(
+                    "text",
+                    {"type": "string", "pattern": f"^{SHA256.pattern}$"},
+                    lambda value: isinstance(value, str) and SHA256.fullmatch(value) is not None,
+                    "{at} = {value}: must be the 64 hexadecimal digits of a SHA-256",
+                    str.lower,
+                ),
+                "of the FMU's file; another file is refused",
+                "any",
+            ),
             keys.Key("inputs", _signals("to", "input", INPUTS), "the input of the FMU that takes the signal"),
             keys.Key("outputs", _signals("from", "output", OUTPUTS), "the output of the FMU that is the signal"),
         )
@@ -114,7 +143,8 @@ class Signal:
 
 @dataclass(frozen=True)
 class Mapping:
-    """{contract name: Signal}; `step` [s] of its own; `source` where it was read."""
+    """{contract name: Signal}; `step` [s] of its own; `source` where it was read; `allowed` what it may do beyond the
+    sandbox; `expect_sha256` of the FMU's file, "" for any."""
 
     inputs: MappingOf[str, Signal] = field(default_factory=dict)
     outputs: MappingOf[str, Signal] = field(default_factory=dict)
@@ -123,6 +153,8 @@ class Mapping:
     step: float | None = None
     reset: bool = False
     continuous: bool = False
+    allowed: Allowed = NOTHING
+    expect_sha256: str = ""
 
     def apply(self, component: Component) -> Component:
         """The component under the contract's names. Raises InputError with all that cannot be honoured."""
@@ -162,6 +194,11 @@ class Mapping:
         declared = component.capabilities.fixed_step
         if self.step is not None and declared is not None and abs(self.step - declared) > 1e-9 * declared:
             problems.append(f"step = {1e3 * self.step:g} ms: {component.fmu.name} declares {1e3 * declared:g} ms")
+        if self.expect_sha256 not in ("", component.sha256):
+            problems.append(
+                f"expect_sha256 = {self.expect_sha256[:12]}...: {component.fmu.name} has another content, SHA-256 "
+                f"{component.sha256}"
+            )
         problems_to_error(self.source or "mapping", problems)
         for name, c in connectors.items():
             if c.depends_on is not None:
@@ -172,7 +209,7 @@ class Mapping:
             continuous=self.continuous,
             reusable=self.reset or component.capabilities.reusable,
         )
-        return replace(component, connectors=connectors, capabilities=driven)
+        return replace(component, connectors=connectors, capabilities=driven, allowed=self.allowed)
 
 
 def _renamed(name: str, found: Connector, signal: Signal, causality: str) -> Connector:
@@ -207,7 +244,19 @@ def load_mapping(path: Path | str) -> Mapping:
 
 
 def carried(component: Component) -> Mapping | None:
-    """The mapping inside the FMU, if it carries one. Raises InputError."""
+    """The mapping inside the FMU, if it carries one; what it would allow itself is left out. Raises InputError."""
+    found = _inside(component)
+    return None if found is None else replace(found, allowed=NOTHING)
+
+
+def asked_for(component: Component) -> Allowed:
+    """What the mapping inside the FMU would allow it, which only a mapping file of the user's can. Raises
+    InputError."""
+    found = _inside(component)
+    return NOTHING if found is None else found.allowed
+
+
+def _inside(component: Component) -> Mapping | None:
     if INSIDE not in archive.read(component.fmu).names:
         return None
     try:
@@ -229,6 +278,8 @@ def parse(text: str, source: str) -> Mapping:
         step=content.get("step"),
         reset=content.get("reset", False),
         continuous=content.get("continuous", False),
+        allowed=content.get("allow", NOTHING),
+        expect_sha256=content.get("expect_sha256", ""),
     )
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from ..errors import InputError
+from ..sandbox.allowed import NOTHING, Allowed
 from ..units import Unit, unit
 from . import archive
 from .element import Capabilities, Connector, Element
@@ -32,6 +33,7 @@ class Description(Element):
     guid        identity of the model; the library must have the same
     library     path of this platform's library inside the archive
     warnings    what is assumed where the description is silent, one line each
+    allowed     what it may do beyond the sandbox
     """
 
     fmu: Path
@@ -40,6 +42,7 @@ class Description(Element):
     guid: str
     library: str
     warnings: tuple[str, ...] = ()
+    allowed: Allowed = NOTHING
 
     @classmethod
     def read(cls, name: str, fmu: Path | str) -> Self:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from ..errors import InputError, nearest
 
 WORDS = ("loopback", "network", "exec")
+PATTERN = f"^({'|'.join(WORDS)}|read:[/~].+)$"  # of one entry of the list
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import tomllib
@@ -14,7 +15,7 @@ import pytest
 from sprain_cosim import check_brace, load_scenario, load_study
 from sprain_cosim.cli import _run
 from sprain_cosim.errors import InputError
-from sprain_cosim.mapping import INSIDE, parse, read_component
+from sprain_cosim.mapping import INSIDE, asked_for, parse, read_component
 from sprain_cosim.shipped import PACKAGE
 from tests.docs_commands import blocks
 from tests.fake import brace_variables, make_fmu
@@ -227,3 +228,31 @@ def test_schema() -> None:
             jsonschema.validate(tomllib.loads(wrong), SCHEMA)
         with pytest.raises(InputError):
             parse(wrong, "here")
+
+
+def test_a_mapping_names_the_file_it_is_for_and_what_that_may_do(tmp_path: Path) -> None:
+    fmu = device(tmp_path / "device.fmu")
+    digest = hashlib.sha256(fmu.read_bytes()).hexdigest()
+    table = tmp_path / "device.map.toml"
+    table.write_text(f'allow = ["network", "read:/opt/licence"]\nexpect_sha256 = "{digest.upper()}"\n')
+    assert read_component("brace", fmu, table).allowed.words() == ["network", "read:/opt/licence"]
+    table.write_text(f'expect_sha256 = "{"0" * 64}"\n')
+    with pytest.raises(InputError, match=rf"expect_sha256 = 000000000000\.\.\.: device.fmu has .* SHA-256 {digest}"):
+        read_component("brace", fmu, table)
+    for wrong, words in (
+        ('allow = "network"', "must be a list"),
+        ('allow = ["netwrk"]', "did you mean network"),
+        ('allow = ["read:licence"]', "absolute path"),
+        ('expect_sha256 = "abc"', "must be the 64 hexadecimal digits"),
+    ):
+        with pytest.raises(InputError, match=words):
+            parse(wrong, "here")
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(tomllib.loads(wrong), SCHEMA)
+
+
+def test_an_fmu_cannot_allow_itself_anything(tmp_path: Path) -> None:
+    fmu = device(tmp_path / "device.fmu", extra={"extra/sprain-cosim/map.toml": 'allow = ["network", "exec"]\n'})
+    component = read_component("brace", fmu)
+    assert not component.allowed
+    assert asked_for(component).words() == ["network", "exec"]
