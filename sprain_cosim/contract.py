@@ -92,6 +92,11 @@ def is_torque(connector: str) -> bool:
     return connector.endswith("_torque")
 
 
+def is_excitation(connector: str) -> bool:
+    """Of a muscle, which the plant takes from a controller."""
+    return connector.endswith("_excitation")
+
+
 def is_impedance(connector: str) -> bool:
     return connector.endswith(tuple(f"_{kind}" for kind in MOTION))
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contract import PLANT, is_impedance
+from ..contract import PLANT, is_excitation, is_impedance
 from ..errors import SimulationError
 from ..fmu.element import Element
 from ..fmu.instance import Instance
@@ -19,6 +19,7 @@ from ..units import Unit
 from .hand_over import HandOver
 from .loops import make_consistent
 from .own_rate import OwnRate
+from .rest import outputs_at_rest
 from .schedule import Rate
 
 if TYPE_CHECKING:
@@ -85,10 +86,12 @@ class Assembly:
                 self.units.append(component.connectors[name].unit)
         # this slot stays 0, the source of what is not handed over; after it stand the values found by identification
         self.zero = len(self.names)
-        self.bus = np.zeros(self.zero + 1 + len(system.undeclared))
+        rest = [target for target in system.connections if is_excitation(target) and target in self.names]
+        self.bus = np.zeros(self.zero + 1 + len(system.undeclared) + len(rest))
         self.record = self.bus[: self.zero]
         self.index = {name: k for k, name in enumerate(self.names)}
         self.identified = {name: k for k, name in enumerate(system.undeclared, self.zero + 1)}
+        self._at_rest = {name: k for k, name in enumerate(rest, self.zero + 1 + len(self.identified))}
         self.members: list[Member] = []
         self.stepping: list[Member] = []
         self.own_rate: dict[str, OwnRate] = {}
@@ -218,14 +221,34 @@ class Assembly:
             member.instance.set_parameters(self.parameters_of(member))
         for member in self.members:
             member.instance.enter_initialization(time, stop)
+        self._excite_at_rest()
         make_consistent(self)
         for member in self.members:
             member.instance.exit_initialization()
+        self.hand_over(False)
         for member in self.members:
             member.instance.get_outputs()
         make_consistent(self)
         for own in self.own_rate.values():
             own.start()
+
+    def _excite_at_rest(self) -> None:
+        """Feeds excitations, while the components initialise, with what their sources give at rest: before the first
+        stretch reaches a controller, its muscles have the activation that belongs to this. The first step has the
+        excitations that answer to the stretch."""
+        fed = {target: self.index[self.system.connections[target]] for target in self._at_rest}
+        for member in self.members:
+            if any(member.outputs.start <= slot < member.outputs.stop for slot in fed.values()):
+                self.bus[member.outputs] = outputs_at_rest(self, member)
+        for member in self.members:
+            names = self.names[member.inputs]
+            if any(name in fed for name in names):
+                member.sources = np.array(
+                    [self._at_rest.get(n, s) for n, s in zip(names, member.sources.tolist(), strict=True)],
+                    dtype=np.intp,
+                )
+        for target, slot in fed.items():
+            self.bus[self._at_rest[target]] = self.bus[slot]
 
     def parameters_of(self, member: Member) -> dict[str, float]:
         prefix = f"{member.name}."

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from ..contract import MOTION, impedance_input, inertia_output, motion_output
 from .assembly import Assembly, Member
+from .spare import spare_in_initialization
 
 ANGLE, VELOCITY = 1e-4, 0.05  # rad, rad/s: least movements
 DRIFT = 1e-3  # of a change of torque that the slopes may miss before they are found anew
@@ -254,10 +255,10 @@ class _Device:
         self.sampled = own is not None and own.rate.sampled
         system, index = assembly.system, assembly.index
         self._torques = [index[system.torques[axes[row]]] for row in rows]
-        self._factors = np.array([_factor(assembly, k) for k in self._torques])
+        self._factors = np.array([assembly.factor(k) for k in self._torques])
         read = {system.connections.get(name) for name in assembly.names[member.inputs]}
         self.columns = [
-            _Column(index[name], index[motion_output(axis, "damping")], kind, k, _factor(assembly, index[name]))
+            _Column(index[name], index[motion_output(axis, "damping")], kind, k, assembly.factor(index[name]))
             for kind, impedance in enumerate(KINDS)
             for k, axis in enumerate(axes)
             if (name := motion_output(axis, impedance)) in read
@@ -352,7 +353,7 @@ class _Device:
                 bus[:] = kept
                 delta = VELOCITY
                 if c.kind == STIFFNESS:
-                    turn = assembly.bus[c.rate] * _factor(assembly, c.rate) * span
+                    turn = assembly.bus[c.rate] * assembly.factor(c.rate) * span
                     delta = math.copysign(max(abs(turn), ANGLE), turn)
                 bus[c.slot] += delta / c.factor
                 assembly.transfer(member)
@@ -385,30 +386,13 @@ class _Device:
         return self._torques_on_bus()
 
     def _response_of_a_second_instance(self, time: float, span: float) -> Matrix:
-        member, assembly = self.member, self.assembly
-        n = len(member.input_values)
-        if member.spare is None:
-            member.spare = member.component.open()
-            member.spare_bus = np.zeros(n + len(member.output_values))
-            names = [
-                name.partition(".")[2] for name in (*assembly.names[member.inputs], *assembly.names[member.outputs])
-            ]
-            member.spare.bind(member.spare_bus, names[:n], 0, names[n:], n, 0)
-        else:
-            member.spare.reset()
-        spare, bus = member.spare, member.spare_bus
-        spare.set_parameters(assembly.parameters_of(member))
-        spare.enter_initialization(assembly.time, assembly.stop)
-        bus[:n] = member.input_values
+        member, n = self.member, len(self.member.input_values)
+        spare = spare_in_initialization(self.assembly, member)
+        member.spare_bus[:n] = member.input_values
         spare.set_inputs()
         spare.exit_initialization()
         spare.set_inputs()
         spare.do_step(time, span)
         spare.get_outputs()
-        torques: Matrix = bus[[n + k - member.outputs.start for k in self._torques]] * self._factors
+        torques: Matrix = member.spare_bus[[n + k - member.outputs.start for k in self._torques]] * self._factors
         return torques
-
-
-def _factor(assembly: Assembly, slot: int) -> float:
-    unit = assembly.units[slot]
-    return unit.factor if unit else 1.0

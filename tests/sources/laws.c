@@ -1,0 +1,79 @@
+/* Laws for FMI 2 co-simulation (macro LAW). SAMPLED: torque = -k angle - c velocity, evaluated at the end of the initialisation and
+   every `period`, held in between. CONTROLLER: excitations of eight muscles = base + gain * max(0, stretch velocity), at once.
+   WHEN: outputs are computed AT_ONCE, at the END of the initialisation and in steps, or in a STEP only. START_VALUES of all variables. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "fmi2Functions.h"
+
+enum { SAMPLED, CONTROLLER };
+enum { AT_ONCE, END, STEP };
+enum { ANGLE, VELOCITY, TORQUE, STIFFNESS, DAMPING, PERIOD };
+enum { STRETCH = 0, EXCITATION = 8, GAIN = 16, BASE = 17, VARIABLES = 18 };
+typedef struct { double value[VARIABLES]; double due; } Model;
+
+static void evaluate(Model* m) {
+    double* v = m->value;
+    if (LAW == SAMPLED) v[TORQUE] = -v[STIFFNESS] * v[ANGLE] - v[DAMPING] * v[VELOCITY];
+    else for (int k = 0; k < 8; k++) v[EXCITATION + k] = v[BASE] + v[GAIN] * fmax(0.0, v[STRETCH + k]);
+}
+static void fresh(Model* m) {
+    static const double start[VARIABLES] = START_VALUES;
+    memset(m, 0, sizeof *m);
+    memcpy(m->value, start, sizeof start);
+}
+
+const char* fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
+const char* fmi2GetVersion(void) { return fmi2Version; }
+fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String s[]) { return fmi2OK; }
+fmi2Component fmi2Instantiate(fmi2String n, fmi2Type t, fmi2String g, fmi2String r, const fmi2CallbackFunctions* f, fmi2Boolean v, fmi2Boolean l) {
+    Model* m = malloc(sizeof *m);
+    fresh(m);
+    return m;
+}
+void fmi2FreeInstance(fmi2Component c) { free(c); }
+fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean t, fmi2Real tol, fmi2Real start, fmi2Boolean s, fmi2Real stop) { return fmi2OK; }
+fmi2Status fmi2EnterInitializationMode(fmi2Component c) { return fmi2OK; }
+fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
+    Model* m = c;
+    if (WHEN != STEP) evaluate(m);
+    m->due = m->value[PERIOD];
+    return fmi2OK;
+}
+fmi2Status fmi2Terminate(fmi2Component c) { return fmi2OK; }
+fmi2Status fmi2Reset(fmi2Component c) { fresh(c); return fmi2OK; }
+fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real v[]) {
+    Model* m = c;
+    if (LAW == CONTROLLER && WHEN == AT_ONCE) evaluate(m);
+    for (size_t i = 0; i < n; i++) v[i] = m->value[vr[i]];
+    return fmi2OK;
+}
+fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real v[]) {
+    for (size_t i = 0; i < n; i++) ((Model*)c)->value[vr[i]] = v[i];
+    return fmi2OK;
+}
+fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean keep) {
+    Model* m = c;
+    if (LAW == CONTROLLER) evaluate(m);
+    else
+        for (; m->due <= time + step + 1e-9; m->due += m->value[PERIOD]) evaluate(m);
+    return fmi2OK;
+}
+fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate* s) {
+    if (!*s) *s = malloc(sizeof(Model));
+    memcpy(*s, c, sizeof(Model));
+    return fmi2OK;
+}
+fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate s) { memcpy(c, s, sizeof(Model)); return fmi2OK; }
+fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate* s) { free(*s); *s = NULL; return fmi2OK; }
+#define NOTHING(name, type) fmi2Status name(fmi2Component c, const fmi2ValueReference vr[], size_t n, type value[]) { return n ? fmi2Error : fmi2OK; }
+NOTHING(fmi2GetInteger, fmi2Integer)
+NOTHING(fmi2GetBoolean, fmi2Boolean)
+NOTHING(fmi2SetInteger, const fmi2Integer)
+NOTHING(fmi2SetBoolean, const fmi2Boolean)
+NOTHING(fmi2SetString, const fmi2String)
+NOTHING(fmi2GetString, fmi2String)
+fmi2Status fmi2CancelStep(fmi2Component c) { return fmi2Error; }
+fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind k, fmi2Status* v) { return fmi2Error; }
+fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind k, fmi2Real* v) { return fmi2Error; }
+fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind k, fmi2Boolean* v) { return fmi2Error; }
