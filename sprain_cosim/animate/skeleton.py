@@ -21,8 +21,13 @@ Pose = dict[str, tuple[np.ndarray, np.ndarray]]  # {body: (origin (3,) [m], orie
 
 @dataclass(frozen=True)
 class Skeleton:
-    """`bodies` from the root to the ends, each with the movements of its joint; `volumes` are round cones (part, body,
-    ends, radii)."""
+    """The content of FILE.
+
+    - bodies: from the root to the ends, each with its parent, the joint's place in both bodies and its movements
+    - volumes: round cones (part, body, both ends [m] in the body's frame, both radii [m])
+    - points: named landmarks (body, place [m] in the body's frame)
+    - platform: pivot [m], and the parameter that holds its incline
+    """
 
     content: Mapping[str, Any]
 
@@ -61,16 +66,17 @@ class Skeleton:
 
     def point(self, name: str, pose: Pose) -> np.ndarray:
         """(3,) [m] of a named landmark: knee, ankle."""
-        given = self.content["points"][name]
-        origin, turn = pose[given["body"]]
-        return origin + turn @ np.array(given["at"])
+        landmark = self.content["points"][name]
+        origin, turn = pose[landmark["body"]]
+        place: np.ndarray = origin + turn @ np.array(landmark["at"])
+        return place
 
     @cached_property
     def parts(self) -> list[str]:
         return [v["part"] for v in self.content["volumes"]]
 
     def volumes(self, pose: Pose) -> np.ndarray:
-        """(n, 8): both ends [m] in the ground's frame and the radii there, one row for each of `parts`."""
+        """(n, 8): both ends [m] in the ground's frame and both radii [m], one row for each of `parts`."""
         rows = np.empty((len(self._ends), 8))
         rows[:, 6:] = [v["radii"] for v in self.content["volumes"]]
         for body, members in self._members.items():
@@ -93,4 +99,5 @@ def rotation(axis: np.ndarray, angle: float) -> np.ndarray:
     """(3, 3) rotation by `angle` [rad] about `axis` (Rodrigues)."""
     x, y, z = axis / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    turn: np.ndarray = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return turn

@@ -42,8 +42,16 @@ IMPACT = 0.005
 
 @dataclass(frozen=True)
 class View:
-    """`low` and `high` of the picture above the platform's pivot [m], its middle `at` [m] to the right of it;
-    `torques`: shows the moments as arcs."""
+    """One view of a landing.
+
+    - title: text in the corner
+    - right: (3,) direction of the picture's width, in the ground's frame
+    - low, high: lower and upper end of the picture above the platform's pivot [m]
+    - at: middle of the picture to the right of the pivot [m]
+    - width: pixels
+    - whole: the whole body, or only the foot and the shank
+    - torques: with moments as arcs about the ankle, and figures in a corner
+    """
 
     title: str
     right: np.ndarray
@@ -87,12 +95,12 @@ class Stage:
         self.width += self.width % 2  # video wants even sizes
         self.height += self.height % 2
         self.figure = Figure(figsize=(self.width / 100, self.height / 100), dpi=100, facecolor="white")
-        self.canvas = FigureCanvasAgg(self.figure)
+        self.canvas: Any = FigureCanvasAgg(self.figure)  # untyped in matplotlib
         self.page = self._page(self.figure)
         self.labels = Figure(
             figsize=(self.width / 100, self.height / 100), dpi=100, facecolor="none"
         )  # what stands still in front of the views
-        FigureCanvasAgg(self.labels)
+        self.labels_canvas: Any = FigureCanvasAgg(self.labels)
         self.front = self._page(self.labels)
         self.clock = self._text(self.width - EDGE, 20, "", 15, INK, ha="right", weight="bold", moving=True)
         self._text(self.width - EDGE, 41, f"slowed {slow:g} times", 9, MUTED, ha="right")
@@ -118,9 +126,9 @@ class Stage:
             actor.prepare(times)
         self.canvas.draw()
         still = self.canvas.copy_from_bbox(self.figure.bbox)
-        self.labels.canvas.draw()
+        self.labels_canvas.draw()
         for panel in self.panels:
-            panel.take_labels(np.asarray(self.labels.canvas.buffer_rgba()))  # type: ignore[attr-defined]
+            panel.take_labels(np.asarray(self.labels_canvas.buffer_rgba()))
         for k, t in enumerate(times):
             self.canvas.restore_region(still)
             pixels = np.asarray(self.canvas.buffer_rgba())
@@ -157,12 +165,12 @@ class Stage:
             many = len(self.runs) > 1
             if many:
                 self.page.plot([left, left + 22], [20, 20], color=SERIES[n], linewidth=3.5, solid_capstyle="round")
-            said = f"initial pose {run.pose}" if run.pose else ""
+            pose = f"initial pose {run.pose}" if run.pose else ""
             self._text(left + (30 if many else 0), 20, _short(run.title, room / 8.6), 14, INK, weight="bold")
             self._text(
                 left + (30 if many else 0),
                 41,
-                _short(", ".join(p for p in (said, run.label) if p), room / 5.6),
+                _short(", ".join(p for p in (pose, run.label) if p), room / 5.6),
                 9,
                 MUTED,
             )
@@ -368,7 +376,8 @@ class _Panel:
         return shown
 
     def _pixel(self, point: np.ndarray) -> np.ndarray:
-        return self.camera.project(point) + np.array([self.left, self.top])
+        place: np.ndarray = self.camera.project(point) + np.array([self.left, self.top])
+        return place
 
 
 class _Chart:
