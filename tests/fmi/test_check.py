@@ -195,7 +195,7 @@ def test_names_that_read_the_same(tmp_path: Path) -> None:
 
 def test_proposal_for_a_joint_coordinate_system() -> None:
     """Three axes with vendors' names, told apart by words; none is guessed as subtalar."""
-    from sprain_cosim.brace.check import propose
+    from sprain_cosim.brace.proposal import propose
 
     names = [f"{axis}_{kind}" for axis in ("DorsiFlex", "Inv", "IntRot") for kind in ("Ang", "Mom")]
     connectors = {

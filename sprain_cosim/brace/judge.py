@@ -1,0 +1,371 @@
+"""What the measurements of probe.py mean: problems, warnings and notes about a device's steps, repeatability and
+physics."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..contract import POSITIVE
+from ..fmu.element import Capabilities
+from .fit import FitReport
+from .probe import CYCLE_SPEED, STATIC_DEG
+
+SMALL = 1e-9  # N.m, N.m/rad and so on: as good as zero
+LEAST, LARGEST = 0.5, 1000.0  # N.m at the peak of a landing; beyond, a unit is suspected
+Measured = dict[str, dict[str, Any]]  # results by probe
+
+
+# ---- communication steps
+
+
+def judge_steps(taken: dict[str, list[float] | str], step: float, able: Capabilities, report: FitReport) -> float:
+    """The step [s] to go on with: `step`, or the nearest one that the device takes.
+
+    - taken: by communication step [s], as text: the torques [N.m] call by call, or the message of a refusal
+    - able: what the device's description declares, its own fixed step among it
+    """
+    calls = {float(h): t for h, t in taken.items() if not isinstance(t, str)}
+    report.facts["steps_taken_s"] = sorted(calls)
+    if not calls:
+        report.problems.append(
+            f"takes no communication step between 0.1 and 5 ms: {next(str(t) for t in taken.values())}"
+        )
+        return step
+    if able.fixed_step is not None:
+        report.facts["own_step_s"] = able.fixed_step
+        report.notes.append(_rate(able.fixed_step, able.continuous))
+    _judge_refusals(calls, [float(h) for h, t in taken.items() if isinstance(t, str)], report)
+    _judge_step_sensitivity(calls, report)
+    return step if any(abs(h - step) < 1e-9 for h in calls) else min(calls, key=lambda h: abs(h - step))
+
+
+def _judge_refusals(calls: dict[float, list[float]], refused: list[float], report: FitReport) -> None:
+    own = min(calls)
+    if refused and not any(_multiple(h, own) for h in refused) and all(_multiple(h, own) for h in calls):
+        report.facts["own_step_s"] = own
+        report.warnings.append(
+            f"has a fixed step of its own that it does not declare: takes {_ms(calls)}, refuses {_ms(refused)};"
+            f' step = "{1e3 * own:g} ms" in a mapping file calls it at that rate'
+        )
+        report.proposal = f'step = "{1e3 * own:g} ms"   # review\n{report.proposal}'
+    elif refused:
+        report.warnings.append(f"refuses communication steps of {_ms(refused)}; takes {_ms(calls)}: give --step")
+
+
+def _judge_step_sensitivity(calls: dict[float, list[float]], report: FitReport) -> None:
+    values = [torques[-1] for torques in calls.values()]
+    spread = (max(values) - min(values)) / max(max(abs(v) for v in values), SMALL)
+    report.facts["step_sensitivity"] = spread
+    if _same_call_by_call(calls):
+        report.problems.append(
+            "advances by a step of its own whatever step it is asked for: call by call it gives the same torques at "
+            f"{_ms(calls)};"
+            ' declare it (canHandleVariableCommunicationStepSize="false", stepSize in DefaultExperiment), or write '
+            'step = "..." in a mapping file'
+        )
+    elif spread > 1e-3:
+        report.warnings.append(
+            f"its torque depends on the communication step: {100 * spread:.2g} % between {_ms(calls)} with the angle "
+            "held at 10 deg"
+        )
+
+
+def _same_call_by_call(calls: dict[float, list[float]]) -> bool:
+    """Whether two neighbouring steps give one sequence of torques, which changes from call to call."""
+    ordered = sorted(calls)
+    return any(
+        len(set(calls[long])) >= 3 and calls[short][: len(calls[long])] == calls[long]
+        for short, long in itertools.pairwise(ordered)
+    )
+
+
+def _rate(period: float, continuous: bool) -> str:
+    if continuous:
+        return (
+            f"has steps of its own of {1e3 * period:g} ms and a law that is continuous in truth: its torque is carried "
+            "on by its stiffness between its calls"
+        )
+    return (
+        f"sampled every {1e3 * period:g} ms: every run calls it at that rate and holds its torque in between; if its "
+        "law is continuous in truth and the step only that of the tool it was exported with, write continuous = true "
+        "in a mapping file"
+    )
+
+
+def _multiple(h: float, own: float) -> bool:
+    return abs(h / own - round(h / own)) < 1e-6
+
+
+def _ms(steps: Iterable[float]) -> str:
+    return ", ".join(f"{1e3 * h:g}" for h in sorted(steps)) + " ms"
+
+
+# ---- repeatability
+
+
+def judge_dynamics(measured: Measured, report: FitReport) -> None:
+    """Fresh instances, reset and saved states: do they give the same torques?"""
+    if not measured["repeat"]["equal"]:
+        report.problems.append(
+            "a fresh instance gives other torques than the one before it (by up to "
+            f"{measured['repeat']['difference']:.3g} N.m): runs cannot be repeated"
+        )
+    reset = measured["reset"]
+    report.facts["reset_works"] = bool(reset["equal"])
+    if not reset["equal"]:
+        report.warnings.append(
+            f"its reset leaves something behind (up to {reset['difference']:.3g} N.m); every run takes a fresh instance"
+        )
+    state = measured.get("state")
+    report.facts["state_works"] = bool(state and state["equal"])
+    if state is not None and not state["equal"]:
+        report.problems.append(
+            f"claims to restore its state, but then replays other torques (by up to {state['difference']:.3g} N.m); "
+            "withdraw the claim"
+        )
+
+
+# ---- physics
+
+
+@dataclass(frozen=True)
+class AxisMeasurement:
+    """One axis of a device, in the contract's signs and SI units.
+
+    - pairs: (angle [deg], torque [N.m] there, torque at the opposite angle) of held angles, rising
+    - rest: torque at zero angle [N.m]
+    - damping: N.m.s/rad, passing zero at 200 deg/s
+    - taken, stored: energy taken from the foot in a closed cycle, and the most that is stored meanwhile [J]
+    - declared: stiffness at 5 deg that the device declares, and that of its torque [N.m/rad]; or None
+    - others_resist: whether another axis gives a torque at a held angle
+    - secants: secant stiffness -(torque - rest)/angle [N.m/rad] by angle [deg]
+    """
+
+    axis: str
+    pairs: list[tuple[float, float, float]]
+    rest: float
+    damping: float
+    taken: float
+    stored: float
+    declared: tuple[float, float] | None
+    others_resist: bool
+    secants: dict[float, float] = field(init=False)
+
+    def __post_init__(self) -> None:
+        secants = {
+            sign * d: -(torque - self.rest) / math.radians(sign * d)
+            for d, *both in self.pairs
+            for sign, torque in zip((1, -1), both, strict=True)
+        }
+        object.__setattr__(self, "secants", secants)
+
+    @classmethod
+    def read(cls, axis: str, k: int, measured: Measured) -> AxisMeasurement:
+        """Of axis number `k`, from the results of the probes static, moving and cycle."""
+        static = measured["static"]
+        others = [t for a, rows in static["torque"].items() if a != axis for _, *both in rows for t in both]
+        declared = static["declared"].get(axis)
+        taken, stored = measured["cycle"]["cycle"][axis]
+        return cls(
+            axis,
+            [(d, plus, minus) for d, plus, minus in static["torque"][axis]],
+            static["rest"][k],
+            measured["moving"]["damping"][axis],
+            taken,
+            stored,
+            None if declared is None else (declared[0], declared[1]),
+            any(abs(t) > SMALL for t in others),
+        )
+
+    @property
+    def largest(self) -> float:
+        """Largest secant stiffness [N.m/rad], whatever its sign."""
+        return max(abs(s) for s in self.secants.values())
+
+    @property
+    def pushing(self) -> list[float]:
+        """Angles [deg] at which the torque pushes the foot away from rest."""
+        return [d for d, s in self.secants.items() if s < -self._noise]
+
+    @property
+    def resisting(self) -> list[float]:
+        """Angles [deg] at which the torque pushes the foot back."""
+        return [d for d, s in self.secants.items() if s > self._noise]
+
+    @property
+    def _noise(self) -> float:
+        return max(SMALL, 1e-6 * self.largest)
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        return {
+            "torque_at_rest_Nm": self.rest,
+            "secant_stiffness_Nm_per_rad": {f"{d:g}deg": s for d, s in self.secants.items()},
+            "torque_Nm": {
+                f"{sign * d:g}deg": t for d, plus, minus in self.pairs for sign, t in ((1, plus), (-1, minus))
+            },
+            "damping_Nms_per_rad": self.damping,
+            "energy_taken_per_cycle_J": self.taken,
+        }
+
+    def late(self, step: float) -> bool:
+        """Whether the damping is that of an elastic torque which answers one communication step [s] late."""
+        return 0.7 < -self.damping / max(SMALL, self.secants[self.pairs[0][0]] * step) < 1.3
+
+
+def judge_physics(axis: str, k: int, measured: Measured, step: float, active: bool, report: FitReport) -> None:
+    """Sign, damping, energy and declared stiffness of axis number `k`; `active`: may push the foot."""
+    found = AxisMeasurement.read(axis, k, measured)
+    report.facts[axis] = found.facts
+    sink = report.warnings if active else report.problems
+    if found.pushing and not found.resisting:
+        _report_pushing_everywhere(found, active, sink, report)
+        return
+    if found.pushing:
+        sink.append(
+            f"{axis}: pushes the foot away from rest at {_degrees(found.pushing)}, and back at "
+            f"{_degrees(found.resisting)}: it resists in part of the range only"
+            + ("" if active else "; correct its law, or write active = true in a mapping file if it is meant to")
+        )
+    if not found.resisting and not found.pushing:
+        _judge_without_stiffness(found, sink, report)
+        return
+    _judge_damping(found, step, report)
+    energy = _judge_energy(found, step, active, report)
+    _note_stiffness(found, energy, report)
+    _judge_declared_stiffness(found, report)
+
+
+def judge_landing(measured: Measured, axes: tuple[str, ...], report: FitReport) -> None:
+    """Torque and work over the recorded landing."""
+    recorded = measured["recorded"]
+    peak = max(recorded["peak_torque"])
+    if peak > LARGEST or 0 < peak < LEAST:
+        report.warnings.append(
+            f"at most {peak:.3g} N.m in a landing, where braces give tens: are its units right, those of its angles "
+            "too?"
+        )
+    report.facts["landing"] = {
+        "peak_torque_Nm": dict(zip(axes, recorded["peak_torque"], strict=True)),
+        "work_taken_J": recorded["work_taken"],
+    }
+
+
+def _report_pushing_everywhere(found: AxisMeasurement, active: bool, sink: list[str], report: FitReport) -> None:
+    axis, at = found.axis, max(found.pushing)
+    push = next(plus if at > 0 else minus for d, plus, minus in found.pairs if d == abs(at))
+    way = (
+        f"{POSITIVE[axis]} {at:g} deg ({axis} +)"
+        if at > 0
+        else f"the other way than {POSITIVE[axis]}, {-at:g} deg ({axis} -)"
+    )
+    sink.append(
+        f"sign: {way}: the brace pushes it further with {abs(push):.3g} N.m instead of resisting; "
+        f"{_sign_advice(axis, report)}" + ("" if active else ", or active = true if it is meant to")
+    )
+    _propose_sign(axis, report)
+
+
+def _judge_without_stiffness(found: AxisMeasurement, sink: list[str], report: FitReport) -> None:
+    """No torque at held angles: a damper, a free axis, or nothing that a probe can tell the sign of."""
+    axis, damping = found.axis, found.damping
+    if damping < -SMALL:
+        sink.append(
+            f"sign: {axis} moving at 200 deg/s through zero is pushed faster (damping {damping:.3g} N.m.s/rad); "
+            f"{_sign_advice(axis, report)}"
+        )
+        _propose_sign(axis, report)
+    elif damping > SMALL:
+        report.notes.append(
+            f"{axis}: no static stiffness, damping {damping:.3g} N.m.s/rad: it slows the foot; velocity and torque "
+            "both of the other sign would look the same"
+        )
+    elif found.others_resist:
+        report.notes.append(f"{axis}: left free")
+    else:
+        where = f"at held angles up to {STATIC_DEG[-1]:g} deg nor when passing zero"
+        report.warnings.append(f"{axis}: no torque {where}: no probe can tell its sign; it is assumed right")
+
+
+def _judge_damping(found: AxisMeasurement, step: float, report: FitReport) -> None:
+    if found.late(step):
+        report.notes.append(
+            f"{found.axis}: answers one communication step late, which the coupling cannot make good: better send the "
+            "torque at the end of the step"
+        )
+    elif found.damping < -max(SMALL, 1e-5 * found.largest):
+        report.warnings.append(
+            f"{found.axis}: pushes a passing foot faster (damping {found.damping:.3g} N.m.s/rad): is the sign of "
+            f"{found.axis}_velocity right?"
+        )
+
+
+def _judge_energy(found: AxisMeasurement, step: float, active: bool, report: FitReport) -> str:
+    """What the device does with energy in a closed cycle, in words."""
+    taken, stored = found.taken, found.stored
+    # an elastic torque that is late by h gives 2 pi w h of what it stores
+    delay = 13 * CYCLE_SPEED * step if found.late(step) else 0.0
+    if taken < -max(1e-6, (1e-3 + delay) * stored):
+        if not active:
+            report.warnings.append(
+                f"{found.axis}: gives {-taken:.3g} J in a closed cycle: an active device; say so with active = true in "
+                "a mapping file"
+            )
+        return f"gives {-taken:.3g} J in a cycle of +-15 deg"
+    return f"takes {taken:.3g} J in a cycle" if taken > 1e-3 * stored else "elastic"
+
+
+def _note_stiffness(found: AxisMeasurement, energy: str, report: FitReport) -> None:
+    axis = found.axis
+    d, plus, minus = next((p for p in found.pairs if p[0] == 10.0), found.pairs[-1])
+    does = "pushes it back with" if plus < 0 else "gives"
+    report.notes.append(
+        f"{axis}: stiffness up to {found.largest:.3g} N.m/rad (secant), damping {found.damping + 0.0:.3g} N.m.s/rad"
+    )
+    report.notes.append(
+        f"{POSITIVE[axis]} {d:g} deg ({axis} +): the brace {does} {abs(plus):.3g} N.m; the other way {abs(minus):.3g} "
+        f"N.m; {energy}"
+    )
+    if abs(plus + minus) < 0.02 * abs(plus - minus):
+        report.notes.append(
+            f"{axis}: symmetric, so angle and torque both of the other sign would look the same; + is taken to mean "
+            f"{POSITIVE[axis]}"
+        )
+
+
+def _judge_declared_stiffness(found: AxisMeasurement, report: FitReport) -> None:
+    if found.declared is None:
+        return
+    declared, true = found.declared
+    if abs(declared - true) > max(1e-6, 0.05 * max(abs(true), found.largest)):
+        report.warnings.append(
+            f"{found.axis}_stiffness says {declared:.4g} N.m/rad at 5 deg, its torque says {true:.4g}: it must be "
+            "-d(torque)/d(angle); the coupling relies on it"
+        )
+
+
+def _sign_advice(axis: str, report: FitReport) -> str:
+    output = f"{axis}_torque"
+    if report.mapping:
+        return (
+            f"if the sign is meant the other way round, change that of factor in outputs.{output} of {report.mapping}"
+        )
+    return (
+        f'if the sign is meant the other way round, write {output} = {{ from = "{output}", factor = -1 }} '
+        "under [outputs] of a mapping file"
+    )
+
+
+def _propose_sign(axis: str, report: FitReport) -> None:
+    output = f"{axis}_torque"
+    if not report.mapping:
+        section = "" if "[outputs]" in report.proposal else "[outputs]\n"
+        report.proposal += f'{section}{output} = {{ from = "{output}", factor = -1 }}   # review\n'
+
+
+def _degrees(angles: list[float]) -> str:
+    return ", ".join(f"{d:+g}" for d in sorted(angles)) + " deg"
