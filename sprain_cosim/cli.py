@@ -7,13 +7,17 @@ import json
 import logging
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from . import __version__, signals
 from .errors import InputError, SimulationError, SprainError
+
+if TYPE_CHECKING:
+    from .cosim.result import Result
 
 OUT = click.option("--out", type=click.Path(path_type=Path), help="Folder for signals, summary and figure.")
 FOLDERS = click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
@@ -88,7 +92,7 @@ def run(
     as_json: bool,
 ) -> None:
     """Run one landing: SCENARIO is a file, or the name of one that ships."""
-    from .folders import run as runfolder
+    from .folders.run import FILES, RunSummary, check_run_folder
     from .scenario import load_scenario
 
     chosen = _changed(load_scenario(scenario), fmus, maps, settings)
@@ -98,34 +102,33 @@ def run(
     for warning in (*chosen.warnings, *chosen.doubts()):
         click.echo(f"warning: {warning}", err=True)
     if out is not None:
-        runfolder.check(out)
+        check_run_folder(out)
         chosen = chosen.recording("plant.*")
     result = chosen.run()
     if result.warning:
         click.echo(f"warning: {result.warning}", err=True)
-    summary = runfolder.summary(chosen, result)
+    summary = RunSummary.of(chosen, result)
     if check_coupling and result.status == "completed":
-        summary["coupling_check"] = chosen.coupling_check(result)
+        summary = replace(summary, coupling_check=chosen.coupling_check(result))
     if out is not None and result.status == "completed":
-        from .figures.gallery import landing_picture
+        from .figures.gallery import leave_run
 
-        runfolder.write(out, result, landing_picture(result, summary), summary)
+        leave_run(out, result, summary)
     if as_json:
-        click.echo(json.dumps(summary, allow_nan=False))
+        click.echo(json.dumps(summary.to_json(), allow_nan=False))
     elif result.status == "completed":
-        _print_table(chosen.title, summary, result)
-        for key, change in summary.get("coupling_check", {}).items():
+        _print_table(chosen.title, summary.initial_pose, result)
+        for key, change in (summary.coupling_check or {}).items():
             click.echo(f"{'at half the step:' if key == 'peak_subtalar_angle_deg' else '':18}{key:44}{change:+.4g}")
         if out is not None:
-            click.echo(f"\nwritten: {', '.join(str(out / name) for name in runfolder.FILES)}")
+            click.echo(f"\nwritten: {', '.join(str(out / name) for name in FILES)}")
     if result.status != "completed":
         raise SimulationError(result.message)
 
 
-def _print_table(title: str, summary: dict[str, Any], result: Any) -> None:
+def _print_table(title: str, pose: str | None, result: Result) -> None:
     from .metrics import table
 
-    pose = summary["initial_pose"]
     click.echo(
         f"{title}  ·  {f'pose {pose}, ' if pose else ''}{result.scheme}, {len(result.time) - 1} steps, "
         f"{1e3 * result.wall:.0f} ms wall time\n"
@@ -288,11 +291,12 @@ def merge(folders: tuple[Path, ...], out: Path | None, parquet: bool, as_json: b
 def trial(folder: Path, number: int, out: Path | None, as_json: bool) -> int:
     """Run trial NUMBER of the study in FOLDER again, in a process of its own, and say whether it gives the recorded
     numbers to the bit."""
-    from .folders import run as runfolder
+    from .figures.gallery import leave_run
+    from .folders.run import RunSummary, check_run_folder
     from .study.runner import replay
 
     if out is not None:
-        runfolder.check(out)
+        check_run_folder(out)
     again = replay(folder, number)
     scenario, outcome = again.study.scenario, again.outcome
     result = again.result
@@ -301,19 +305,15 @@ def trial(folder: Path, number: int, out: Path | None, as_json: bool) -> int:
         raise SimulationError(
             f"trial {number} {outcome.status}: {outcome.message} (recorded: {again.row.outcome.status})"
         )
-    summary = runfolder.summary(scenario, result) | {
-        "metrics": dict(outcome.metrics),
-        "trial": number,
-        "reproduced": again.same,
-    }
+    summary = replace(
+        RunSummary.of(scenario, result), metrics=dict(outcome.metrics), trial=number, reproduced=again.same
+    )
     if out is not None:
-        from .figures.gallery import landing_picture
-
-        runfolder.write(out, result, landing_picture(result, summary), summary)
+        leave_run(out, result, summary)
     if as_json:
-        click.echo(json.dumps(summary, allow_nan=False))
+        click.echo(json.dumps(summary.to_json(), allow_nan=False))
     elif result.status == "completed":
-        _print_table(f"{scenario.title}, trial {number}", summary, result)
+        _print_table(f"{scenario.title}, trial {number}", summary.initial_pose, result)
     if not as_json:
         click.echo(f"\n{outcome.status}: {verdict}{f'; written: {out}' if out else ''}")
     if result.status != "completed":
@@ -337,7 +337,7 @@ def reproduce(manifest: Path, workers: int | None, progress: str, out: Path | No
     from .study.reproduce import reproduce as again
 
     done = again(manifest, out, workers, reporter(progress))
-    click.echo(json.dumps(done.as_dict(), allow_nan=False) if as_json else done.text())
+    click.echo(json.dumps(done.to_json(), allow_nan=False) if as_json else done.text())
     return 0 if done.identical else 1
 
 
@@ -424,7 +424,8 @@ def compare(
     as_json: bool,
 ) -> None:
     """The same landings with each brace and with none: peaks, paired differences, loads, ordinary motion."""
-    from .brace.compare import compare_braces, text
+    from .brace.compare import compare_braces
+    from .brace.comparison import comparison_listing
     from .scenario import parse_value
     from .study.progress import reporter
 
@@ -456,9 +457,9 @@ def compare(
         for warning in entry.warnings:
             click.echo(f"warning: {entry.name}: {warning}", err=True)
     click.echo(
-        json.dumps(done.data, allow_nan=False)
+        json.dumps(done.summary.to_json(), allow_nan=False)
         if as_json
-        else f"{text(done.data)}\n\nwritten: {done.out}/compare.json, {done.out}/figures/compare.png"
+        else f"{comparison_listing(done.summary)}\n\nwritten: {done.out}/compare.json, {done.out}/figures/compare.png"
     )
     if done.failed:
         raise SimulationError(
@@ -522,10 +523,10 @@ def from_csv(table: Path, output: Path | None) -> None:
 def plot(folders: tuple[Path, ...], out: Path | None) -> None:
     """Draw what the FOLDERS of runs, studies and comparisons hold, over each other: PNG and SVG, one journal column
     wide."""
-    from .figures import gallery
-    from .folders import read as results
+    from .figures.gallery import write_figures
+    from .folders.read import read_folders
 
-    for path in gallery.write(results.read_all(folders), out or folders[0]):
+    for path in write_figures(read_folders(folders), out or folders[0]):
         click.echo(f"written: {path}")
 
 
@@ -548,10 +549,10 @@ TRIAL = click.option(
 def animate(folders: tuple[Path, ...], trial: str | None, slow: float, out: Path | None) -> None:
     """Show the landings of up to six FOLDERS (or of the braces in a comparison's) side by side in slow motion."""
     from .animate.film import animate as draw
-    from .folders.landing import load_all
+    from .folders.landing import load_landings
 
     target = out or folders[0] / "animation.webp"
-    runs = [run for folder in folders for run in load_all(folder, trial)]
+    runs = [run for folder in folders for run in load_landings(folder, trial)]
     for run in runs:
         click.echo(run.label, err=True)
     count = draw(runs, target, slow)
@@ -573,9 +574,9 @@ def animate(folders: tuple[Path, ...], trial: str | None, slow: float, out: Path
 def export(folder: Path, trial: str | None, kind: str | None, content: str | None, output: Path) -> None:
     """Write the landing in FOLDER for other tools: OpenSim .sto and .mot, CSV, Parquet."""
     from .export import write
-    from .folders.landing import load
+    from .folders.landing import load_landing
 
-    rows, columns = write(load(folder, trial), output, kind, content)
+    rows, columns = write(load_landing(folder, trial), output, kind, content)
     click.echo(f"written: {output} ({rows} rows, {columns} columns and time)")
 
 
@@ -590,10 +591,10 @@ def export(folder: Path, trial: str | None, kind: str | None, content: str | Non
 def report(folders: tuple[Path, ...], out: Path | None) -> None:
     """Write one HTML file about what the FOLDERS of runs, studies and comparisons hold: verdict, tables, figures,
     inputs, provenance, limits."""
-    from .folders import read as results
-    from .report.page import write
+    from .folders.read import read_folders
+    from .report.page import write_report
 
-    click.echo(f"written: {write(results.read_all(folders), out or folders[0])}")
+    click.echo(f"written: {write_report(read_folders(folders), out or folders[0])}")
 
 
 @cli.command()
@@ -669,7 +670,7 @@ def validate(
     output.check_targets(out, junit)
 
     def keep(report: suite.Report) -> None:
-        output.write(report, out, junit)
+        output.write_validation(report, out, junit)
 
     report = suite.run(
         checks,

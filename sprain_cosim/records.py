@@ -43,18 +43,21 @@ class Record:
         return {f.name: _plain(value) for f, value in held if value is not None or not f.metadata.get("optional")}
 
     @classmethod
+    def lacking(cls, content: Mapping[str, Any]) -> list[str]:
+        """Keys that an object of this class must have and `content` lacks."""
+        layout = _layout(cls)  # type: ignore[arg-type]
+        return [name for name, entry, _ in layout if name not in content and _is_needed(entry)]
+
+    @classmethod
     def from_json(cls, content: Any, place: str) -> Self:
         """The inverse. `place` names the object in messages: its file, then the keys that lead to it. Raises InputError
         for a key that is missing or holds something else than its type."""
         if not isinstance(content, dict):
             raise InputError(f"{place}: must be an object")
-        values = {}
-        for name, entry, kind in _layout(cls):  # type: ignore[arg-type]
-            if name in content:
-                values[name] = _typed(kind, content[name], f"{place}, {name}")
-            elif entry.default is MISSING and entry.default_factory is MISSING:
-                raise InputError(f"{place}: lacks {name}")
-        return cls(**values)
+        for name in cls.lacking(content):
+            raise InputError(f"{place}: lacks {name}")
+        held = ((name, kind) for name, _, kind in _layout(cls) if name in content)  # type: ignore[arg-type]
+        return cls(**{name: _typed(kind, content[name], f"{place}, {name}") for name, kind in held})
 
 
 class Summary(Record, Mapping[str, Any]):
@@ -78,6 +81,10 @@ class Summary(Record, Mapping[str, Any]):
 def _layout(cls: Any) -> list[tuple[str, Field[Any], Any]]:
     hints = get_type_hints(cls)
     return [(f.name, f, hints[f.name]) for f in fields(cls)]
+
+
+def _is_needed(entry: Field[Any]) -> bool:
+    return entry.default is MISSING and entry.default_factory is MISSING
 
 
 def _plain(value: Any) -> Any:

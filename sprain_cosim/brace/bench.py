@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..cosim.loops import make_consistent
 from ..errors import InputError, SimulationError
-from ..folders import run as runfolder
+from ..folders.run import FILE, RunSummary
 from ..process import Child, Handlers, Limits, ProcessEnded, serve
 from ..scenario import Scenario
 from .probe import own_step
@@ -75,15 +75,15 @@ class Bench:
         self.close()
 
 
-def land(scenario: Scenario, folder: Path) -> dict[str, Any]:
-    """One landing, its folder written; the summary."""
-    (folder / "summary.json").unlink(missing_ok=True)
+def land(scenario: Scenario, folder: Path) -> RunSummary:
+    """One landing; its folder is written when it completed."""
+    (folder / FILE).unlink(missing_ok=True)
     result = scenario.recording("plant.*").run()
-    summary = runfolder.summary(scenario, result)
+    summary = RunSummary.of(scenario, result)
     if result.status == "completed":
-        from ..figures.gallery import landing_picture
+        from ..figures.gallery import leave_run
 
-        runfolder.write(folder, result, landing_picture(result, summary), summary)
+        leave_run(folder, result, summary)
     return summary
 
 
@@ -126,7 +126,7 @@ def hold(
 def handlers(scenario: Scenario) -> Iterator[Handlers]:
     """The child: lands, and holds postures."""
     yield {
-        "land": lambda folder: land(scenario, Path(folder)),
+        "land": lambda folder: land(scenario, Path(folder)).to_json(),
         "hold": lambda postures, values: hold(scenario, postures, values),
     }
 

@@ -14,72 +14,37 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
-from scipy.special import ndtr
+from typing import Any
 
 from ..errors import EnvironmentProblem, InputError, SimulationError
-from ..files import read_toml, write_json
-from ..folders import run as runfolder
+from ..files import is_partial, read_toml, write_json
+from ..folders.comparison import FILE, NONE, ComparisonSummary
+from ..folders.run import check_run_folder, read_run
 from ..process import Limits
-from ..scenario import Scenario, Value, load_scenario
+from ..scenario import Value, load_scenario
 from ..scenario.file import NAME
 from ..shipped import shipped_scenarios, shipped_studies
-from ..study.evaluation import QUESTIONS
 from ..study.file import load_study
 from ..study.plan import SAMPLED
 from ..study.study import Study
-from ..uq import statistics
-from .bench import POSTURES, Bench
+from .bench import Bench
+from .comparison import PEAKS, Entry, Source, summarise_comparison, with_derived
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-NONE = "none"
 RESERVED = (NONE, "plant", "controller", "figures")
-INVERSION = "peak_inversion_from_neutral_deg"
-PEAKS = ("peak_subtalar_angle_deg", INVERSION, "peak_jcs_inversion_deg")
-INJURY, SHARE = "probability_of_injury", "anatomy_share"
-MOMENTS = ("anatomy_subtalar_moment_Nm", "brace_subtalar_moment_Nm")  # at the peak
-KEYS = (
-    *PEAKS,
-    INJURY,
-    "peak_brace_subtalar_moment_Nm",
-    "brace_subtalar_work_to_peak_J",
-    "brace_work_J",
-    *MOMENTS,
-    SHARE,
-)
-
-Source = Scenario | Study
-
-
-@dataclass(frozen=True)
-class Entry:
-    """What one brace did: `status` completed or failed, `landings` one row a landing (trial, status, metrics and what
-    is derived from them), `resistance` {posture: N.m that resist it} or None."""
-
-    name: str
-    fmu: str | None
-    status: str = "completed"
-    message: str = ""
-    landings: pd.DataFrame | None = None
-    resistance: Mapping[str, float] | None = None
-    warnings: tuple[str, ...] = ()
-
-    @property
-    def completed(self) -> pd.DataFrame:
-        assert self.landings is not None
-        return self.landings[self.landings["status"] == "completed"]
+BESIDE = (FILE, "figures", "report.html", "animation.webp")  # what stands in the folder besides those of the braces
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """`entries` with "none" first; `data` what compare.json holds; `out` the folder."""
+    """What `compare_braces` did.
+
+    entries  one for each brace, "none" first
+    summary  what compare.json holds
+    out      the folder
+    """
 
     entries: tuple[Entry, ...]
-    data: dict[str, Any]
+    summary: ComparisonSummary
     out: Path
 
     @property
@@ -87,7 +52,7 @@ class Comparison:
         return [e for e in self.entries if e.status != "completed"]
 
 
-def load(name: str) -> Source:
+def load_source(name: str) -> Source:
     """A scenario or a study, from a file or the name of one that ships. Raises InputError."""
     path = Path(name)
     if path.is_file():
@@ -118,66 +83,83 @@ def compare_braces(
     say: Callable[[str], None] = lambda text: None,
     command: str = "",
 ) -> Comparison:
-    """`braces` {name: FMU file or name of a shipped one}; `settings` {"plant.drop_height": for all, "NAME.parameter":
-    of that brace}; `scheme`, `step` and `stop` as in Scenario.with_master, for all; `say` hears one line as each brace
-    begins; `command` what the manifests say was typed. Writes `out` and returns what it holds, also when braces failed.
+    """Runs the same landings with each brace and with none; writes `out` and returns what it holds, also when braces
+    failed.
+
+    source                       scenario or study, or its file or name
+    braces                       {name: FMU file or name of a shipped one}
+    maps                         {name: mapping file}
+    settings                     {"plant.drop_height": for all, "NAME.parameter": of that brace}
+    scheme, step, stop           as in Scenario.with_master, for all
+    trials ... limits, progress  of a study, see `Study.run`
+    say                          is called with the name of each brace as it begins
+    command                      what the manifests say was typed
 
     Raises InputError before anything has run: names, files, mappings, parameters, a folder in use."""
-    source = (load(source) if isinstance(source, str) else source).with_master(scheme, step, stop)
+    source = (load_source(source) if isinstance(source, str) else source).with_master(scheme, step, stop)
     folder, limits = Path(out), limits or Limits()
-    source, own = _settings(source, braces, settings or {})
+    source, variants = _variants(source, braces, maps or {}, settings or {}, trials)
+    _check(folder, list(variants), isinstance(source, Study), resume)
+    options = {"workers": workers, "progress": progress, "command": command, "resume": resume, "max_failed": max_failed}
+    entries = []
+    for name, variant in variants.items():
+        say(name)
+        entries.append(_run(name, None if name == NONE else str(braces[name]), variant, folder / name, limits, options))
+    comparison = Comparison(tuple(entries), summarise_comparison(source, entries), folder)
+    _write(comparison)
+    return comparison
+
+
+def _run(
+    name: str, fmu: str | None, variant: Source, folder: Path, limits: Limits, options: Mapping[str, Any]
+) -> Entry:
+    """The landings of one brace, left in `folder`; a failure of the device is the entry's status."""
+    scenario = variant.scenario if isinstance(variant, Study) else variant
+    entry = Entry(name, fmu, warnings=scenario.warnings if fmu is not None else ())
+    with Bench(scenario, limits) as bench:
+        try:
+            if isinstance(variant, Study):
+                means = {k: m.mean for k, m in variant.marginals.items() if k.startswith("brace.")}
+                held = bench.hold(means) if fmu is not None else None
+                bench.close()
+                entry = replace(entry, resistance=held)
+                landings = variant.run(out=folder, limits=limits, **options).trials
+            else:
+                landings = bench.land(folder)
+                held = bench.hold() if fmu is not None else None
+        except SimulationError as problem:
+            return replace(entry, status="failed", message=str(problem), landings=None)
+    return replace(entry, landings=with_derived(landings), resistance=held)
+
+
+# ---- what is compared
+
+
+def _variants(
+    source: Source,
+    braces: Mapping[str, Path | str],
+    maps: Mapping[str, Path | str],
+    settings: Mapping[str, Value],
+    trials: int | None,
+) -> tuple[Source, dict[str, Source]]:
+    """The source with the values that hold for all, and {brace: what runs with it}, checked."""
+    source, own = _settings(source, braces, settings)
     if isinstance(source, Study):
         source = _sampled(replace(source, trials=trials) if trials is not None else source)
     elif trials is not None:
         raise InputError(f"--trials {trials}: {source.source} is one landing; name a study, such as study6")
     variants: dict[str, Source] = {
         NONE: source.without("brace"),
-        **{n: _variant(source, n, f, (maps or {}).get(n), own.get(n, {})) for n, f in braces.items()},
+        **{n: _variant(source, n, f, maps.get(n), own.get(n, {})) for n, f in braces.items()},
     }
     if isinstance(source, Study):
         variants = _rows(variants, source)
-    scenarios = {n: v.scenario if isinstance(v, Study) else v for n, v in variants.items()}
     for name, variant in variants.items():
         try:
             _ = variant.checked() if isinstance(variant, Study) else variant.system()
         except InputError as problem:
             raise InputError(f"{name}: {problem}") from None
-    _check(folder, list(variants), isinstance(source, Study), resume)
-    entries = []
-    for name, variant in variants.items():
-        say(name)
-        fmu = None if name == NONE else str(braces[name])
-        entry = Entry(name, fmu, warnings=scenarios[name].warnings if name != NONE else ())
-        with Bench(scenarios[name], limits) as bench:
-            try:
-                if isinstance(variant, Study):
-                    if fmu is not None:
-                        means = {k: m.mean for k, m in variant.marginals.items() if k.startswith("brace.")}
-                        entry = replace(entry, resistance=bench.hold(means))
-                    bench.close()
-                    campaign = variant.run(
-                        out=folder / name,
-                        workers=workers,
-                        resume=resume,
-                        max_failed=max_failed,
-                        limits=limits,
-                        progress=progress,
-                        command=command,
-                    )
-                    entry = replace(entry, landings=campaign.trials)
-                else:
-                    entry = replace(entry, landings=bench.land(folder / name))
-                    if fmu is not None:
-                        entry = replace(entry, resistance=bench.hold())
-            except SimulationError as problem:
-                entry = replace(entry, status="failed", message=str(problem), landings=None)
-        entries.append(entry if entry.landings is None else replace(entry, landings=_derived(entry.landings)))
-    comparison = Comparison(tuple(entries), _data(source, entries), folder)
-    _write(comparison, isinstance(source, Study))
-    return comparison
-
-
-# ---- what is compared
+    return source, variants
 
 
 def _settings(
@@ -248,11 +230,7 @@ def _check(folder: Path, names: Sequence[str], study: bool, resume: bool) -> Non
         raise InputError(f"{folder}: is a file; name a folder with --out")
     if not folder.is_dir():
         return
-    strangers = sorted(
-        p.name
-        for p in folder.iterdir()
-        if p.name not in (*names, "compare.json", "figures", "report.html", "animation.webp")
-    )
+    strangers = sorted(p.name for p in folder.iterdir() if p.name not in (*names, *BESIDE) and not is_partial(p))
     if strangers:
         raise InputError(f"{folder}: holds other files ({', '.join(strangers[:3])}); name a new folder with --out")
     if study and not resume and any((folder / n).exists() for n in names):
@@ -260,168 +238,20 @@ def _check(folder: Path, names: Sequence[str], study: bool, resume: bool) -> Non
             f"{folder}: holds a comparison already; continue it with --resume, or name a new folder with --out"
         )
     for name in () if study else names:
-        runfolder.check(folder / name)
+        check_run_folder(folder / name)
 
 
-# ---- what it says
-
-
-def _derived(landings: pd.DataFrame) -> pd.DataFrame:
-    """The landings with the share of the subtalar moment that the anatomy bears at the peak, and the probability that
-    the inversion exceeds the injury threshold, itself uncertain, in that landing."""
-    more = {}
-    if INVERSION in landings:
-        more[INJURY] = ndtr(QUESTIONS[INVERSION][1].to_standard(landings[INVERSION].to_numpy(float)))
-    if MOMENTS[1] in landings:
-        anatomy, brace = (landings[key] for key in MOMENTS)
-        more[SHARE] = (anatomy / (anatomy + brace)).where(anatomy + brace > 0)
-    return landings.assign(**more)
-
-
-def _data(source: Source, entries: Sequence[Entry]) -> dict[str, Any]:
-    """Content of compare.json. Every estimate is {value, ci_low, ci_high, n}: the landing's value, or the mean over the
-    n landings that completed, with Student's 95 % interval where they are a random sample."""
-    random = isinstance(source, Study) and source.method in ("monte-carlo", "table")
-    scenario = source.scenario if isinstance(source, Study) else source
-    completed = {e.name: e.completed.set_index("trial") for e in entries if e.landings is not None}
-
-    def difference(a: str, b: str) -> dict[str, Any]:
-        both = completed[a].index.intersection(completed[b].index)
-        keys = [k for k in KEYS if k in completed[a] and k in completed[b]]
-        return {
-            k: _estimate((completed[a].loc[both, k] - completed[b].loc[both, k]).to_numpy(float), random) for k in keys
-        }
-
-    braces = {}
-    for e in entries:
-        rows = completed.get(e.name)
-        braces[e.name] = {
-            "fmu": e.fmu,
-            "status": e.status,
-            "message": e.message,
-            "warnings": list(e.warnings),
-            "folder": e.name,
-            "n_completed": 0 if rows is None else len(rows),
-            "n_failed": None if e.landings is None else len(e.landings) - len(e.completed),
-            "metrics": {}
-            if rows is None
-            else {k: _estimate(rows[k].to_numpy(float), random) for k in KEYS if k in rows},
-            "difference_to_none": difference(e.name, NONE)
-            if e.name != NONE and e.name in completed and NONE in completed
-            else {},
-            "resistance_Nm": None if e.resistance is None else dict(e.resistance),
-        }
-    names = [n for n in completed if n != NONE]
-    return {
-        "kind": "study" if isinstance(source, Study) else "scenario",
-        "source": source.source,
-        "title": source.title,
-        "initial_pose": scenario.initial_pose(),
-        "method": source.method if isinstance(source, Study) else None,
-        "seed": source.seed if isinstance(source, Study) else None,
-        "landings": source.trials if isinstance(source, Study) else 1,
-        "injury": f"inversion from neutral {QUESTIONS[INVERSION][0]}",
-        "braces": braces,
-        "pairs": {f"{b} - {a}": difference(b, a) for i, a in enumerate(names) for b in names[i + 1 :]},
-    }
-
-
-def _estimate(y: np.ndarray, random: bool) -> dict[str, Any]:
-    y = y[np.isfinite(y)]
-    if not len(y):
-        return {"value": None, "ci_low": None, "ci_high": None, "n": 0}
-    if not random or len(y) < 2:
-        return {"value": float(np.mean(y)), "ci_low": None, "ci_high": None, "n": len(y)}
-    e = statistics.mean(y)
-    return {"value": e.value, "ci_low": e.low, "ci_high": e.high, "n": len(y)}
-
-
-LINES: tuple[tuple[str, str, float], ...] = (  # label, metric, factor
-    ("peak supination [deg]", "peak_subtalar_angle_deg", 1.0),
-    ("peak inversion from neutral [deg]", INVERSION, 1.0),
-    ("peak inversion, raw angle [deg]", "peak_jcs_inversion_deg", 1.0),
-    ("P(inversion from neutral > 35 ± 6 deg) [%]", INJURY, 100.0),
-    ("largest moment of the brace [N·m]", "peak_brace_subtalar_moment_Nm", 1.0),
-    ("work it takes from the roll, to the peak [J]", "brace_subtalar_work_to_peak_J", 1.0),
-    ("work it takes, all axes, whole landing [J]", "brace_work_J", 1.0),
-    ("at the peak: moment of the anatomy [N·m]", "anatomy_subtalar_moment_Nm", 1.0),
-    ("             moment of the brace [N·m]", "brace_subtalar_moment_Nm", 1.0),
-    ("             borne by the anatomy [%]", SHARE, 100.0),
-)
-CHANGED = (*PEAKS[:2], INJURY)  # the raw angle changes as the one from neutral does
-PAIRED = 6  # pairs that are printed; compare.json has all
-
-
-def text(data: Mapping[str, Any]) -> str:
-    """The table that `compare` prints: one column a brace."""
-    braces = data["braces"]
-    study = data["kind"] == "study"
-    pose = f"pose {data['initial_pose']}, " if data["initial_pose"] else ""
-    count = f"{data['landings']} landings" if study else "one landing"
-    lines = [f"{data['source']}  ·  {pose}{count}, the same for every brace"]
-    if study:
-        lines.append(
-            "mean ± half of its 95 % interval; changes are paired"
-            if data["method"] in ("monte-carlo", "table")
-            else "means; changes are paired"
-        )
-    width = max(16, *(len(n) + 2 for n in braces))
-    lines += ["", f"{'':44}" + "".join(f"{n:>{width}}" for n in braces)]
-
-    def row(label: str, cells: Sequence[str]) -> None:
-        if any(cells):
-            lines.append(f"{label:44}" + "".join(f"{c:>{width}}" for c in cells).rstrip())
-
-    for label, key, factor in LINES:
-        row(label, [_cell(b["metrics"].get(key), factor) for b in braces.values()])
-        if key in CHANGED:
-            row(
-                "    change against none",
-                [_cell(b["difference_to_none"].get(key), factor, sign=True) for b in braces.values()],
-            )
-    for kind in dict.fromkeys(p.rpartition("_")[0] for p in POSTURES):
-        held = [b["resistance_Nm"] for b in braces.values()]
-        row(
-            f"resists {kind} of 5 / 10 deg [N·m]",
-            [f"{_small(h[f'{kind}_5deg'])} / {_small(h[f'{kind}_10deg'])}" if h else "" for h in held],
-        )
-    counts = [
-        f"{b['n_completed']} of {data['landings']}" if b["status"] == "completed" else "failed" for b in braces.values()
-    ]
-    row("landings completed", counts)
-    if 0 < len(data["pairs"]) <= PAIRED:
-        lines += ["", f"{'':44}{'peak supination [deg]':>{width + 8}}{'inversion [deg]':>{width}}"]
-        for pair, d in data["pairs"].items():
-            supination, inversion = (_cell(d.get(peak), 1.0, sign=True) for peak in PEAKS[:2])
-            lines.append(f"{pair:44}{supination:>{width + 8}}{inversion:>{width}}")
-    lines += [f"\n{n}: failed: {b['message']}" for n, b in braces.items() if b["status"] != "completed"]
-    return "\n".join(lines)
-
-
-def _cell(estimate: Mapping[str, Any] | None, factor: float, sign: bool = False) -> str:
-    if not estimate or estimate["value"] is None:
-        return ""
-    half = "" if estimate["ci_low"] is None else f" ± {0.5 * factor * (estimate['ci_high'] - estimate['ci_low']):.2f}"
-    return f"{factor * estimate['value']:{'+' if sign else ''}.2f}{half}"
-
-
-def _small(value: float) -> str:
-    return f"{0.0 if abs(value) < 5e-3 else value:.2f}"
-
-
-def _write(comparison: Comparison, study: bool) -> None:
+def _write(comparison: Comparison) -> None:
     from ..figures import save
-    from ..figures.comparison import figure
+    from ..figures.comparison import comparison_figure
 
-    folder = comparison.out
-    drawn = figure(
-        comparison,
-        {}
-        if study
-        else {e.name: runfolder.read(folder / e.name)[1] for e in comparison.entries if e.landings is not None},
-    )
+    folder, summary = comparison.out, comparison.summary
+    landed = {e.name: e for e in comparison.entries if e.landings is not None}
+    runs = {} if summary.is_study else {name: read_run(folder / name).result for name in landed}
+    peaks = {name: e.completed[PEAKS[0]].to_numpy(float) for name, e in landed.items() if PEAKS[0] in e.completed}
+    drawn = comparison_figure(summary, runs, peaks)
     try:
-        write_json(folder / "compare.json", comparison.data, parents=True)
+        write_json(folder / FILE, summary.to_json(), parents=True)
         (folder / "figures").mkdir(exist_ok=True)
         save(drawn, folder / "figures" / "compare")
     except OSError as problem:

@@ -5,18 +5,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from numpy.typing import NDArray
 
+from ..folders.comparison import NONE, BraceSummary, ComparisonSummary
 from ..metrics import Signals
 from .style import ANATOMY, BLACK, BLUE, BRACE, FAINT, INK, PURPLE, SKY, SMALL, VERMILION, looks, sheet, shorten, styled
-
-if TYPE_CHECKING:
-    from ..brace.compare import Comparison
 
 PEAKS = (
     ("peak_subtalar_angle_deg", "supination", BLUE, "o", -0.14),
@@ -27,18 +26,17 @@ MOTIONS = {"plantarflexion": SKY, "dorsiflexion": BLUE, "supination": PURPLE}
 
 
 @styled
-def figure(comparison: Comparison, runs: Mapping[str, Signals]) -> Figure:
+def comparison_figure(
+    summary: ComparisonSummary, runs: Mapping[str, Signals], peaks: Mapping[str, NDArray[np.float64]]
+) -> Figure:
     """`runs` {brace: signals of its landing} of a scenario; empty for a study, whose landings are drawn as a
-    distribution."""
-    data = comparison.data
-    shown = [n for n, b in data["braces"].items() if b["status"] == "completed"]
-    braces = [n for n in shown if n != "none"]
-    gone = [n for n in data["braces"] if n not in shown]
-    count = f"{data['landings']} landings" if data["kind"] == "study" else "one landing"
-    note = f"{data['source']}: {count}, the same for every brace. " + (
-        f"Initial pose: {data['initial_pose']}. " if data["initial_pose"] else ""
-    )
-    note += f"Failed: {', '.join(gone)}." if gone else ""
+    distribution of `peaks` {brace: (landings,) peak of supination [deg]}."""
+    shown = list(summary.completed)
+    braces = [n for n in shown if n != NONE]
+    count = f"{summary.landings} landings" if summary.is_study else "one landing"
+    note = f"{summary.source}: {count}, the same for every brace. "
+    note += f"Initial pose: {summary.initial_pose}. " if summary.initial_pose else ""
+    note += f"Failed: {', '.join(summary.failed)}." if summary.failed else ""
     heights = [
         4.4 if runs else 1.3 + 0.72 * len(shown),
         1.7 + 0.55 * len(braces),
@@ -46,14 +44,14 @@ def figure(comparison: Comparison, runs: Mapping[str, Signals]) -> Figure:
         1.7 + 0.75 * len(braces),
     ]
     drawn, (first, changes, moments, motion) = sheet(heights, note.strip())
-    look = dict(zip(data["braces"], [(BLACK, "-"), *looks(len(data["braces"]) - 1)], strict=True))
+    look = dict(zip(summary.braces, [(BLACK, "-"), *looks(len(summary.braces) - 1)], strict=True))
     if runs:
         _curves(first, {n: runs[n] for n in shown}, look)
     else:
-        _distribution(first, comparison, shown, look)
-    _changes(changes, data, braces)
-    _moments(moments, data, shown)
-    _motion(motion, data, [n for n in braces if data["braces"][n]["resistance_Nm"]])
+        _distribution(first, {n: peaks[n] for n in shown}, look)
+    _changes(changes, summary, braces)
+    _moments(moments, summary.completed)
+    _motion(motion, {n: held for n in braces if (held := summary.braces[n].resistance_Nm)})
     return drawn
 
 
@@ -79,13 +77,10 @@ def _curves(axis: Axes, runs: Mapping[str, Signals], look: Mapping[str, tuple[st
     axis.grid(axis="y")
 
 
-def _distribution(
-    axis: Axes, comparison: Comparison, names: Sequence[str], look: Mapping[str, tuple[str, Any]]
-) -> None:
+def _distribution(axis: Axes, peaks: Mapping[str, NDArray[np.float64]], look: Mapping[str, tuple[str, Any]]) -> None:
     """5 to 95 % as a line, the middle half as a bar, the median as a gap in it, the landings as ticks below."""
-    entries = {e.name: e for e in comparison.entries}
-    for place, name in enumerate(names):
-        y = np.sort(entries[name].completed["peak_subtalar_angle_deg"].to_numpy(float))
+    for place, (name, values) in enumerate(peaks.items()):
+        y = np.sort(values)
         p5, p25, p50, p75, p95 = np.percentile(y, [5, 25, 50, 75, 95])
         colour = look[name][0]
         axis.plot([p5, p95], [place, place], color=colour, solid_capstyle="butt")
@@ -95,36 +90,39 @@ def _distribution(
         axis.plot(
             kept, np.full(len(kept), place + 0.32), "|", color=colour, markersize=3, markeredgewidth=0.35, alpha=0.6
         )
-    _named(axis, names, 0.1)
+    _named(axis, list(peaks), 0.1)
     axis.set_title("Peak subtalar angle: 5, 25, 50, 75, 95 % of landings")
     axis.set_xlabel("[deg], + supination")
 
 
-def _changes(axis: Axes, data: Mapping[str, Any], names: Sequence[str]) -> None:
+def _changes(axis: Axes, summary: ComparisonSummary, names: Sequence[str]) -> None:
     for key, label, colour, marker, shift in PEAKS:
         for place, name in enumerate(names):
-            e = data["braces"][name]["difference_to_none"].get(key)
-            if e and e["value"] is not None:
-                ends = None if e["ci_low"] is None else [[e["value"] - e["ci_low"]], [e["ci_high"] - e["value"]]]
-                axis.errorbar(e["value"], place + shift, xerr=ends, fmt=marker, color=colour, capsize=2, elinewidth=1)
+            e = summary.braces[name].difference_to_none.get(key)
+            if e is None or e.value is None:
+                continue
+            ends = None
+            if e.ci_low is not None and e.ci_high is not None:
+                ends = [[e.value - e.ci_low], [e.ci_high - e.value]]
+            axis.errorbar(e.value, place + shift, xerr=ends, fmt=marker, color=colour, capsize=2, elinewidth=1)
         axis.plot([], [], marker, color=colour, label=label)
     axis.axvline(0, color=FAINT, linewidth=0.6, zorder=0)
     _named(axis, names, 0.75)
-    interval = ", 95 % interval" if data["kind"] == "study" and data["method"] in ("monte-carlo", "table") else ""
+    interval = ", 95 % interval" if summary.has_intervals else ""
     axis.set_title(f"Change of the peak against no brace{interval}", pad=PAD)
     axis.set_xlabel("[deg], − less than without a brace")
     axis.legend(ncols=2, loc="lower left", handletextpad=0.2)
 
 
-def _moments(axis: Axes, data: Mapping[str, Any], names: Sequence[str]) -> None:
-    for place, name in enumerate(names):
-        values = data["braces"][name]["metrics"]
-        anatomy, brace = ((values.get(f"{who}_subtalar_moment_Nm") or {}).get("value") for who in ("anatomy", "brace"))
+def _moments(axis: Axes, braces: Mapping[str, BraceSummary]) -> None:
+    for place, summary in enumerate(braces.values()):
+        means = {metric: estimate.value for metric, estimate in summary.metrics.items()}
+        anatomy, brace = (means.get(f"{who}_subtalar_moment_Nm") for who in ("anatomy", "brace"))
         left = 0.0
         for value, colour in ((anatomy, ANATOMY), (brace, BRACE)):
             axis.barh(place, value or 0.0, left=left, height=0.55, color=colour)
             left += value or 0.0
-        share = 1.0 if brace is None else (values.get("anatomy_share") or {}).get("value")
+        share = 1.0 if brace is None else means.get("anatomy_share")
         if share is not None:
             axis.annotate(
                 f"anatomy {100 * share:.0f} %",
@@ -137,23 +135,23 @@ def _moments(axis: Axes, data: Mapping[str, Any], names: Sequence[str]) -> None:
     axis.margins(x=0.34)
     if axis.dataLim.x0 >= 0:
         axis.set_xlim(left=0)
-    _named(axis, names, 0.75)
+    _named(axis, list(braces), 0.75)
     axis.set_title("Who resists at the peak", pad=PAD)
     axis.set_xlabel("subtalar moment [N·m], + resists supination")
     _squares(axis, {"anatomy": ANATOMY, "brace": BRACE})
 
 
-def _motion(axis: Axes, data: Mapping[str, Any], names: Sequence[str]) -> None:
-    """Bars at 10 degrees, a tick in each at 5."""
+def _motion(axis: Axes, resistance: Mapping[str, Mapping[str, float]]) -> None:
+    """`resistance` {brace: {posture: moment [N·m]}}. Bars at 10 degrees, a tick in each at 5."""
     height = 0.25
     for k, (motion, colour) in enumerate(MOTIONS.items()):
-        for place, name in enumerate(names):
-            held, at = data["braces"][name]["resistance_Nm"], place + (k - 1) * height
+        for place, held in enumerate(resistance.values()):
+            at = place + (k - 1) * height
             axis.barh(at, held[f"{motion}_10deg"], height=0.9 * height, color=colour)
             axis.plot([held[f"{motion}_5deg"]] * 2, [at - 0.45 * height, at + 0.45 * height], color=INK, linewidth=1.0)
     axis.axvline(0, color=FAINT, linewidth=0.6, zorder=0)
     axis.margins(x=0.06)
-    _named(axis, names, 0.6)
+    _named(axis, list(resistance), 0.6)
     axis.set_title("What 10° of ordinary motion costs (tick: 5°)", pad=PAD)
     axis.set_xlabel("moment of the brace [N·m], + resists the motion")
     _squares(axis, MOTIONS)

@@ -8,23 +8,25 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..cosim.result import Result
 from ..errors import EnvironmentProblem, InputError, SimulationError
-from ..files import read_json
 from ..fmu.component import Component
 from ..fmu.element import Connector
 from ..scenario import Scenario
 from ..shipped import fmu_path
-from ..study import folder as studyfolder
-from ..study.ledger import FILE, Ledger
+from ..study.folder import TRIALS, load_study_plan, read_trials
+from ..study.ledger import FILE as LEDGER
+from ..study.ledger import Ledger
 from ..study.plan import Plan
-from ..study.trajectories import file as recorded
+from ..study.trajectories import trajectory_path
 from ..units import quantity
-from . import run as runfolder
+from .comparison import FILE as COMPARISON
+from .comparison import member_path, read_comparison_summary
+from .run import RunSummary, read_run
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,8 +37,15 @@ AGREEMENT = 1e-6
 
 @dataclass(frozen=True)
 class Landing:
-    """`label` says which landing it is, `parameters` {"component.parameter": value in its own unit} what was set,
-    `plant` the FMU that landed."""
+    """One landing.
+
+    label       which one it is: its folder, its trial and why that trial
+    title       of its scenario or study, or the name of its brace
+    pose        initial pose; None for a plant that has no such choice
+    result      signals
+    parameters  {"component.parameter": value in its own unit} that were set
+    plant       the FMU that landed
+    """
 
     label: str
     title: str
@@ -67,46 +76,39 @@ class Landing:
             )
 
 
-def load_all(folder: Path, trial: str | None = None) -> list[Landing]:
-    """The landing of a run's or a study's folder (see `load`), or those of every brace of a comparison, under the
-    braces' names."""
-    if not (folder / "compare.json").is_file():
-        return [load(folder, trial)]
-    try:
-        braces = read_json(folder / "compare.json")["braces"]
-        return [
-            replace(load(folder / entry["folder"], trial), title=name)
-            for name, entry in braces.items()
-            if entry["status"] == "completed"
-        ]
-    except (TypeError, AttributeError, KeyError) as problem:
-        raise InputError(f"{folder / 'compare.json'}: cannot be read: {problem!r}") from None
+def load_landings(folder: Path, trial: str | None = None) -> list[Landing]:
+    """The landing of a run's or a study's folder (see `load_landing`), or those of every brace of a comparison, under
+    the braces' names. Raises InputError."""
+    if not (folder / COMPARISON).is_file():
+        return [load_landing(folder, trial)]
+    braces = read_comparison_summary(folder).completed
+    places = {name: member_path(folder, brace.folder or name) for name, brace in braces.items()}
+    return [replace(load_landing(place, trial), title=name) for name, place in places.items()]
 
 
-def load(folder: Path, trial: str | None = None) -> Landing:
+def load_landing(folder: Path, trial: str | None = None) -> Landing:
     """The landing in a run's folder; in a study's folder the trial `trial`: a number, worst, or pXX for a percentile of
     the study's first response (default p50). Raises InputError."""
-    if (folder / "trials.csv").is_file():
+    if (folder / TRIALS).is_file():
         return _of_study(folder, trial or "p50")
-    if (folder / "compare.json").is_file():
+    if (folder / COMPARISON).is_file():
         raise InputError(f"{folder}: holds one folder for each brace; name one of them")
-    if (folder / FILE).is_file():
+    if (folder / LEDGER).is_file():
         raise InputError(f"{folder}: the study is not finished; continue it with --resume")
-    head, result = runfolder.read(folder)
+    run = read_run(folder)
     if trial is not None:
         raise InputError(f"{folder}: holds a single run, which has no trials; leave --trial out")
-    plant = _plant(head)
+    plant = _plant(run.summary)
     described = Component.read("plant", plant)
-    given = {
-        k: v
-        for k, v in head["parameters"].items()
-        if k.startswith("plant.") and k.partition(".")[2] in described.parameters
-    }
-    parameters = {k: described.connectors[k.partition(".")[2]].value(v, k) for k, v in given.items()}
-    return Landing(str(folder), head["title"], head["initial_pose"], result, parameters, plant)
+    parameters = {}
+    for name, value in run.summary.parameters.items():
+        owner, _, parameter = name.partition(".")
+        if owner == "plant" and parameter in described.parameters:
+            parameters[name] = described.connectors[parameter].value(value, name)
+    return Landing(str(folder), run.title, run.summary.initial_pose, run.result, parameters, plant)
 
 
-def pick(trials: pd.DataFrame, response: str, which: str, place: str) -> tuple[int, str]:
+def choose_trial(trials: pd.DataFrame, response: str, which: str, place: str) -> tuple[int, str]:
     """The number of a trial and how it was chosen. Among completed trials `worst` has the largest response and `pXX`
     the one nearest to that percentile (type 7, the lower number of two). Raises InputError."""
     which = which.strip().lower()
@@ -124,35 +126,27 @@ def pick(trials: pd.DataFrame, response: str, which: str, place: str) -> tuple[i
         raise InputError(f"{place}: no completed trial has {response}; name one by its number")
     values = done[response].to_numpy(float)
     if percentile is None:
-        at, said = int(np.nanargmax(values)), f"largest {response}"
+        at, choice = int(np.nanargmax(values)), f"largest {response}"
     else:
         share = float(percentile.group(1))
-        at, said = (
-            int(np.nanargmin(np.abs(values - np.nanpercentile(values, share)))),
-            f"{share:g}th percentile of {response}",
-        )
+        at = int(np.nanargmin(np.abs(values - np.nanpercentile(values, share))))
+        choice = f"{share:g}th percentile of {response}"
     number = int(done["trial"].iloc[at])
-    return number, f"trial {number}, {said}"
+    return number, f"trial {number}, {choice}"
 
 
 def _of_study(folder: Path, which: str) -> Landing:
-    import pandas as pd
-
     with Ledger.read(folder) as ledger:
-        study = studyfolder.load(folder, ledger)
-    try:
-        trials = pd.read_csv(folder / "trials.csv")
-    except (ValueError, OSError) as problem:
-        raise InputError(f"{folder / 'trials.csv'}: cannot be read: {problem}") from None
-    number, said = pick(trials, study.responses[0], which, str(folder))
+        study = load_study_plan(folder, ledger)
+    trials = read_trials(folder)
+    number, choice = choose_trial(trials, study.responses[0], which, str(folder))
     row = trials[trials["trial"] == number].iloc[0]
-    what, values = f"{folder}, trial {number}", _inputs(study.scenario, row)
-    result = _recorded(recorded(folder, number), row)
+    place, values = f"{folder}, trial {number}", _inputs(study.scenario, row)
+    result = _recorded(trajectory_path(folder, number), row)
     if result is None or "plant.pelvis_tx" not in result.index:
-        result = _again(study, values, row, what)
-    return Landing(
-        f"{folder}, {said}", study.title, study.scenario.initial_pose(), result, values, study.scenario.fmus["plant"]
-    )
+        result = _again(study, values, row, place)
+    plant = study.scenario.fmus["plant"]
+    return Landing(f"{folder}, {choice}", study.title, study.scenario.initial_pose(), result, values, plant)
 
 
 def _inputs(scenario: Scenario, row: pd.Series) -> dict[str, float]:
@@ -183,27 +177,26 @@ def _recorded(path: Path, row: pd.Series) -> Result | None:
         raise InputError(f"{path}: cannot be read: {problem}") from None
 
 
-def _again(study: Plan, values: dict[str, float], row: pd.Series, what: str) -> Result:
+def _again(study: Plan, values: dict[str, float], row: pd.Series, place: str) -> Result:
     if row["status"] not in ("completed", "failed"):
-        raise InputError(f"{what}: {row['status']}: {row['message']}; there is nothing to show")
+        raise InputError(f"{place}: {row['status']}: {row['message']}; there is nothing to show")
     with study.scenario.recording("plant.*").open() as session:
         result = session.run(values)
     if len(result.time) < 2:
-        raise SimulationError(f"{what}: {result.message}")
+        raise SimulationError(f"{place}: {result.message}")
     response = study.responses[0]
     if row["status"] == "completed" and response in row:
         before, now = float(row[response]), result.metrics.get(response, np.nan)
         if not abs(now - before) <= AGREEMENT * max(1.0, abs(before)):
             raise InputError(
-                f"{what}: simulated again it gives {response} = {now:.6g} instead of {before:.6g}; FMUs or versions "
-                "are not those of the record "
-                f"(sprain-cosim reproduce names them)"
+                f"{place}: simulated again it gives {response} = {now:.6g} instead of {before:.6g}; FMUs or versions "
+                "are not those of the record (sprain-cosim reproduce names them)"
             )
     return result
 
 
-def _plant(head: dict[str, Any]) -> Path:
-    name = head.get("fmus", {}).get("plant", "")
+def _plant(summary: RunSummary) -> Path:
+    name = summary.fmus.get("plant") or ""
     try:
         return fmu_path(Path(name).stem if "/" not in name else name, Path.cwd(), f"plant = {name!r}")
     except (InputError, EnvironmentProblem):

@@ -4,53 +4,134 @@ the folder is not complete."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from .. import __version__, files
 from ..cosim.result import Result
 from ..errors import EnvironmentProblem, InputError
+from ..records import Record, Summary, finite, optional
 from ..scenario import Scenario
+from ..study.summary import FORMAT, known_format
 
-FILES = ("signals.csv", "landing.png", "summary.json")
-
-
-def summary(scenario: Scenario, result: Result) -> dict[str, Any]:
-    """What `run --json` prints."""
-    return {
-        "status": result.status,
-        "message": result.message,
-        "wall_s": round(result.wall, 6),
-        "initial_pose": scenario.initial_pose(),
-        "coupling_error": result.coupling_error,
-        "metrics": result.metrics,
-        "scenario": scenario.source,
-        "title": scenario.title,
-        "scheme": result.scheme,
-        "scheme_reason": result.scheme_reason,
-        "warning": result.warning,
-        "communication_step_s": scenario.master.communication_step,
-        "held": {
-            name: {
-                "period_s": held.period,
-                "largest_change_Nm": held.largest_change,
-                "share": held.share,
-                "axis": held.axis,
-            }
-            for name, held in result.held.items()
-        },
-        "exchanges": result.exchanges,
-        "smallest_step_s": result.smallest_step,
-        "fmus": {name: path.name for name, path in scenario.fmus.items()},
-        "sha256": {component.name: component.sha256 for component in scenario.components()},
-        "version": __version__,
-        "parameters": dict(scenario.parameters),
-        "dropped": list(scenario.dropped),
-    }
+FILE = "summary.json"
+SIGNALS = "signals.csv"
+FILES = (SIGNALS, "landing.png", FILE)
+BESIDE = (*FILES, "figures", "report.html")  # what other commands leave in the folder
 
 
-def check(folder: Path) -> None:
+@dataclass(frozen=True)
+class HeldOutput(Record):
+    """How old the torques of a sampled device become between two of its calls.
+
+    period_s            of its calls [s]
+    largest_change_Nm   of a torque from one call to the next [N·m]
+    share               of that torque's largest magnitude
+    axis                of that torque
+    """
+
+    period_s: float | None
+    largest_change_Nm: float | None
+    share: float | None
+    axis: str
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RunSummary(Summary):
+    """One landing: content of its summary.json, and what `run --json` prints.
+
+    format                     of the file
+    status, message            completed, stopped or failed, and why
+    wall_s                     wall time [s]
+    initial_pose               None for a plant that has no such choice
+    coupling_error             share of the exchanged energy, 0 ... 1; None where nothing is exchanged
+    metrics                    {metric: value in the unit of its name}
+    scenario, title            where the scenario comes from, and what it is
+    scheme, scheme_reason      coupling scheme, and why it was chosen
+    warning                    of the stability guard; empty for none
+    communication_step_s       [s]
+    held                       {component: what holding its torques between its own times may cost}
+    exchanges                  communication steps taken
+    smallest_step_s            of those [s]
+    fmus, sha256               {component: file name}, {component: of the file's content}
+    version                    of this package
+    parameters                 {"component.parameter": as it was set}
+    dropped                    parameters that the FMU put in a component's place does not have
+    coupling_check             {metric: its change at half the communication step}; of a run that was checked so
+    trial, reproduced          of a study's trial that ran again: its number, and whether its numbers are the same
+    """
+
+    format: int = FORMAT
+    status: str
+    message: str
+    wall_s: float | None = None
+    initial_pose: str | None = None
+    coupling_error: float | None = None
+    metrics: Mapping[str, float | None] = field(default_factory=dict)
+    scenario: str = ""
+    title: str
+    scheme: str
+    scheme_reason: str = ""
+    warning: str = ""
+    communication_step_s: float | None = None
+    held: Mapping[str, HeldOutput] = field(default_factory=dict)
+    exchanges: int = 0
+    smallest_step_s: float | None = None
+    fmus: Mapping[str, str | None] = field(default_factory=dict)
+    sha256: Mapping[str, str | None] = field(default_factory=dict)
+    version: str = ""
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    dropped: tuple[str, ...] = ()
+    coupling_check: Mapping[str, float | None] | None = optional()
+    trial: int | None = optional()
+    reproduced: bool | None = optional()
+
+    @classmethod
+    def of(cls, scenario: Scenario, result: Result) -> Self:
+        return cls(
+            status=result.status,
+            message=result.message,
+            wall_s=round(result.wall, 6),
+            initial_pose=scenario.initial_pose(),
+            coupling_error=finite(result.coupling_error),
+            metrics={name: finite(value) for name, value in result.metrics.items()},
+            scenario=scenario.source,
+            title=scenario.title,
+            scheme=result.scheme,
+            scheme_reason=result.scheme_reason,
+            warning=result.warning,
+            communication_step_s=scenario.master.communication_step,
+            held={name: HeldOutput(h.period, h.largest_change, h.share, h.axis) for name, h in result.held.items()},
+            exchanges=result.exchanges,
+            smallest_step_s=result.smallest_step,
+            fmus={name: path.name for name, path in scenario.fmus.items()},
+            sha256={component.name: component.sha256 for component in scenario.components()},
+            version=__version__,
+            parameters=dict(scenario.parameters),
+            dropped=tuple(scenario.dropped),
+        )
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """One landing: its folder, summary and signals."""
+
+    path: Path
+    summary: RunSummary
+    result: Result
+
+    @property
+    def title(self) -> str:
+        return self.summary.title
+
+    @property
+    def pose(self) -> str:
+        """The initial pose; empty for a plant that has none."""
+        return self.summary.initial_pose or ""
+
+
+def check_run_folder(folder: Path) -> None:
     """Raises InputError when the folder holds something else than an earlier run."""
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file; name a folder")
@@ -58,45 +139,48 @@ def check(folder: Path) -> None:
         strangers = sorted(
             p.name
             for p in folder.iterdir()
-            if p.name not in (*FILES, "figures", "report.html") and p.stem != "animation" and not files.is_partial(p)
+            if p.name not in BESIDE and p.stem != "animation" and not files.is_partial(p)
         )
         if strangers:
             raise InputError(f"{folder}: holds other files ({', '.join(strangers[:3])}); name a new folder")
 
 
-def write(folder: Path, result: Result, picture: bytes, summary: dict[str, Any]) -> None:
+def write_run(folder: Path, result: Result, picture: bytes, summary: RunSummary) -> None:
     """Replaces an earlier run; `picture` is the content of landing.png. Raises EnvironmentProblem when the folder
     cannot be written."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         files.sweep(folder)
-        (folder / "summary.json").unlink(missing_ok=True)
+        (folder / FILE).unlink(missing_ok=True)
     except OSError as problem:
         raise EnvironmentProblem(f"{folder}: cannot be written: {problem.strerror or problem}") from None
-    files.write(folder / "signals.csv", result.csv())
+    files.write(folder / SIGNALS, result.csv())
     files.write(folder / "landing.png", picture)
-    files.write_json(folder / "summary.json", summary)
+    files.write_json(folder / FILE, summary.to_json())
 
 
-def read(folder: Path) -> tuple[dict[str, Any], Result]:
+def read_run(folder: Path) -> RunFolder:
     """Raises InputError when the folder holds no complete run."""
-    if folder.is_dir() and not (folder / "summary.json").exists():
+    path = folder / FILE
+    if not path.exists():
         raise InputError(f"{folder}: no complete run in it; make one with `sprain-cosim run SCENARIO --out {folder}`")
-    head = files.read_json(folder / "summary.json")
-    missing = [key for key in ("status", "message", "scheme", "title") if key not in head]
-    if missing:
-        raise InputError(f"{folder}: not a folder of `sprain-cosim run`: summary.json lacks {missing[0]}")
-    record = Result.read_csv(folder / "signals.csv")
-    return head, replace(record, status=head["status"], message=head["message"], scheme=head["scheme"])
+    content = known_format(files.read_json(path), path)
+    for key in RunSummary.lacking(content):
+        raise InputError(f"{folder}: not a folder of `sprain-cosim run`: summary.json lacks {key}")
+    summary = RunSummary.from_json(content, str(path))
+    record = Result.read_csv(folder / SIGNALS)
+    result = replace(record, status=summary.status, message=summary.message, scheme=summary.scheme)
+    return RunFolder(folder, summary, result)
 
 
-def note(heads: Sequence[Mapping[str, Any]]) -> str:
+def coupling_note(summaries: Sequence[RunSummary]) -> str:
     """What stands below a figure: initial pose and coupling."""
 
     def all_of(texts: list[str]) -> str:
         return " and ".join(dict.fromkeys(texts))
 
-    pose = all_of([head["initial_pose"] for head in heads if head.get("initial_pose")])
-    steps = all_of([f"{1e3 * head['communication_step_s']:g}" for head in heads])
-    coupling = f"{all_of([head['scheme'] for head in heads])} coupling every {steps} ms"
+    pose = all_of([s.initial_pose for s in summaries if s.initial_pose])
+    known = [s.communication_step_s for s in summaries if s.communication_step_s is not None]
+    steps = all_of([f"{1e3 * step:g}" for step in known])
+    coupling = f"{all_of([s.scheme for s in summaries])} coupling every {steps} ms"
     return f"{f'Initial pose: {pose}; ' if pose else ''}{coupling}."

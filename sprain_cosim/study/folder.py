@@ -4,23 +4,21 @@ failed, ledger.sqlite, trajectories/. All but the ledger and the trajectories ar
 from __future__ import annotations
 
 import json
-import platform
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .. import __version__
 from ..errors import EnvironmentProblem, InputError
-from ..files import read_json, sweep, whole, write, write_json
+from ..files import sweep, whole, write, write_json
 from .codec import decode
-from .identity import changes, digest_of
+from .identity import changes
 from .ledger import FILE, LOCK, RESUME, Ledger
+from .manifest import FILE as MANIFEST
+from .manifest import Manifest, read_manifest
 from .originals import restored
 from .plan import Plan
 from .summary import FILE as SUMMARY
@@ -30,10 +28,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FAILURES = "failures.json"
-PACKAGES = ("numpy", "scipy", "fmpy", "pandas", "mujoco-core", "numba")
+TRIALS = "trials.csv"
 
 
-def check(folder: Path, resume: bool) -> None:
+def check_study_folder(folder: Path, resume: bool) -> None:
     """Raises InputError unless the folder may take the study."""
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file; name a folder with --out")
@@ -47,7 +45,7 @@ def check(folder: Path, resume: bool) -> None:
         raise InputError(f"{folder}: holds other files; name a new folder with --out")
 
 
-def described(folder: Path, ledger: Ledger) -> Plan:
+def recorded_plan(folder: Path, ledger: Ledger) -> Plan:
     """The study that a ledger was made with, whatever has become of its files. Raises InputError when the ledger does
     not say."""
     study = decode(json.loads(ledger.facts.get("study", "null")))
@@ -56,10 +54,10 @@ def described(folder: Path, ledger: Ledger) -> Plan:
     return study
 
 
-def load(folder: Path, ledger: Ledger) -> Plan:
+def load_study_plan(folder: Path, ledger: Ledger) -> Plan:
     """The study that a ledger was made with, from the copies of its files where those have changed. Raises InputError
     when there is no copy of a file that is gone or has changed."""
-    study = described(folder, ledger)
+    study = recorded_plan(folder, ledger)
     study = replace(study, scenario=restored(study.scenario, json.loads(ledger.facts["identity"])))
     for name, path in (*study.scenario.fmus.items(), *study.scenario.maps.items()):
         if not path.is_file():
@@ -70,44 +68,18 @@ def load(folder: Path, ledger: Ledger) -> Plan:
     return study
 
 
-def manifest(study: Plan, command: str, before: Mapping[str, Any], identity: Mapping[str, Any]) -> dict[str, Any]:
-    """With what the study was run. `before` is the manifest that stands in the folder, {} for none: it keeps when the
-    study began."""
-    return {
-        "versions": {"sprain-cosim": __version__, "python": platform.python_version()}
-        | {name: _version(name) for name in PACKAGES},
-        "fmus": {
-            name: {"file": str(path), "sha256": identity["fmus"][name]} for name, path in study.scenario.fmus.items()
-        },
-        "study_digest": digest_of(identity),
-        "seed": study.seed,
-        "platform": platform.platform(),
-        "command": command,
-        "created": before.get("created") or datetime.now(UTC).isoformat(timespec="seconds"),
-        "trials": study.trials,
-        "identity": identity,
-    }
-
-
-def _version(package: str) -> str | None:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return None
-
-
-def begin(folder: Path, study: Plan, command: str, identity: Mapping[str, Any]) -> None:
+def begin_folder(folder: Path, study: Plan, command: str, identity: Mapping[str, Any]) -> None:
     """study.toml and manifest.json, which says what `identity` the study has."""
     sweep(folder)
     try:
-        before = read_json(folder / "manifest.json")
+        before = read_manifest(folder)
     except InputError:
-        before = {}
+        before = None
     write(folder / "study.toml", study.text, RESUME)
-    write(folder / "manifest.json", json.dumps(manifest(study, command, before, identity), indent=2) + "\n", RESUME)
+    write_json(folder / MANIFEST, Manifest.of(study, identity, command, before).to_json(), RESUME)
 
 
-def tables(study: Plan, ledger: Ledger, wanted: np.ndarray | None) -> tuple[pd.DataFrame, pd.DataFrame]:
+def trial_tables(study: Plan, ledger: Ledger, wanted: np.ndarray | None) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Trials and timing of the ledger's rows whose numbers are `wanted` (None: all), in the order of their numbers."""
     import pandas as pd
 
@@ -143,7 +115,7 @@ def tables(study: Plan, ledger: Ledger, wanted: np.ndarray | None) -> tuple[pd.D
     )
 
 
-def failures(folder: Path, study: Plan, ledger: Ledger) -> None:
+def write_failures(folder: Path, study: Plan, ledger: Ledger) -> None:
     """failures.json: of each failed trial its inputs, how it ended, the last lines printed and the command that runs it
     again."""
     listed = [
@@ -162,9 +134,11 @@ def failures(folder: Path, study: Plan, ledger: Ledger) -> None:
         write(folder / FAILURES, json.dumps(listed, indent=2) + "\n", RESUME)
 
 
-def finish(folder: Path, trials: pd.DataFrame, timing: pd.DataFrame, summary: StudySummary, parquet: bool) -> None:
+def finish_folder(
+    folder: Path, trials: pd.DataFrame, timing: pd.DataFrame, summary: StudySummary, parquet: bool
+) -> None:
     """The exports; the summary is the last, so that it stands for a complete folder."""
-    for table, name in ((trials, "trials.csv"), (timing, "timing.csv")):
+    for table, name in ((trials, TRIALS), (timing, "timing.csv")):
         with whole(folder / name, RESUME) as partial:
             table.to_csv(partial, index=False, lineterminator="\n")
     if parquet:
@@ -177,3 +151,18 @@ def missing(numbers: Sequence[int], limit: int = 5) -> str:
     """ "3, 7, 8 and 12 more"."""
     shown = ", ".join(str(n) for n in numbers[:limit])
     return shown + (f" and {len(numbers) - limit} more" if len(numbers) > limit else "")
+
+
+def read_trials(folder: Path, as_text: bool = False) -> pd.DataFrame:
+    """trials.csv, one row a trial; `as_text` every cell as it is written. Raises InputError."""
+    import pandas as pd
+
+    path = folder / TRIALS
+    try:
+        if as_text:
+            return pd.read_csv(path, dtype=str, keep_default_na=False)
+        return pd.read_csv(path, keep_default_na=True)
+    except FileNotFoundError:
+        raise InputError(f"{folder}: no trials.csv in it; the study is not finished") from None
+    except (ValueError, OSError) as problem:
+        raise InputError(f"{path}: cannot be read: {problem}") from None

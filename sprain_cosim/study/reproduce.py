@@ -6,25 +6,27 @@ seed and number of trials give the manifest's study. Trials are compared as tria
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..errors import EnvironmentProblem, InputError
-from ..files import read_json
+from ..records import Record
 from ..shipped import fmu_path
-from . import folder as studyfolder
 from .dispatch import Progress
 from .file import load_study
+from .folder import read_trials, recorded_plan
 from .identity import changes
-from .ledger import FILE, Ledger
+from .ledger import FILE as LEDGER
+from .ledger import Ledger
+from .manifest import FILE, FmuFile, Manifest, whole_manifest
 from .plan import Plan
 from .runner import run
 
 if TYPE_CHECKING:
     import pandas as pd
 
+ABSENT = FmuFile("absent", "absent")
 OF_THE_MACHINE = (
     "version",
     "fmus",
@@ -33,29 +35,33 @@ OF_THE_MACHINE = (
 
 
 @dataclass(frozen=True)
-class Reproduction:
-    """`differences` between then and now: versions, FMUs, platform; `trials` compared; `first` {trial, column, before,
-    now} that differs, or None; `different` how many do; `out` the new folder."""
+class TrialDifference(Record):
+    """A cell of trials.csv that differs: its text before and now; "absent" where the row or the column is missing."""
 
-    differences: tuple[str, ...]
+    trial: int
+    column: str
+    before: str
+    now: str
+
+
+@dataclass(frozen=True)
+class Reproduction(Record):
+    """What a repetition found.
+
+    identical    all trials are the same to the last digit
+    trials       number that were compared
+    different    number of those that differ
+    first        the first difference, or None
+    differences  between then and now, one line each: versions, FMUs, platform
+    out          the new folder
+    """
+
+    identical: bool
     trials: int
-    first: Mapping[str, Any] | None
     different: int
-    out: Path
-
-    @property
-    def identical(self) -> bool:
-        return self.first is None
-
-    def as_dict(self) -> dict[str, Any]:
-        return {
-            "identical": self.identical,
-            "trials": self.trials,
-            "different": self.different,
-            "first": self.first,
-            "differences": list(self.differences),
-            "out": str(self.out),
-        }
+    first: TrialDifference | None
+    differences: tuple[str, ...]
+    out: str
 
     def text(self) -> str:
         lines = [f"differs: {line}" for line in self.differences] or ["versions, FMUs and platform are the same"]
@@ -64,8 +70,8 @@ class Reproduction:
         else:
             f = self.first
             lines.append(
-                f"{self.different} of {self.trials} trials differ; the first is trial {f['trial']}: {f['column']} = "
-                f"{f['before']} then, {f['now']} now"
+                f"{self.different} of {self.trials} trials differ; the first is trial {f.trial}: {f.column} = "
+                f"{f.before} then, {f.now} now"
             )
         return "\n".join([*lines, f"written: {self.out}"])
 
@@ -75,15 +81,14 @@ def reproduce(
 ) -> Reproduction:
     """Runs the study of `manifest` again into `out` (default: its folder's name with -again). Raises InputError when
     the manifest, its study or its trials cannot be read, or an FMU is gone."""
-    manifest = manifest / "manifest.json" if manifest.is_dir() else manifest
+    manifest = manifest / FILE if manifest.is_dir() else manifest
     folder = manifest.parent
-    then = _read(manifest)
+    then = whole_manifest(manifest)
     before = _table(folder)
     study = _study(folder, then)
     target = out or folder.with_name(f"{folder.resolve().name}-again")
     if target.resolve() == folder.resolve():
         raise InputError(f"{target}: is the study's own folder; name a new one with --out")
-    now = studyfolder.manifest(study, "", {}, study.identity)
     done = run(
         study,
         out=target,
@@ -94,59 +99,41 @@ def reproduce(
         command=f"sprain-cosim reproduce {manifest}",
     )
     assert done.out is not None
-    first, different = compare(before, _table(done.out))
-    return Reproduction(tuple(_differences(then, now)), len(before), first, different, done.out)
+    first, different = compare_trials(before, _table(done.out))
+    differences = tuple(_differences(then, Manifest.of(study, study.identity)))
+    return Reproduction(first is None, len(before), different, first, differences, str(done.out))
 
 
-def compare(before: pd.DataFrame, now: pd.DataFrame) -> tuple[dict[str, Any] | None, int]:
-    """The first trial that differs and how many do; both tables as text, indexed by trial."""
-    first, different = None, 0
-    for trial in before.index.union(now.index, sort=False):
-        there = [trial in table.index for table in (before, now)]
-        if not all(there):
-            found = {
-                "column": "trial",
-                "before": "present" if there[0] else "absent",
-                "now": "present" if there[1] else "absent",
-            }
-        else:
-            columns = [*before.columns, *(c for c in now.columns if c not in before.columns)]
-            pairs = (
-                (c, before.at[trial, c] if c in before else "absent", now.at[trial, c] if c in now else "absent")
-                for c in columns
-            )
-            found = next(({"column": c, "before": a, "now": b} for c, a, b in pairs if a != b), {})
-        if found:
-            different += 1
-            first = first or {"trial": int(trial), **found}
-    return first, different
+def compare_trials(before: pd.DataFrame, now: pd.DataFrame) -> tuple[TrialDifference | None, int]:
+    """The first difference and how many trials differ; both tables as text, indexed by trial."""
+    found = [_trial_difference(trial, before, now) for trial in before.index.union(now.index, sort=False)]
+    differences = [difference for difference in found if difference is not None]
+    return (differences[0] if differences else None), len(differences)
 
 
-def _read(manifest: Path) -> dict[str, Any]:
-    if not manifest.exists():
-        raise InputError(f"{manifest}: no such file; name the manifest.json of a study's folder")
-    content = read_json(manifest)
-    missing = [key for key in ("versions", "fmus", "study_digest", "identity") if key not in content]
-    if missing:
-        raise InputError(f"{manifest}: not a study's manifest: it has no {', '.join(missing)}")
-    return content
+def _trial_difference(trial: str, before: pd.DataFrame, now: pd.DataFrame) -> TrialDifference | None:
+    there, here = (trial in table.index for table in (before, now))
+    if not (there and here):
+        words = ("present" if present else "absent" for present in (there, here))
+        return TrialDifference(int(trial), "trial", *words)
+    for column in dict.fromkeys([*before.columns, *now.columns]):
+        a, b = (str(table.at[trial, column]) if column in table else "absent" for table in (before, now))
+        if a != b:
+            return TrialDifference(int(trial), column, a, b)
+    return None
 
 
 def _table(folder: Path) -> pd.DataFrame:
-    import pandas as pd
-
     try:
-        return pd.read_csv(folder / "trials.csv", dtype=str, keep_default_na=False).set_index("trial")
-    except FileNotFoundError:
-        raise InputError(f"{folder}: no trials.csv to compare with; the study is not finished") from None
-    except (KeyError, ValueError, OSError) as problem:
-        raise InputError(f"{folder / 'trials.csv'}: cannot be read: {problem}") from None
+        return read_trials(folder, as_text=True).set_index("trial")
+    except KeyError:
+        raise InputError(f"{folder}: trials.csv cannot be read: it has no column trial") from None
 
 
-def _study(folder: Path, then: Mapping[str, Any]) -> Plan:
-    if (folder / FILE).is_file():
+def _study(folder: Path, then: Manifest) -> Plan:
+    if (folder / LEDGER).is_file():
         with Ledger.read(folder) as ledger:
-            study = studyfolder.described(folder, ledger)
+            study = recorded_plan(folder, ledger)
         study = replace(
             study, scenario=replace(study.scenario, fmus={n: _there(n, p) for n, p in study.scenario.fmus.items()})
         )
@@ -157,17 +144,15 @@ def _study(folder: Path, then: Mapping[str, Any]) -> Plan:
                 )
     else:
         study = load_study(folder / "study.toml")
-        identity = then["identity"]
-        study = replace(
-            study, method=identity["method"], seed=identity["seed"], trials=then.get("trials", study.trials)
-        )
+        method, seed = (then.identity.get(key, getattr(study, key)) for key in ("method", "seed"))
+        study = replace(study, method=method, seed=seed, trials=then.trials or study.trials)
     now = json.loads(json.dumps(study.identity))
-    changed = changes(then["identity"], now, OF_THE_MACHINE)
+    changed = changes(then.identity, now, OF_THE_MACHINE)
     if changed:
         raise InputError(
             f"{folder}: its study.toml alone does not give the study of the manifest ({'; '.join(changed)}); "
             "put the ledger beside it, or type again: "
-            f"{then.get('command') or 'the command it was made with'}"
+            f"{then.command or 'the command it was made with'}"
         )
     return study
 
@@ -182,18 +167,16 @@ def _there(name: str, path: Path) -> Path:
         raise InputError(f"{name} = {path}: the FMU of the study is gone; put it back") from None
 
 
-def _differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+def _differences(then: Manifest, now: Manifest) -> list[str]:
     found = []
-    for package in dict.fromkeys([*then["versions"], *now["versions"]]):
-        a, b = then["versions"].get(package), now["versions"].get(package)
+    for package in dict.fromkeys([*then.versions, *now.versions]):
+        a, b = then.versions.get(package), now.versions.get(package)
         if a != b:
             found.append(f"{package} {a or 'absent'} then, {b or 'absent'} now")
-    for name in dict.fromkeys([*then["fmus"], *now["fmus"]]):
-        a, b = (m["fmus"].get(name, {}).get("sha256", "absent") for m in (then, now))
-        if a != b:
-            found.append(
-                f"FMU {name}: SHA-256 {a[:12]} then, {b[:12]} now ({now['fmus'].get(name, {}).get('file', 'absent')})"
-            )
-    if then.get("platform") != now["platform"]:
-        found.append(f"platform {then.get('platform')} then, {now['platform']} now")
+    for name in dict.fromkeys([*then.fmus, *now.fmus]):
+        old, new = (m.fmus.get(name, ABSENT) for m in (then, now))
+        if old.sha256 != new.sha256:
+            found.append(f"FMU {name}: SHA-256 {str(old.sha256)[:12]} then, {str(new.sha256)[:12]} now ({new.file})")
+    if then.platform != now.platform:
+        found.append(f"platform {then.platform} then, {now.platform} now")
     return found

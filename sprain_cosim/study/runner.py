@@ -26,13 +26,21 @@ from ..cosim.result import Result
 from ..errors import EnvironmentProblem, InputError, SimulationError, nearest
 from ..process import Limits
 from ..uq.distributions import Array
-from . import folder as studyfolder
 from . import originals
 from .backends.backend import Task
 from .backends.choice import open_backend
 from .codec import encode
 from .dispatch import Dispatch, Progress
 from .evaluation import summarise
+from .folder import (
+    begin_folder,
+    check_study_folder,
+    finish_folder,
+    load_study_plan,
+    missing,
+    trial_tables,
+    write_failures,
+)
 from .identity import changes
 from .ledger import FILE as LEDGER
 from .ledger import Ledger, Row
@@ -109,7 +117,7 @@ def run(
     if parquet and find_spec("pyarrow") is None:
         raise EnvironmentProblem("--parquet: needs pyarrow: pip install 'sprain-cosim[parquet]'")
     if folder is not None:
-        studyfolder.check(folder, resume)
+        check_study_folder(folder, resume)
     began = perf_counter()
     held = replace(study, scenario=originals.kept(study.scenario))
     first = ALL if study.method in SEARCHES and study.method != "sobol-indices" else trajectories
@@ -134,7 +142,7 @@ def run(
         tables, summary, recorded = _finished(study, held, dispatch, folder, wanted, shard, command)
         summary = replace(summary, wall_s=round(perf_counter() - began, 3))
         if folder is not None:
-            studyfolder.finish(folder, *tables, summary, parquet)
+            finish_folder(folder, *tables, summary, parquet)
             seal(folder, ledger, request, recorded)
         warnings = (*_mended(ledger), *originals.changes(study.scenario, held.scenario))
         return Campaign(study, summary, folder, partial(_given, tables), warnings)
@@ -158,12 +166,12 @@ def _finished(
     found, recorded = None, list[int]()
     try:
         if folder is not None:
-            studyfolder.begin(folder, study, command, held.identity)
+            begin_folder(folder, study, command, held.identity)
         if wanted is None:
             found = _search(study, dispatch)
         else:
             dispatch.finish(_part(study, shard), len(wanted))
-        tables = table, _ = studyfolder.tables(study, ledger, wanted)
+        tables = table, _ = trial_tables(study, ledger, wanted)
         summary = summarise(held, table, found)
         if folder is not None:
             kept = _roles(study, table, found)
@@ -177,7 +185,7 @@ def _finished(
     finally:
         dispatch.close()
         if folder is not None:
-            studyfolder.failures(folder, study, ledger)
+            write_failures(folder, study, ledger)
     if shard is not None:
         summary = replace(summary, shard=shard, n_requested=len(table))
     return tables, summary, sorted({*recorded} - {*recorder.lacks(recorded)})
@@ -223,7 +231,7 @@ def _done(
 
 def _from_ledger(study: Plan, folder: Path, wanted: np.ndarray | None) -> Tables:
     with Ledger.read(folder) as ledger:
-        return studyfolder.tables(study, ledger, wanted)
+        return trial_tables(study, ledger, wanted)
 
 
 def _given(tables: Tables) -> Tables:
@@ -233,7 +241,7 @@ def _given(tables: Tables) -> Tables:
 def _mended(ledger: Ledger) -> tuple[str, ...]:
     if not ledger.mended:
         return ()
-    rows = f"trials {studyfolder.missing(ledger.dropped)}" if ledger.dropped else "rows that cannot be named"
+    rows = f"trials {missing(ledger.dropped)}" if ledger.dropped else "rows that cannot be named"
     return (f"{ledger.folder}: its ledger was damaged; {rows} were dropped and run again",)
 
 
@@ -244,25 +252,25 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
     Raises InputError when they belong to different studies, differ in a trial, or a trial is in none of them."""
     parts = [Ledger.read(folder) for folder in folders]
     try:
-        study = studyfolder.load(folders[0], parts[0])
+        study = load_study_plan(folders[0], parts[0])
         for folder, part in zip(folders, parts, strict=True):
             if part.facts["digest"] != parts[0].facts["digest"]:
                 one, other = (json.loads(ledger.facts["identity"]) for ledger in (parts[0], part))
                 different = "; ".join(changes(one, other, words=("there", "here")))
                 raise InputError(f"{folder}: belongs to another study than {folders[0]} ({different})")
-        study = max((studyfolder.load(f, p) for f, p in zip(folders, parts, strict=True)), key=lambda s: s.trials)
+        study = max((load_study_plan(f, p) for f, p in zip(folders, parts, strict=True)), key=lambda s: s.trials)
         wanted = _numbers(study, None)
         lost = np.setdiff1d(wanted, np.concatenate([part.finished()[0] for part in parts]))
         if len(lost):
             raise InputError(
-                f"trials {studyfolder.missing(lost.tolist())} are in none of the folders; run their shard with "
+                f"trials {missing(lost.tolist())} are in none of the folders; run their shard with "
                 "--resume, or name its folder"
             )
         folder = out or Path("runs") / Path(study.source or "study").stem
-        studyfolder.check(folder, resume=False)
+        check_study_folder(folder, resume=False)
         recorder = Trajectories(folder, 0)
         with Ledger(folder, study.digest, study.identity, parts[0].facts["study"]) as ledger:
-            studyfolder.begin(folder, study, "", study.identity)
+            begin_folder(folder, study, "", study.identity)
             for source, part in zip(folders, parts, strict=True):
                 for row in part.rows():
                     known = ledger.row(row.trial)
@@ -272,14 +280,14 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
                     elif _content(known) != _content(row):
                         raise InputError(f"{source}: its trial {row.trial} differs from that of another folder")
             ledger.commit()
-            table, timing = studyfolder.tables(study, ledger, wanted)
+            table, timing = trial_tables(study, ledger, wanted)
             kept = _roles(study, table, None)
             dispatch = Dispatch(ledger, open_backend(Task(study.scenario, study.names), 1, None), trajectories=recorder)
             try:
                 dispatch.repeat(recorder.lacks(kept.values()))
             finally:
                 dispatch.close()
-            studyfolder.failures(folder, study, ledger)
+            write_failures(folder, study, ledger)
     finally:
         for part in parts:
             part.close()
@@ -289,7 +297,7 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
         wall_s=round(float(timing["wall_s"].sum()), 3),
         merged=tuple(str(f) for f in folders),
     )
-    studyfolder.finish(folder, table, timing, summary, parquet)
+    finish_folder(folder, table, timing, summary, parquet)
     return Campaign(study, summary, folder, partial(_given, (table, timing)))
 
 
@@ -327,7 +335,7 @@ def replay(folder: Path, trial: int, limits: Limits | None = None) -> Replay:
     """Runs a trial of a study's folder again, from the folder alone, in a child process. Raises InputError when there
     is no such trial, or an FMU has changed since."""
     with Ledger.read(folder) as ledger:
-        study = studyfolder.load(folder, ledger)
+        study = load_study_plan(folder, ledger)
         row = ledger.row(trial)
         if row is None:
             numbers, _ = ledger.finished()

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from .ledger import Ledger
-from .trajectories import file as trajectory
+from .trajectories import trajectory_path
 
 EXPORTS = ("trials.csv", "timing.csv", "summary.json", "study.toml", "manifest.json", "failures.json", "trials.parquet")
 NECESSARY = EXPORTS[:5]
@@ -33,7 +33,7 @@ def sealed(folder: Path, ledger: Ledger, request: Mapping[str, Any]) -> bool:
         return False
     try:
         return all(_sha256(folder / name) == digest for name, digest in files.items()) and all(
-            trajectory(folder, trial).is_file() for trial in recorded
+            trajectory_path(folder, trial).is_file() for trial in recorded
         )
     except (OSError, TypeError, ValueError):
         return False

@@ -399,9 +399,12 @@ class StudySummary(Summary):
 
 
 def read_summary(folder: Path) -> StudySummary:
-    """The summary of a study's folder. Raises InputError when there is none, or another version's."""
+    """The summary of a study's folder. Raises InputError when there is none, or one of a later version."""
     path = folder / FILE
-    return StudySummary.from_json(known_format(read_json(path), path), str(path))
+    content = known_format(read_json(path), path)
+    for key in StudySummary.lacking(content):
+        raise InputError(f"{folder}: not a folder of `sprain-cosim study`: {key} is missing")
+    return StudySummary.from_json(content, str(path))
 
 
 def known_format(content: dict[str, Any], path: Path) -> dict[str, Any]:

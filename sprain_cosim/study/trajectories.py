@@ -14,18 +14,22 @@ from .ledger import RESUME
 from .worker import Outcome
 
 FOLDER = "trajectories"
-FIRST = 100  # trials recorded unless told otherwise
+FIRST = 100  # trials recorded by default
 ROLES = {"p5": 0.05, "p50": 0.50, "p95": 0.95, "min": 0.0, "max": 1.0}
 
 
-def file(folder: Path, trial: int) -> Path:
+def trajectory_path(folder: Path, trial: int) -> Path:
+    """Where the folder of a study has the signals of a trial."""
     return folder / FOLDER / f"{trial:06d}.csv.gz"
 
 
 @dataclass
 class Trajectories:
-    """Keeps records in `folder` (None: nowhere): those of the trials below `first`, and whatever else comes with
-    one."""
+    """Which trials of a study keep their record.
+
+    folder  of the study; None keeps nothing
+    first   trials below this number are recorded while they run; a record of any other trial is kept when there is one
+    """
 
     folder: Path | None
     first: int = FIRST
@@ -37,13 +41,12 @@ class Trajectories:
         """Writes the record that came with a trial, if one did. Raises EnvironmentProblem."""
         if self.folder is None or not outcome.trajectory:
             return
-        path = file(self.folder, trial)
-        write(path, outcome.trajectory, RESUME, parents=True)
+        write(trajectory_path(self.folder, trial), outcome.trajectory, RESUME, parents=True)
 
     def take(self, source: Path, trial: int) -> None:
         """Copies the record of another study's folder, if it has one."""
         try:
-            content = file(source, trial).read_bytes()
+            content = trajectory_path(source, trial).read_bytes()
         except FileNotFoundError:
             return
         self.keep(trial, Outcome("completed", "", trajectory=content))
@@ -53,13 +56,17 @@ class Trajectories:
         return (
             []
             if self.folder is None
-            else [int(t) for t in dict.fromkeys(trials) if not file(self.folder, int(t)).exists()]
+            else [int(t) for t in dict.fromkeys(trials) if not trajectory_path(self.folder, int(t)).exists()]
         )
 
 
 def roles(numbers: np.ndarray, response: np.ndarray, wanted: Mapping[str, float] | None = None) -> dict[str, int]:
-    """The trial next to each percentile of the response, and its extremes; `wanted` {role: value} instead of
-    percentiles. (n,) both; the lowest number where several are as near."""
+    """{role: number of the trial whose response is next to it}; the lowest number where several are as near.
+
+    numbers   (n,) of the trials
+    response  (n,) of theirs
+    wanted    {role: value}; None: the percentiles and extremes of ROLES
+    """
     if not len(response):
         return {}
     values = {role: float(np.quantile(response, p)) for role, p in ROLES.items()} if wanted is None else wanted

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from sprain_cosim.folders import read as folders
+from sprain_cosim.folders.read import read_folders
 from sprain_cosim.report import page as report
 
 CHROMIUM = next((p for n in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(n))), None)
@@ -68,7 +68,7 @@ def look(folder: Path, width: int) -> tuple[dict, list[str]]:
 def page(results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two studies, a landing and a comparison in one report."""
     folder = tmp_path_factory.mktemp("browser")
-    report.write(folders.read_all([results / n for n in ("study", "touching", "run")]), folder / "r.html")
+    report.write_report(read_folders([results / n for n in ("study", "touching", "run")]), folder / "r.html")
     return folder
 
 

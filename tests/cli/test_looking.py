@@ -14,7 +14,7 @@ from sprain_cosim.animate.film import animate
 from sprain_cosim.brace.bench import land
 from sprain_cosim.cli import _run
 from sprain_cosim.errors import InputError
-from sprain_cosim.folders.landing import load, load_all
+from sprain_cosim.folders.landing import load_landing, load_landings
 from sprain_cosim.scenario import load_scenario
 from sprain_cosim.shipped import fmu_path
 from tests.cli.test_run import call, refused
@@ -66,7 +66,7 @@ def test_animation_lands_in_the_folder_and_a_run_may_be_repeated(place: Path) ->
 def test_trials_of_a_study(place: Path) -> None:
     peaks = pd.read_csv(place / "many" / "trials.csv").set_index("trial")["peak_subtalar_angle_deg"]
     for which, number in {"worst": peaks.idxmax(), "p0": peaks.idxmin(), "2": 2}.items():
-        landing = load(place / "many", which)
+        landing = load_landing(place / "many", which)
         assert f"many, trial {number}" in landing.label
         assert landing.result.metrics["peak_subtalar_angle_deg"] == pytest.approx(peaks[number], rel=1e-12)
         assert "plant.pelvis_tx" in landing.result.index
@@ -223,16 +223,16 @@ def test_bad_input_is_one_line_and_exit_2(
 def test_landings_of_a_comparison(place: Path, tmp_path: Path) -> None:
     bare = load_scenario("incline30").with_master(stop="5 ms")
     braced = load_scenario("incline30_brace").with_master(stop="5 ms")
-    assert {land(bare, tmp_path / "none")["status"], land(braced, tmp_path / "soft")["status"]} == {"completed"}
+    assert {land(bare, tmp_path / "none").status, land(braced, tmp_path / "soft").status} == {"completed"}
     entries = {name: {"folder": name, "status": "completed"} for name in ("none", "soft")} | {
         "bad": {"folder": "bad", "status": "failed"}
     }
     (tmp_path / "compare.json").write_text(json.dumps({"braces": entries}))
-    runs = load_all(tmp_path)
+    runs = load_landings(tmp_path)
     assert [run.title for run in runs] == ["none", "soft"]
     assert animate(runs, tmp_path / "both.png") == 1
     with pytest.raises(InputError, match="one folder for each brace"):
-        load(tmp_path)
+        load_landing(tmp_path)
     (tmp_path / "compare.json").write_text("{}")
-    with pytest.raises(InputError, match=r"compare\.json: cannot be read"):
-        load_all(tmp_path)
+    with pytest.raises(InputError, match=r"compare\.json: lacks braces"):
+        load_landings(tmp_path)

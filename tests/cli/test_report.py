@@ -13,7 +13,7 @@ from time import process_time
 import numpy as np
 import pandas as pd
 
-from sprain_cosim.folders import read as folders
+from sprain_cosim.folders.read import read_folder, read_folders
 from sprain_cosim.report import page as report
 
 from .test_run import call
@@ -53,7 +53,7 @@ class Page(HTMLParser):
 
 @cache
 def made(*given: Path) -> tuple[str, Page]:
-    text = report.page(folders.read_all(given))
+    text = report.report_page(read_folders(given))
     return text, Page(text)
 
 
@@ -215,6 +215,6 @@ def test_a_thousand_trials_in_ten_seconds_and_five_megabytes(results: Path, tmp_
     head["trajectories"]["first"] = 100
     (tmp_path / "s" / "summary.json").write_text(json.dumps(head))
     began = process_time()
-    target = report.write([folders.read(tmp_path / "s")], tmp_path / "r.html")
+    target = report.write_report([read_folder(tmp_path / "s")], tmp_path / "r.html")
     assert process_time() - began < 10
     assert target.stat().st_size < 5e6

@@ -15,7 +15,8 @@ from scipy import stats
 from fmus.brace_bushing.slave import POLYNOMIALS
 from sprain_cosim import InputError, SimulationError, load_scenario, load_study
 from sprain_cosim.brace.bench import Bench
-from sprain_cosim.brace.compare import LINES, compare_braces, load, text
+from sprain_cosim.brace.compare import compare_braces, load_source
+from sprain_cosim.brace.comparison import LINES, comparison_listing
 from sprain_cosim.process import Limits
 from tests.docs_commands import ROOT
 from tests.native import compile_fmu
@@ -48,7 +49,7 @@ def study(tmp_path_factory: pytest.TempPathFactory):
 
 
 def test_a_landing_is_that_of_run(landing) -> None:
-    braces = landing.data["braces"]
+    braces = landing.summary["braces"]
     for name, scenario in (("none", load_scenario("incline30")), ("stiff", load_scenario("incline30_brace"))):
         metrics = scenario.run().metrics
         for key in ("peak_subtalar_angle_deg", "peak_inversion_from_neutral_deg", "peak_jcs_inversion_deg"):
@@ -61,7 +62,7 @@ def test_a_landing_is_that_of_run(landing) -> None:
     assert stiff["anatomy_share"]["value"] == pytest.approx(
         1 / (1 + stiff["brace_subtalar_moment_Nm"]["value"] / stiff["anatomy_subtalar_moment_Nm"]["value"])
     )
-    pair = landing.data["pairs"]["linear - stiff"]["peak_subtalar_angle_deg"]["value"]
+    pair = landing.summary["pairs"]["linear - stiff"]["peak_subtalar_angle_deg"]["value"]
     assert pair == pytest.approx(
         braces["linear"]["metrics"]["peak_subtalar_angle_deg"]["value"] - stiff["peak_subtalar_angle_deg"]["value"],
         abs=1e-12,
@@ -77,14 +78,14 @@ def test_work_of_the_torques_is_work_of_the_moments(landing) -> None:
             np.trapezoid(signals[f"plant.brace_{axis}_moment "
                                  "[N.m]"], signals[f"plant.{axis}_angle [rad]"]) for axis in ("talocrural", "subtalar")
         )  # fmt: skip
-        value = landing.data["braces"][name]["metrics"]["brace_work_J"]["value"]
+        value = landing.summary["braces"][name]["metrics"]["brace_work_J"]["value"]
         assert value == pytest.approx(work, abs=0.02)
 
 
 def test_ordinary_motion(landing) -> None:
     """A linear brace: stiffness times angle about its axis, nothing about the other. The bushing: its torques projected
     on the axis, the Euler angles taken from the plant at two neighbouring postures."""
-    linear, stiff = (landing.data["braces"][n]["resistance_Nm"] for n in ("linear", "stiff"))
+    linear, stiff = (landing.summary["braces"][n]["resistance_Nm"] for n in ("linear", "stiff"))
     assert linear["supination_10deg"] == pytest.approx(30 * math.radians(10), rel=1e-9)
     assert linear["supination_5deg"] == pytest.approx(30 * math.radians(5), rel=1e-9)
     assert linear["plantarflexion_10deg"] == pytest.approx(0, abs=1e-12)
@@ -118,7 +119,7 @@ def test_the_tutorial_shows_what_comes_out(landing) -> None:
     for label, key, factor in LINES:
         cells = [c for c in shown[label.strip()].replace(" / ", "/").split() if c]
         for name in ("none", "stiff"):
-            metric = landing.data["braces"][name]["metrics"].get(key)
+            metric = landing.summary["braces"][name]["metrics"].get(key)
             if metric is not None:
                 place = columns.index(name) - len(columns)  # what none lacks is blank in front
                 assert cells[place] == f"{factor * metric['value']:.2f}", (label, name)
@@ -126,15 +127,15 @@ def test_the_tutorial_shows_what_comes_out(landing) -> None:
 
 def test_a_crash_costs_its_own_column(landing) -> None:
     assert [e.name for e in landing.failed] == ["bad"]
-    bad = landing.data["braces"]["bad"]
+    bad = landing.summary["braces"]["bad"]
     assert bad["status"] == "failed"
     assert "SIGSEGV" in bad["message"]
     assert bad["metrics"] == {}
-    printed = text(landing.data)
+    printed = comparison_listing(landing.summary)
     assert "bad: failed: " in printed
-    assert f"{landing.data['braces']['linear']['metrics']['peak_subtalar_angle_deg']['value']:.2f}" in printed
+    assert f"{landing.summary['braces']['linear']['metrics']['peak_subtalar_angle_deg']['value']:.2f}" in printed
     held = json.loads((landing.out / "compare.json").read_text())
-    assert held == landing.data
+    assert held == landing.summary.to_json()
     assert sorted(p.name for p in landing.out.iterdir()) == ["compare.json", "figures", "linear", "none", "stiff"]
 
 
@@ -192,8 +193,8 @@ def test_differences_of_a_study_are_paired(study) -> None:
     key = "peak_subtalar_angle_deg"
     tables = {n: pd.read_csv(study.out / n / "trials.csv")[key] for n in ("none", "paper", "linear")}
     for name, other, found in (
-        ("paper", "none", study.data["braces"]["paper"]["difference_to_none"][key]),
-        ("linear", "paper", study.data["pairs"]["linear - paper"][key]),
+        ("paper", "none", study.summary["braces"]["paper"]["difference_to_none"][key]),
+        ("linear", "paper", study.summary["pairs"]["linear - paper"][key]),
     ):
         test = stats.ttest_rel(tables[name], tables[other])
         interval = test.confidence_interval(0.95)
@@ -204,16 +205,16 @@ def test_differences_of_a_study_are_paired(study) -> None:
         )
         assert found["n"] == 8
     apart = stats.ttest_ind(tables["paper"], tables["none"]).confidence_interval(0.95)
-    paired = study.data["braces"]["paper"]["difference_to_none"][key]
+    paired = study.summary["braces"]["paper"]["difference_to_none"][key]
     assert paired["ci_high"] - paired["ci_low"] < apart.high - apart.low
-    risk = study.data["braces"]["none"]["metrics"]["probability_of_injury"]["value"]
+    risk = study.summary["braces"]["none"]["metrics"]["probability_of_injury"]["value"]
     inversion = pd.read_csv(study.out / "none" / "trials.csv")["peak_inversion_from_neutral_deg"]
     assert risk == pytest.approx(stats.norm(35, 6).cdf(inversion).mean(), rel=1e-9)
 
 
 def test_held_at_the_value_that_was_set(study) -> None:
     """Not at the study's own mean of 150 %."""
-    assert study.data["braces"]["paper"]["resistance_Nm"]["supination_10deg"] == pytest.approx(5.79, abs=0.01)
+    assert study.summary["braces"]["paper"]["resistance_Nm"]["supination_10deg"] == pytest.approx(5.79, abs=0.01)
 
 
 def test_a_study_goes_on(study) -> None:
@@ -237,7 +238,7 @@ def test_a_study_goes_on(study) -> None:
         workers=1,
         resume=True,
     )
-    assert again.data == study.data
+    assert again.summary == study.summary
 
 
 @pytest.mark.parametrize(
@@ -284,6 +285,6 @@ def test_scenario_or_study_by_what_the_file_says(tmp_path: Path) -> None:
     (tmp_path / "b.toml").write_text(
         'scenario = "incline30"\n[marginals]\n"plant.drop_height" = { normal = { mean = "0.3 m", sd = "0.01 m" } }\n'
     )
-    assert type(load(str(tmp_path / "a.toml"))).__name__ == "Scenario"
-    assert type(load(str(tmp_path / "b.toml"))).__name__ == "Study"
-    assert type(load("study2")).__name__ == "Study"
+    assert type(load_source(str(tmp_path / "a.toml"))).__name__ == "Scenario"
+    assert type(load_source(str(tmp_path / "b.toml"))).__name__ == "Study"
+    assert type(load_source("study2")).__name__ == "Study"

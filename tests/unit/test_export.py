@@ -15,7 +15,7 @@ import pytest
 
 from sprain_cosim.errors import InputError
 from sprain_cosim.export import COORDINATES, forces, ground, states, write
-from sprain_cosim.folders.landing import Landing, pick
+from sprain_cosim.folders.landing import Landing, choose_trial
 from sprain_cosim.scenario import load_scenario
 from sprain_cosim.shipped import fmu_path
 
@@ -142,16 +142,16 @@ def test_a_trial_by_number_worst_or_percentile() -> None:
     table = pd.DataFrame(
         {"trial": [0, 1, 2, 5, 7], "status": ["completed"] * 4 + ["failed"], "peak": [10.0, 40.0, 20.0, 30.0, 99.0]}
     )
-    assert pick(table, "peak", "5", "s") == (5, "trial 5")
-    assert pick(table, "peak", "7", "s")[0] == 7
-    assert pick(table, "peak", "worst", "s")[0] == 1  # a failed trial has no peak
-    assert [pick(table, "peak", f"p{p}", "s")[0] for p in (0, 30, 50, 70, 100)] == [0, 2, 2, 5, 1]
+    assert choose_trial(table, "peak", "5", "s") == (5, "trial 5")
+    assert choose_trial(table, "peak", "7", "s")[0] == 7
+    assert choose_trial(table, "peak", "worst", "s")[0] == 1  # a failed trial has no peak
+    assert [choose_trial(table, "peak", f"p{p}", "s")[0] for p in (0, 30, 50, 70, 100)] == [0, 2, 2, 5, 1]
     for wrong, words in (
         ("6", "has no trial 6; they are numbered 0 ... 7"),
         ("p101", "must be a number, worst, or a percentile"),
         ("best", "must be"),
     ):
         with pytest.raises(InputError, match=words):
-            pick(table, "peak", wrong, "s")
+            choose_trial(table, "peak", wrong, "s")
     with pytest.raises(InputError, match="no completed trial has other"):
-        pick(table, "other", "worst", "s")
+        choose_trial(table, "other", "worst", "s")

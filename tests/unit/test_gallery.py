@@ -11,7 +11,9 @@ import pandas as pd
 import pytest
 
 from sprain_cosim.figures import gallery
-from sprain_cosim.folders import read as folders
+from sprain_cosim.figures.selection import named_folders, sample_of
+from sprain_cosim.folders.read import read_folder, read_folders
+from sprain_cosim.folders.study import StudyFolder
 
 FILE = """scenario = "incline30_mixed"
 [parameters]
@@ -57,14 +59,14 @@ def study(
 
 
 def names(*paths: Path) -> list[str]:
-    return [drawn.name for drawn in gallery.draw(folders.read_all(paths))]
+    return [drawn.name for drawn in gallery.draw(read_folders(paths))]
 
 
 def test_published_figures_stand_only_beside_the_study_they_belong_to(tmp_path: Path) -> None:
     def published(path: Path) -> dict[float, float]:
-        found = folders.read(path)
-        assert isinstance(found, folders.StudyFolder)
-        return dict(gallery.sample("s", found).published)
+        found = read_folder(path)
+        assert isinstance(found, StudyFolder)
+        return dict(sample_of("s", found).published)
 
     assert published(study(tmp_path / "same")) == {5.0: 23.2, 50.0: 29.7}
     assert published(study(tmp_path / "pose", pose="touching")) == {}
@@ -83,7 +85,7 @@ def test_poses_of_one_question_are_drawn_side_by_side(tmp_path: Path) -> None:
     assert "poses" not in names(one, study(tmp_path / "c", pose="touching", fmus={**FMUS, "brace": "my_brace.fmu"})), (
         "another device is another question"
     )
-    titles = [name for name, _ in gallery.flat(folders.read_all([one, two]))]
+    titles = [name for name, _ in named_folders(read_folders([one, two]))]
     assert titles == ["published pose · S", "touching pose · S"]
 
 
@@ -103,7 +105,7 @@ def test_published_trials_are_matched_by_number_and_inputs(tmp_path: Path, monke
     monkeypatch.delenv("SPRAIN_REFERENCE", raising=False)
     assert "published" not in names(path)
     monkeypatch.setenv("SPRAIN_REFERENCE", str(tmp_path))
-    (drawn,) = (d for d in gallery.draw(folders.read_all([path])) if d.name == "published")
+    (drawn,) = (d for d in gallery.draw(read_folders([path])) if d.name == "published")
     np.testing.assert_allclose(drawn.figure.axes[1].lines[0].get_ydata(), -0.25)
     records.assign(drop_height_m=records["drop_height_m"] + 0.01).to_csv(
         tmp_path / "paper" / "study2_trials.csv", index=False

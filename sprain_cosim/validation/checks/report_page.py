@@ -8,11 +8,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from ...errors import EnvironmentProblem
-from ...figures.gallery import landing_picture
-from ...folders import read as folders
-from ...folders import run as runfolder
+from ...figures.gallery import leave_run
+from ...folders.read import read_folders
+from ...folders.run import RunSummary
 from ...process import run_program
-from ...report import page as report
+from ...report.page import write_report
 from ..check import Check, Row
 from ..laboratory import Laboratory, browser, scenario
 
@@ -24,9 +24,8 @@ def report_of_a_landing(_: Laboratory) -> list[Row]:
     with TemporaryDirectory() as folder:
         run, chosen = Path(folder) / "run", scenario("incline30_brace")
         result = Laboratory.land(chosen)
-        summary = runfolder.summary(chosen, result)
-        runfolder.write(run, result, landing_picture(result, summary), summary)
-        page = report.write(folders.read_all([run]), Path(folder) / "report.html")
+        leave_run(run, result, RunSummary.of(chosen, result))
+        page = write_report(read_folders([run]), Path(folder) / "report.html")
         text = page.read_text("utf-8")
         command = [
             browser(),

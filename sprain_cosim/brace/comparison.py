@@ -1,0 +1,211 @@
+"""What a comparison says: the metrics of each brace, paired differences, and the table that `compare` prints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from ..folders.comparison import NONE, BraceSummary, ComparisonSummary, Estimates, MeanEstimate
+from ..records import finite
+from ..scenario import Scenario
+from ..study.evaluation import QUESTIONS
+from ..study.study import Study
+from ..uq import statistics
+from .bench import POSTURES
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+INVERSION = "peak_inversion_from_neutral_deg"
+PEAKS = ("peak_subtalar_angle_deg", INVERSION, "peak_jcs_inversion_deg")
+INJURY, SHARE = "probability_of_injury", "anatomy_share"
+MOMENTS = ("anatomy_subtalar_moment_Nm", "brace_subtalar_moment_Nm")  # at the peak
+KEYS = (
+    *PEAKS,
+    INJURY,
+    "peak_brace_subtalar_moment_Nm",
+    "brace_subtalar_work_to_peak_J",
+    "brace_work_J",
+    *MOMENTS,
+    SHARE,
+)
+LINES: tuple[tuple[str, str, float], ...] = (  # label, metric, factor
+    ("peak supination [deg]", "peak_subtalar_angle_deg", 1.0),
+    ("peak inversion from neutral [deg]", INVERSION, 1.0),
+    ("peak inversion, raw angle [deg]", "peak_jcs_inversion_deg", 1.0),
+    ("P(inversion from neutral > 35 ± 6 deg) [%]", INJURY, 100.0),
+    ("largest moment of the brace [N·m]", "peak_brace_subtalar_moment_Nm", 1.0),
+    ("work it takes from the roll, to the peak [J]", "brace_subtalar_work_to_peak_J", 1.0),
+    ("work it takes, all axes, whole landing [J]", "brace_work_J", 1.0),
+    ("at the peak: moment of the anatomy [N·m]", "anatomy_subtalar_moment_Nm", 1.0),
+    ("             moment of the brace [N·m]", "brace_subtalar_moment_Nm", 1.0),
+    ("             borne by the anatomy [%]", SHARE, 100.0),
+)
+CHANGED = (*PEAKS[:2], INJURY)  # the raw angle changes as the one from neutral does
+PAIRED = 6  # pairs that are printed; compare.json has all
+
+Source = Scenario | Study
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What one brace did.
+
+    name        of the brace; "none" for the landings without one
+    fmu         file or name as it was typed; None without a brace
+    status      completed or failed
+    message     why it failed
+    landings    one row a landing: trial, status, metrics and what is derived from them; None when it failed
+    resistance  {posture: moment that resists it [N·m]}; None where it was not measured
+    warnings    about the device, one line each
+    """
+
+    name: str
+    fmu: str | None
+    status: str = "completed"
+    message: str = ""
+    landings: pd.DataFrame | None = None
+    resistance: Mapping[str, float] | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def completed(self) -> pd.DataFrame:
+        """The landings that completed; of an entry that did not fail."""
+        assert self.landings is not None
+        return self.landings[self.landings["status"] == "completed"]
+
+
+def with_derived(landings: pd.DataFrame) -> pd.DataFrame:
+    """The landings with the share of the subtalar moment that the anatomy bears at the peak, and the probability that
+    the inversion exceeds the injury threshold, itself uncertain, in that landing."""
+    more = {}
+    if INVERSION in landings:
+        more[INJURY] = ndtr(QUESTIONS[INVERSION][1].to_standard(landings[INVERSION].to_numpy(float)))
+    if MOMENTS[1] in landings:
+        anatomy, brace = (landings[key] for key in MOMENTS)
+        more[SHARE] = (anatomy / (anatomy + brace)).where(anatomy + brace > 0)
+    return landings.assign(**more)
+
+
+def summarise_comparison(source: Source, entries: Sequence[Entry]) -> ComparisonSummary:
+    """Every estimate is the landing's value, or the mean over the landings that completed, with Student's 95 % interval
+    where they are a random sample. Differences are over the landings that completed with both."""
+    study = source if isinstance(source, Study) else None
+    random = study is not None and study.method in ("monte-carlo", "table")
+    scenario = source.scenario if isinstance(source, Study) else source
+    completed = {e.name: e.completed.set_index("trial") for e in entries if e.landings is not None}
+
+    def difference(a: str, b: str) -> Estimates:
+        if a == b or a not in completed or b not in completed:
+            return {}
+        both = completed[a].index.intersection(completed[b].index)
+        keys = [k for k in KEYS if k in completed[a] and k in completed[b]]
+        return {
+            k: _estimate((completed[a].loc[both, k] - completed[b].loc[both, k]).to_numpy(float), random) for k in keys
+        }
+
+    braces = {}
+    for e in entries:
+        rows = completed.get(e.name)
+        braces[e.name] = BraceSummary(
+            fmu=e.fmu,
+            status=e.status,
+            message=e.message,
+            warnings=e.warnings,
+            folder=e.name,
+            n_completed=0 if rows is None else len(rows),
+            n_failed=None if e.landings is None else len(e.landings) - len(e.completed),
+            metrics={} if rows is None else {k: _estimate(rows[k].to_numpy(float), random) for k in KEYS if k in rows},
+            difference_to_none=difference(e.name, NONE),
+            resistance_Nm=None if e.resistance is None else dict(e.resistance),
+        )
+    names = [n for n in completed if n != NONE]
+    return ComparisonSummary(
+        kind="scenario" if study is None else "study",
+        source=source.source,
+        title=source.title,
+        initial_pose=scenario.initial_pose(),
+        method=None if study is None else study.method,
+        seed=None if study is None else study.seed,
+        landings=1 if study is None else study.trials,
+        injury=f"inversion from neutral {QUESTIONS[INVERSION][0]}",
+        braces=braces,
+        pairs={f"{b} - {a}": difference(b, a) for i, a in enumerate(names) for b in names[i + 1 :]},
+    )
+
+
+def _estimate(y: NDArray[np.float64], random: bool) -> MeanEstimate:
+    y = y[np.isfinite(y)]
+    if not len(y):
+        return MeanEstimate()
+    if not random or len(y) < 2:
+        return MeanEstimate(float(np.mean(y)), n=len(y))
+    e = statistics.mean(y)
+    return MeanEstimate(finite(e.value), finite(e.low), finite(e.high), len(y))
+
+
+def postures() -> list[str]:
+    """The motions in which a brace is held, such as "plantarflexion", each at 5 and 10 degrees."""
+    return list(dict.fromkeys(posture.rpartition("_")[0] for posture in POSTURES))
+
+
+def comparison_listing(summary: ComparisonSummary) -> str:
+    """The table that `compare` prints: one column a brace."""
+    braces = summary.braces
+    width = max(16, *(len(n) + 2 for n in braces))
+    lines = [*_heading(summary), "", f"{'':44}" + "".join(f"{n:>{width}}" for n in braces)]
+
+    def row(label: str, cells: Sequence[str]) -> None:
+        if any(cells):
+            lines.append(f"{label:44}" + "".join(f"{c:>{width}}" for c in cells).rstrip())
+
+    for label, key, factor in LINES:
+        row(label, [_cell(b.metrics.get(key), factor) for b in braces.values()])
+        if key in CHANGED:
+            changes = [b.difference_to_none.get(key) for b in braces.values()]
+            row("    change against none", [_cell(change, factor, sign=True) for change in changes])
+    for motion in postures():
+        row(f"resists {motion} of 5 / 10 deg [N·m]", [_held(b, motion) for b in braces.values()])
+    row(
+        "landings completed",
+        [f"{b.n_completed} of {summary.landings}" if b.completed else "failed" for b in braces.values()],
+    )
+    if 0 < len(summary.pairs) <= PAIRED:
+        lines += ["", f"{'':44}{'peak supination [deg]':>{width + 8}}{'inversion [deg]':>{width}}"]
+        for pair, d in summary.pairs.items():
+            supination, inversion = (_cell(d.get(peak), 1.0, sign=True) for peak in PEAKS[:2])
+            lines.append(f"{pair:44}{supination:>{width + 8}}{inversion:>{width}}")
+    lines += [f"\n{n}: failed: {b.message}" for n, b in summary.failed.items()]
+    return "\n".join(lines)
+
+
+def _heading(summary: ComparisonSummary) -> list[str]:
+    pose = f"pose {summary.initial_pose}, " if summary.initial_pose else ""
+    count = f"{summary.landings} landings" if summary.is_study else "one landing"
+    lines = [f"{summary.source}  ·  {pose}{count}, the same for every brace"]
+    if summary.has_intervals:
+        lines.append("mean ± half of its 95 % interval; changes are paired")
+    elif summary.is_study:
+        lines.append("means; changes are paired")
+    return lines
+
+
+def _cell(estimate: MeanEstimate | None, factor: float, sign: bool = False) -> str:
+    if estimate is None or estimate.value is None:
+        return ""
+    half = "" if estimate.half_width is None else f" ± {factor * estimate.half_width:.2f}"
+    return f"{factor * estimate.value:{'+' if sign else ''}.2f}{half}"
+
+
+def _held(brace: BraceSummary, motion: str) -> str:
+    held = brace.resistance_Nm
+    return f"{_small(held[f'{motion}_5deg'])} / {_small(held[f'{motion}_10deg'])}" if held else ""
+
+
+def _small(value: float) -> str:
+    return f"{0.0 if abs(value) < 5e-3 else value:.2f}"

@@ -1,0 +1,104 @@
+"""What the figures and the report show of a set of folders: names of the series, samples, correlations, notes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..folders.comparison import NONE, ComparisonFolder
+from ..folders.read import Folder
+from ..folders.run import RunFolder
+from ..folders.study import PEAK, StudyFolder
+from ..metrics import unit_of
+from ..study.summary import LevelSearch
+from ..uq import statistics
+from .samples import Interval, Sample
+from .style import label
+
+LEVELS = (5.0, 50.0, 95.0)
+FEWEST = 4  # completed trials for a distribution
+
+Named = tuple[str, RunFolder | StudyFolder]
+
+
+def named_folders(folders: Sequence[Folder]) -> list[Named]:
+    """(name, run or study) of all, comparisons opened. The name is the title, with the initial pose where poses differ
+    and the folder where titles do not."""
+    items: list[Named] = []
+    for folder in folders:
+        if isinstance(folder, ComparisonFolder):
+            items += [("no brace" if brace == NONE else brace, member) for brace, member in folder.members.items()]
+        else:
+            items.append((folder.title, folder))
+    if len({item.pose for _, item in items}) > 1:
+        items = [(f"{item.pose} pose · {name}" if item.pose else name, item) for name, item in items]
+    names = [name for name, _ in items]
+    return [(name if names.count(name) == 1 else f"{item.path.resolve().name} · {name}", item) for name, item in items]
+
+
+def sample_of(name: str, study: StudyFolder, response: str | None = None) -> Sample:
+    """A response of the study with everything known about it; of a search, its levels."""
+    response = response or study.response
+    figures = study.published if response == PEAK else {}
+    published = {level: float(figures[f"{level:g} % [deg]"]) for level in LEVELS if f"{level:g} % [deg]" in figures}
+    search = study.summary.search
+    if search is not None:
+        found = search.levels if isinstance(search, LevelSearch) else {}
+        levels = {float(k): (v.value,) * 3 for k, v in found.items() if v.value is not None}
+        return Sample(name, percentiles=levels, published=published)
+    values = study.done[response].dropna().to_numpy(float) if response in study.done else np.empty(0)
+    low = high = None
+    if len(values) >= FEWEST and study.summary.method in ("monte-carlo", "table"):
+        bounds = statistics.empirical_cdf(values)
+        index = np.searchsorted(bounds.value, np.sort(values))
+        low, high = bounds.low[index], bounds.high[index]
+    percentiles = {}
+    if response in study.summary.responses:
+        for key, p in study.summary.responses[response].percentiles.items():
+            if p.value is not None:
+                percentiles[float(key)] = _interval(p.value, p.ci_low, p.ci_high)
+    return Sample(name, values, low, high, percentiles, published, correlations(study, response))
+
+
+def correlations(study: StudyFolder, response: str) -> dict[str, Interval]:
+    """{parameter: Pearson's r with the ends of its 95 % interval}."""
+    if response not in study.summary.sensitivity:
+        return {}
+    inputs = study.summary.sensitivity[response].inputs
+    return {
+        name: _interval(s.pearson.value, s.pearson.low, s.pearson.high)
+        for name, s in inputs.items()
+        if s.pearson.value is not None
+    }
+
+
+def spreads(study: StudyFolder, response: str) -> dict[str, Interval]:
+    """{parameter: dSD/dSD normalised, with the ends of its 95 % interval}."""
+    if response not in study.summary.sensitivity:
+        return {}
+    inputs = study.summary.sensitivity[response].inputs
+    return {
+        name: _interval(s.dsd_dsd, *(s.ci.dsd_dsd or (None, None)))
+        for name, s in inputs.items()
+        if s.dsd_dsd is not None
+    }
+
+
+def response_label(response: str) -> str:
+    """ "peak subtalar angle [deg], + supination"."""
+    name, _, sign = label(response).partition(", ")
+    unit = unit_of(response)
+    return name + (f" [{unit}]" if unit else "") + (f", {sign}" if sign else "")
+
+
+def pose_note(items: Sequence[tuple[str, RunFolder | StudyFolder]]) -> str:
+    """What stands below a figure: the initial pose."""
+    poses = list(dict.fromkeys(item.pose for _, item in items if item.pose))
+    if len(poses) > 1:
+        return f"Initial poses {' and '.join(poses)}, as named."
+    return f"Initial pose: {poses[0]}." if poses else ""
+
+
+def _interval(value: float, low: float | None, high: float | None) -> Interval:
+    return value, value if low is None else low, value if high is None else high

@@ -1,0 +1,150 @@
+"""The folder that `study` leaves, read back: the summary, the table of trials, the study file, the manifest, the
+signals that were kept."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from ..cosim.result import Result
+from ..errors import InputError
+from ..files import read_toml
+from ..study import trajectories
+from ..study.folder import read_trials
+from ..study.manifest import Manifest, read_manifest
+from ..study.summary import StudySummary, read_summary
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+SAMPLES = ("monte-carlo", "lhs", "sobol", "table")  # methods that draw their trials from the marginals
+PUBLISHED_WITH = {"plant.fmu", "reflex_controller.fmu", "brace_bushing.fmu"}
+PEAK = "peak_subtalar_angle_deg"  # the response that the published figures are of
+
+
+@dataclass(frozen=True)
+class StudyFile:
+    """The tables of a study file, as they are written.
+
+    scenario    name or file
+    parameters  {"component.parameter": value}
+    marginals   {"component.parameter": {kind: its values}}
+    grid        {"component.parameter": levels}
+    published   figures to stand beside the results
+    responses   metrics, the first of them first
+    """
+
+    scenario: str = ""
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    marginals: Mapping[str, Any] = field(default_factory=dict)
+    grid: Mapping[str, Any] = field(default_factory=dict)
+    published: Mapping[str, Any] = field(default_factory=dict)
+    responses: tuple[str, ...] = ()
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """An empty one where there is no such file. Raises InputError."""
+        content = read_toml(path) if path.is_file() else {}
+        tables = {key: content.get(key) for key in ("parameters", "marginals", "grid", "published", "study")}
+        given = {key: table if isinstance(table, dict) else {} for key, table in tables.items()}
+        responses = given.pop("study").get("responses")
+        asked = tuple(str(r) for r in responses) if isinstance(responses, list) else ()
+        return cls(str(content.get("scenario", "")), **given, responses=asked)
+
+
+@dataclass(frozen=True)
+class StudyFolder:
+    """Many landings.
+
+    path     the folder
+    summary  its summary.json
+    trials   its trials.csv, one row a trial
+    file     its study.toml
+    """
+
+    path: Path
+    summary: StudySummary
+    trials: pd.DataFrame
+    file: StudyFile = field(default_factory=StudyFile)
+
+    @property
+    def title(self) -> str:
+        return self.summary.title
+
+    @property
+    def pose(self) -> str:
+        """The initial pose; empty for a plant that has none."""
+        return self.summary.initial_pose or ""
+
+    @cached_property
+    def manifest(self) -> Manifest:
+        return read_manifest(self.path)
+
+    @property
+    def done(self) -> pd.DataFrame:
+        """The completed trials."""
+        return self.trials[self.trials["status"] == "completed"]
+
+    @property
+    def is_sample(self) -> bool:
+        """Whether its trials are drawn from the marginals, so that shares of them are probabilities."""
+        return self.summary.method in SAMPLES
+
+    @property
+    def response(self) -> str:
+        """The response that the study file names first."""
+        if self.file.responses:
+            return self.file.responses[0]
+        return self.summary.search.response if self.summary.search else PEAK
+
+    @property
+    def varied(self) -> frozenset[str]:
+        """The names of the inputs among the columns of trials.csv."""
+        return frozenset(str(c).partition(" [")[0] for c in self.trials.columns if "." in str(c))
+
+    @property
+    def published(self) -> Mapping[str, Any]:
+        """Published figures of the study file; none when the study ran with another pose, device or parameter than the
+        file names."""
+        asked = self.file.parameters
+        ran = self.manifest.identity.get("parameters", asked)
+        devices = {Path(fmu.file).name for fmu in self.manifest.fmus.values()}
+        same = (
+            asked.get("plant.initial_pose", self.pose) == self.pose
+            and all(ran.get(k) == v for k, v in asked.items())
+            and self.varied == set(self.file.marginals)
+            and devices <= PUBLISHED_WITH
+            and not self.summary.dropped
+        )
+        return self.file.published if same else {}
+
+    @property
+    def published_peak(self) -> Mapping[str, Any]:
+        """Those of the peak supination, where the study is about it."""
+        return self.published if self.response == PEAK else {}
+
+    @cached_property
+    def trajectories(self) -> Mapping[int, Path]:
+        """{trial: file} of the signals that were kept."""
+        found = {}
+        for path in sorted((self.path / trajectories.FOLDER).glob("*.csv.gz")):
+            number = path.name.removesuffix(".csv.gz")
+            if number.isdigit():
+                found[int(number)] = path
+        return found
+
+    def trajectory(self, trial: int) -> Result:
+        """Signals of a trial that were kept. Raises InputError."""
+        return Result.read_csv(self.trajectories[trial])
+
+
+def read_study(path: Path) -> StudyFolder:
+    """Raises InputError for a folder that is none of a finished study, or of a later version."""
+    summary, trials = read_summary(path), read_trials(path)
+    for column in ("trial", "status"):
+        if column not in trials:
+            raise InputError(f"{path}: not a folder of `sprain-cosim study`: {column} is missing")
+    return StudyFolder(path, summary, trials, StudyFile.read(path / "study.toml"))

@@ -1,0 +1,126 @@
+"""What a page is made of, as plain data; templates/blocks.html draws each kind. Texts are escaped by the template; only
+a `Markup`, made by `rich`, carries tags."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from markupsafe import Markup
+
+
+def rich(text: str, **values: Any) -> Markup:
+    """The text, whose tags are ours, with `values` in it, which are escaped."""
+    return Markup(text).format(**values)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell of a table.
+
+    text   in full size
+    notes  one small line each below it
+    name   small too, in the letters of code: what the text is called in files
+    code   the text itself in the letters of code
+    """
+
+    text: str = ""
+    notes: tuple[str, ...] = ()
+    name: str = ""
+    code: bool = False
+
+
+Row = Sequence[str | Cell]
+
+
+@dataclass(frozen=True)
+class Table:
+    """`heads` may be empty texts throughout: then there is no head. `css` is the class of the table."""
+
+    kind: ClassVar[str] = "table"
+    heads: Sequence[str]
+    rows: Sequence[Row]
+    css: str = ""
+
+
+@dataclass(frozen=True)
+class Paragraph:
+    """`css` "about" for what explains a table."""
+
+    kind: ClassVar[str] = "paragraph"
+    text: str | Markup
+    css: str = ""
+
+
+@dataclass(frozen=True)
+class Heading:
+    """A heading inside a section."""
+
+    kind: ClassVar[str] = "heading"
+    text: str
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A sentence or more; `name` of the result that it is about; `warn` where something is wrong."""
+
+    kind: ClassVar[str] = "verdict"
+    text: str | Markup
+    name: str = ""
+    warn: bool = False
+
+
+@dataclass(frozen=True)
+class Folded:
+    """Tables of several results under their names, the first open."""
+
+    kind: ClassVar[str] = "folded"
+    parts: Sequence[tuple[str, Table]]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """`data` is the content of the image, as base64; `media` its type; `name` may be empty."""
+
+    title: str
+    caption: str
+    media: str
+    data: str
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Pictures side by side."""
+
+    kind: ClassVar[str] = "pictures"
+    pictures: Sequence[Picture]
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A place that chart.js draws in: `content` is what it reads."""
+
+    kind: ClassVar[str] = "chart"
+    content: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Bullets:
+    """A list."""
+
+    kind: ClassVar[str] = "bullets"
+    lines: Sequence[str | Markup]
+
+
+Block = Table | Paragraph | Heading | Verdict | Folded | Pictures | Chart | Bullets
+
+
+@dataclass(frozen=True)
+class PageSection:
+    """A part of the page with a heading; `key` is its anchor."""
+
+    key: str
+    title: str
+    blocks: Sequence[Block] = field(default_factory=list)

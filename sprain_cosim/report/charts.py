@@ -1,0 +1,105 @@
+"""What chart.js draws: distributions of studies, signals of runs. JSON, with four figures a number."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from .. import figures as plots
+from ..brace.comparison import INVERSION
+from ..figures.selection import FEWEST, Named, response_label, sample_of
+from ..figures.style import LINES, SERIES
+from ..folders.run import RunFolder
+from ..folders.study import PEAK, StudyFolder
+from ..literature import INJURY_INVERSION
+from .words import unit_alone
+
+EXPLORED = (
+    PEAK,
+    INVERSION,
+    "peak_subtalar_velocity_deg_s",
+    "peak_talocrural_angle_deg",
+    "anatomy_subtalar_moment_Nm",
+    "brace_subtalar_moment_Nm",
+    "peak_vertical_grf_after_impact_N",
+)
+DASHES = ("", "7 3", "2 3", "7 3 2 3")
+HINT = "Point at the curves, or touch them, to read values."
+
+Look = tuple[str, str]  # colour, dashes
+
+
+def charts(items: Sequence[Named]) -> list[dict[str, Any]]:
+    """{id, title, hint, options} of each chart that the items allow; an option is what one choice of the reader
+    shows."""
+    looks = [(SERIES[k % len(SERIES)], DASHES[k % len(LINES)]) for k in range(len(items))]
+    studies, runs = [], []
+    for (name, item), look in zip(items, looks, strict=True):
+        if isinstance(item, RunFolder):
+            runs.append((name, item, look))
+        elif item.is_sample:
+            studies.append((name, item, look))
+    distributions = {
+        "id": "chart-distribution",
+        "title": "Share of landings below a value",
+        "hint": f"{HINT} Circles: published levels. Grey: injury range.",
+        "options": _distributions(studies),
+    }
+    signals = {"id": "chart-time", "title": "Signals over time", "hint": HINT, "options": _signals(runs)}
+    return [chart for chart in (distributions, signals) if chart["options"]]
+
+
+def _distributions(studies: Sequence[tuple[str, StudyFolder, Look]]) -> list[dict[str, Any]]:
+    options = []
+    for response in dict.fromkeys([*(s.response for _, s, _ in studies), *EXPLORED]):
+        series = []
+        for name, study, (color, dash) in studies:
+            values = study.done[response].dropna().to_numpy(float) if response in study.done else np.empty(0)
+            if len(values) >= FEWEST:
+                marks = [[v, p / 100] for p, v in sample_of(name, study, response).published.items()]
+                x = _digits(np.sort(values))
+                series.append({"name": name, "color": color, "dash": dash, "x": x, "marks": marks})
+        if series:
+            mean, sd = INJURY_INVERSION
+            text = response_label(response)
+            option = {"label": text, "xlabel": text, "xunit": unit_alone(response), "kind": "cdf", "series": series}
+            options.append(option | ({"band": [mean - sd, mean + sd]} if response == INVERSION else {}))
+    return options
+
+
+def _signals(runs: Sequence[tuple[str, RunFolder, Look]]) -> list[dict[str, Any]]:
+    options = []
+    for title, signal, factor in plots.PANELS if runs else ():
+        series = []
+        for name, run, (color, dash) in runs:
+            if signal in run.result.index:
+                x, y = _digits(1e3 * run.result.time), _digits(factor * run.result[signal])
+                series.append({"name": name, "color": color, "dash": dash, "x": x, "y": y})
+        if any(any(s["y"]) for s in series):
+            unit = re.search(r"\[(.+)\]", title)
+            options.append(
+                {
+                    "label": title,
+                    "xlabel": "time after contact [ms]",
+                    "xunit": "ms",
+                    "unit": unit[1] if unit else "",
+                    "kind": "line",
+                    "series": series,
+                }
+            )
+    return options
+
+
+def script_data(content: Sequence[Mapping[str, Any]]) -> Markup:
+    """The charts as the text of a script element, which no text inside can end."""
+    return Markup(json.dumps(content, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"))
+
+
+def _digits(values: NDArray[np.float64]) -> list[float]:
+    return [float(f"{v:.4g}") for v in values]

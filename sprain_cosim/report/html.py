@@ -1,0 +1,34 @@
+"""Pages from templates. The engine escapes every text that is put in; a name that a template lacks is an error."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import resources
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+
+@cache
+def _environment() -> Environment:
+    engine = Environment(
+        loader=PackageLoader("sprain_cosim.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    engine.globals["style"] = asset("style.css")
+    return engine
+
+
+def asset(name: str) -> Markup:
+    """A file of this package that goes into a page as it is."""
+    return Markup((resources.files(__package__) / name).read_text("utf-8"))
+
+
+def render(template: str, **values: Any) -> str:
+    """The page that a template of templates/ makes of `values`."""
+    return _environment().get_template(template).render(values)

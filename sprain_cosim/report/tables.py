@@ -1,0 +1,319 @@
+"""The tables of the report: numbers, sensitivities, all responses, inputs, provenance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from .. import __version__
+from .. import figures as plots
+from ..brace.comparison import CHANGED, LINES, postures
+from ..figures.selection import Named, response_label
+from ..figures.style import PARAMETERS
+from ..folders.comparison import NONE, BraceSummary, ComparisonFolder, MeanEstimate
+from ..folders.read import Folder
+from ..folders.run import RunFolder, RunSummary
+from ..folders.study import StudyFolder
+from ..metrics import table, unit_of
+from ..study.manifest import FmuFile
+from ..study.summary import FormSearch, LevelSearch, Percentile, Response, SobolSearch
+from .blocks import Block, Cell, Folded, Heading, Paragraph, Row, Table
+from .words import ends, number, percent, signed
+
+FAILURES = 20  # rows of the table of failed trials
+SOURCES = (
+    "Model and studies: A. J. Yoder, A. J. Petrella, S. Farrokhi 2021, doi 10.3389/fbioe.2021.765331; M. S. "
+    "DeMers, J. L. Hicks, S. L. Delp 2017, "
+    "doi 10.1016/j.jbiomech.2016.11.002. Measured landings: Y. Li et al. 2018, J. Sport Health Sci."
+)
+OF_COMPARISON = (
+    "Means, with 95 % intervals where the landings are a random sample; changes are paired over the same landings."
+)
+OF_LEVELS = "Small: 95 % intervals; “published”: the same study in Yoder et al. 2021."
+OF_METRICS = (
+    "JCS angles are raw (not zeroed), moments are those at the time of the axis' own peak and positive when they "
+    "resist."
+)
+OF_INPUTS = "Quantities without a unit are dimensionless. Everything not listed is at the default of its FMU."
+
+Studies = Sequence[tuple[str, StudyFolder]]
+Parts = list[tuple[str, Table]]
+
+
+def numbers(folders: Sequence[Folder], items: Sequence[Named]) -> list[Block]:
+    """What a reader wants first: of comparisons, studies and landings."""
+    blocks: list[Block] = []
+    comparisons = [folder for folder in folders if isinstance(folder, ComparisonFolder)]
+    for folder in comparisons:
+        blocks += [_comparison(folder), Paragraph(OF_COMPARISON, "about")]
+    studies = [(n, s) for n, s in items if isinstance(s, StudyFolder) and s.is_sample]
+    if studies:
+        blocks += [_levels(studies), Paragraph(OF_LEVELS, "about")]
+    runs = [(n, r) for n, r in items if isinstance(r, RunFolder)]
+    if runs and not comparisons:
+        blocks.append(_peaks(runs))
+    return blocks + _failures(studies)
+
+
+def _levels(studies: Studies) -> Table:
+    columns = [_levels_of(study) for _, study in studies]
+    labels = list(dict.fromkeys(label for column in columns for label in column))
+    rows = [[label, *(column.get(label, "") for column in columns)] for label in labels]
+    return Table(["", *(n for n, _ in studies)], rows)
+
+
+def _levels_of(study: StudyFolder) -> dict[str, str | Cell]:
+    """{row: cell} of the table of numbers."""
+    summary = study.summary
+    found = summary.responses.get(study.response)
+    cells: dict[str, str | Cell] = {
+        "initial pose": study.pose,
+        "landings completed": f"{summary.n_completed} of {summary.n_requested}",
+    }
+    if found is not None:
+        name = response_label(study.response)
+        for level in ("5", "50", "95"):
+            p = found.percentiles.get(level, Percentile(None))
+            beside = _published(study.published_peak.get(f"{level} % [deg]"))
+            cells[f"{name}: {level} %"] = Cell(number(p.value), (*ends(p.ci_low, p.ci_high), *beside))
+        cells[f"{name}: mean ± SD"] = _mean_sd(found)
+    for key, q in summary.questions.items():
+        label = f"P({plots.label(key).partition(', +')[0]} {q.event})"
+        cells[label] = Cell(percent(q.probability), ends(q.ci_low, q.ci_high, 100))
+    return cells
+
+
+def _peaks(runs: Sequence[tuple[str, RunFolder]]) -> Table:
+    columns = [{label: (value, unit, at) for label, value, unit, at in table(run.result)} for _, run in runs]
+    units = {label: unit for column in columns for label, (_, unit, _) in column.items()}
+
+    def cell(column: Mapping[str, tuple[float, str, float]], label: str) -> str | Cell:
+        if label not in column:
+            return ""
+        value, _, at = column[label]
+        return Cell(number(value), (f"at {1e3 * at:.1f} ms",))
+
+    rows = [[f"{label} [{unit}]", *(cell(column, label) for column in columns)] for label, unit in units.items()]
+    return Table(["", *(n for n, _ in runs)], rows)
+
+
+def _comparison(folder: ComparisonFolder) -> Table:
+    braces = folder.summary.braces
+    rows: list[Row] = []
+    for label, key, factor in LINES:
+        found = [b.metrics.get(key) for b in braces.values()]
+        if any(e and e.value is not None for e in found):
+            rows.append([label.strip(), *(_estimate(e, factor) for e in found)])
+        changes = [b.difference_to_none.get(key) for b in braces.values()]
+        if key in CHANGED and any(changes):
+            rows.append(["\u00a0 change against none", *(_estimate(e, factor, True) for e in changes)])
+    for motion in postures():
+        held = [_held(b, motion) for b in braces.values()]
+        if any(held):
+            rows.append([f"resists {motion} of 5 / 10° [N·m]", *held])
+    total = folder.summary.landings
+    counts = [f"{b.n_completed} of {total}" if b.completed else "failed" for b in braces.values()]
+    rows.append(["landings completed", *counts])
+    return Table(["", *("no brace" if name == NONE else name for name in braces)], rows)
+
+
+def _estimate(e: MeanEstimate | None, factor: float, sign: bool = False) -> str | Cell:
+    if e is None or e.value is None:
+        return ""
+    value = factor * e.value
+    return Cell(signed(value, 2) if sign else number(value), ends(e.ci_low, e.ci_high, factor))
+
+
+def _held(brace: BraceSummary, motion: str) -> str:
+    held = brace.resistance_Nm
+    return " / ".join(number(held.get(f"{motion}_{angle}deg")) for angle in (5, 10)) if held else ""
+
+
+def _failures(studies: Studies) -> list[Block]:
+    rows = []
+    for name, study in studies:
+        bad = study.trials[study.trials["status"] != "completed"]
+        rows += [[name, str(r.trial), str(r.status), str(getattr(r, "message", ""))] for r in bad.itertuples()]
+    if not rows:
+        return []
+    blocks: list[Block] = [
+        Heading("Failed landings"),
+        Table(["", "trial", "status", "why"], rows[:FAILURES], "text"),
+    ]
+    return blocks + ([Paragraph(f"{len(rows) - FAILURES} more in trials.csv.")] if len(rows) > FAILURES else [])
+
+
+def sensitivities(items: Sequence[Named]) -> list[Block]:
+    """Of each study: Sobol' indices, the importance that a search found, or correlations and factors."""
+    parts: Parts = []
+    for name, study in items:
+        if not isinstance(study, StudyFolder):
+            continue
+        if study.summary.sobol is not None:
+            found = _of_indices(study, study.summary.sobol)
+        elif study.summary.search is not None:
+            found = _of_importance(study.summary.search)
+        else:
+            found = _of_factors(study)
+        if found.rows:
+            parts.append((name, found))
+    return _folded(parts)
+
+
+def _of_indices(study: StudyFolder, found: SobolSearch) -> Table:
+    rows: list[Row] = [
+        [
+            _parameter(parameter),
+            Cell(number(v.first), ends(v.first_low, v.first_high)),
+            Cell(number(v.total), ends(v.total_low, v.total_high)),
+        ]
+        for parameter, v in sorted(found.indices.items(), key=lambda kv: -(kv[1].total or 0.0))
+    ]
+    return Table([response_label(study.response), "Sobol' first", "Sobol' total"], rows)
+
+
+def _of_importance(found: LevelSearch | FormSearch) -> Table:
+    columns: dict[str, Mapping[str, float | None]]
+    if isinstance(found, FormSearch):
+        columns = {"design point": found.importance}
+    else:
+        columns = {f"{level} %": v.importance for level, v in found.levels.items()}
+    first = next(iter(columns.values()), {})
+    names = sorted(first, key=lambda p: -max(abs(c.get(p) or 0.0) for c in columns.values()))
+    rows: list[Row] = [[_parameter(p), *(signed(c.get(p), 2) for c in columns.values())] for p in names]
+    return Table(["importance (unit vector), + raises the response", *columns], rows)
+
+
+def _of_factors(study: StudyFolder) -> Table:
+    moved = study.summary.sensitivity.get(study.response)
+    inputs = {} if moved is None else moved.inputs
+    published = study.published_peak.get("pearson", {})
+    sobol = any(v.sobol_total is not None for v in inputs.values())
+    rows: list[Row] = []
+    for parameter, v in sorted(inputs.items(), key=lambda kv: -abs(kv[1].pearson.value or 0.0)):
+        r, error = v.pearson, v.standard_error.dsd_dsd
+        row: list[str | Cell] = [
+            _parameter(parameter),
+            Cell(signed(r.value, 2), (*ends(r.low, r.high), *_published(published.get(parameter)))),
+            signed(v.dsd_dmean, 2),
+            Cell(signed(v.dsd_dsd, 2), () if error is None else (f"± {error:.2f} SE",)),
+        ]
+        rows.append([*row, *([f"{number(v.sobol_first)} / {number(v.sobol_total)}"] if sobol else [])])
+    heads = [response_label(study.response), "Pearson's r", "dSD/dmean", "dSD/dSD"]
+    return Table(heads + (["Sobol' first / total"] if sobol else []), rows)
+
+
+def metrics(items: Sequence[Named]) -> list[Block]:
+    """Every metric of each result."""
+    parts: Parts = []
+    for name, item in items:
+        if isinstance(item, RunFolder):
+            rows = [[plots.label(k), number(v), unit_of(k)] for k, v in item.summary.metrics.items()]
+            parts.append((name, Table(["response", "value", "unit"], rows)))
+        elif item.summary.responses:
+            parts.append((name, _responses(item)))
+    return [*_folded(parts), Paragraph(OF_METRICS, "about")] if parts else []
+
+
+def _responses(study: StudyFolder) -> Table:
+    table3 = study.published.get("metrics", {})
+    rows = []
+    for key, r in study.summary.responses.items():
+        there = f"{table3[key][0]:g}\u00a0±\u00a0{table3[key][1]:g}" if key in table3 else ""
+        levels = [number(r.percentiles[p].value if p in r.percentiles else None) for p in ("5", "50", "95")]
+        rows.append([plots.label(key), unit_of(key), _mean_sd(r), there, *levels])
+    heads = ["response", "unit", "mean ± SD", "published", "5 %", "50 %", "95 %"]
+    if not any(row[3] for row in rows):
+        heads.pop(3)
+        rows = [row[:3] + row[4:] for row in rows]
+    return Table(heads, rows)
+
+
+def inputs(items: Sequence[Named]) -> list[Block]:
+    """What was varied and what was set."""
+    parts: Parts = []
+    for name, item in items:
+        if isinstance(item, RunFolder):
+            fixed, varied = item.summary.parameters, dict[str, Any]()
+        else:
+            fixed = item.manifest.identity.get("parameters") or item.file.parameters
+            varied = {k: v for k, v in item.file.marginals.items() if k in item.varied}
+        rows: list[Row] = [[_parameter(k), _distribution(v)] for k, v in varied.items()]
+        rows += [[_parameter(k), str(v)] for k, v in fixed.items() if k not in varied]
+        if item.summary.dropped:
+            rows.append(["dropped, the device has none", ", ".join(item.summary.dropped)])
+        if rows:
+            parts.append((name, Table(["input", "value or distribution"], rows, "text")))
+    return [*_folded(parts), Paragraph(OF_INPUTS, "about")] if parts else []
+
+
+def _distribution(spec: Any) -> str:
+    if not isinstance(spec, dict):
+        return str(spec)
+    parts = []
+    for kind, values in spec.items():
+        inner = ", ".join(f"{k} {v}" for k, v in values.items()) if isinstance(values, dict) else str(values)
+        parts.append(f"{kind}: {inner}")
+    return "; ".join(parts)
+
+
+def provenance(items: Sequence[Named]) -> list[Block]:
+    """Folder, command, seed, versions, FMUs."""
+    parts: Parts = []
+    for name, item in items:
+        facts = _of_a_run(item.summary) if isinstance(item, RunFolder) else _of_a_study(item)
+        rows: list[Row] = [
+            [key, Cell(value, code=True)] for key, value in [("folder", item.path.name), *facts] if value
+        ]
+        parts.append((name, Table(["", ""], rows, "text")))
+    written = f"Written by sprain-cosim {__version__} from the folders alone."
+    return [*_folded(parts), Paragraph(f"{SOURCES} {written}", "about")]
+
+
+def _of_a_run(summary: RunSummary) -> list[tuple[str, str]]:
+    step = math.nan if summary.communication_step_s is None else 1e3 * summary.communication_step_s
+    return [
+        ("scenario or study", summary.scenario),
+        ("coupling", f"{summary.scheme} every {step:g} ms; {summary.scheme_reason}"),
+        ("versions", summary.version and f"sprain-cosim {summary.version}"),
+        *(_fmu(name, FmuFile(str(file), summary.sha256.get(name))) for name, file in summary.fmus.items()),
+    ]
+
+
+def _of_a_study(study: StudyFolder) -> list[tuple[str, str]]:
+    manifest = study.manifest
+    seed = manifest.seed if manifest.seed is not None else study.summary.seed
+    return [
+        ("scenario or study", study.summary.study or ""),
+        ("command", manifest.command),
+        ("created", manifest.created),
+        ("seed", "" if seed is None else str(seed)),
+        ("study_digest", manifest.study_digest),
+        ("platform", manifest.platform),
+        ("versions", ", ".join(f"{k} {v}" for k, v in manifest.versions.items())),
+        *(_fmu(name, fmu) for name, fmu in manifest.fmus.items()),
+    ]
+
+
+def _fmu(component: str, fmu: FmuFile) -> tuple[str, str]:
+    return f"FMU {component}", Path(fmu.file).name + (f"  sha256 {fmu.sha256}" if fmu.sha256 else "")
+
+
+def _folded(parts: Parts) -> list[Block]:
+    """One table as it is; several under their names."""
+    return [parts[0][1]] if len(parts) == 1 else [Folded(parts)] if parts else []
+
+
+def _parameter(name: str) -> Cell:
+    known = PARAMETERS.get(name)
+    return Cell(known[0], name=name) if known else Cell(name, code=True)
+
+
+def _mean_sd(found: Response) -> str:
+    return f"{number(found.mean)}\u00a0±\u00a0{number(found.sd)}"
+
+
+def _published(figure: Any) -> tuple[str, ...]:
+    return () if figure is None else (f"published {figure:g}".replace("-", "−"),)

@@ -1,0 +1,205 @@
+"""What a set of results says, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from markupsafe import Markup
+
+from .. import figures as plots
+from ..brace.comparison import INJURY, INVERSION
+from ..figures.selection import Named, response_label
+from ..folders.comparison import NONE, ComparisonFolder
+from ..folders.read import Folder
+from ..folders.run import RunFolder
+from ..folders.study import PEAK, StudyFolder
+from ..literature import INJURY_INVERSION
+from ..study.summary import FormSearch, LevelSearch, Percentile, Threshold
+from .blocks import Block, Paragraph, Verdict, rich
+from .words import interval, number, percent, signed, unit_after
+
+MEAN, SD = INJURY_INVERSION
+EXCEEDS = f"Probability that inversion exceeds the injury range ({MEAN:g} ± {SD:g}° from neutral)"
+LIMITED = Markup(
+    'These are figures of a model, with its <a href="#limits">limits</a>; they rank braces, they do not certify one.'
+)
+
+
+def verdict(folders: Sequence[Folder], items: Sequence[Named]) -> list[Block]:
+    """One for each comparison and each result; landings of a comparison only where some failed."""
+    comparisons = [folder for folder in folders if isinstance(folder, ComparisonFolder)]
+    found = [_of_comparison(folder) for folder in comparisons]
+    compared = {id(member) for folder in comparisons for member in folder.members.values()}
+    for name, item in items:
+        shown = name if len(items) > 1 else ""
+        if isinstance(item, RunFolder):
+            if id(item) not in compared:
+                found.append(Verdict(_of_run(item), shown))
+        elif item.summary.n_failed or id(item) not in compared:
+            found.append(_of_trials(item, shown))
+    return [*(v for v in found if v is not None), Paragraph(LIMITED)]
+
+
+def _of_trials(study: StudyFolder, name: str) -> Verdict:
+    search = study.summary.search
+    failed = study.summary.n_failed > 0
+    if search is None:
+        return Verdict(_of_study(study), name, failed)
+    return Verdict(_of_search(study, search), name, failed or search.status != "ok")
+
+
+def _of_comparison(folder: ComparisonFolder) -> Verdict | None:
+    """Which brace lowered the peak most, paired over the same landings."""
+    rows = []
+    for name, brace in folder.summary.braces.items():
+        change = brace.difference_to_none.get(PEAK)
+        if change is not None and change.value is not None:
+            rows.append((change.value, name, change))
+    text = Markup("")
+    if rows:
+        rows.sort(key=lambda row: row[0])
+        value, best, change = rows[0]
+        text += rich(
+            "Over the same landings, <b>{best}</b> {moved} the peak of supination{alone}: by {by}.",
+            best=best,
+            moved="lowered" if value < 0 else "raised",
+            alone="" if len(rows) == 1 else " most of all",
+            by=f"{abs(value):.1f}° on average{interval(change, 1, '°', value < 0)}",
+        )
+        if rows[1:]:
+            text += f" The others: {', '.join(f'{n} {signed(v)}°' for v, n, _ in rows[1:])}."
+        text += _injuries(folder, best)
+    failed = "; ".join(f"{name}: {brace.message}" for name, brace in folder.summary.failed.items())
+    if failed:
+        text += rich(" <b>Failed:</b> {failed}.", failed=failed)
+    return Verdict(text, warn=bool(failed)) if text else None
+
+
+def _injuries(folder: ComparisonFolder, best: str) -> Markup:
+    """The probability of injury without a brace and with the best one."""
+    braces = folder.summary.braces
+    without, with_best = (braces[n].metrics.get(INJURY) if n in braces else None for n in (NONE, best))
+    if without is None or with_best is None or without.value is None or with_best.value is None:
+        return Markup("")
+    return rich(
+        " {exceeds}: <b>{without}</b> without a brace{about}, <b>{best}</b> with {name}{about_best}.",
+        exceeds=EXCEEDS,
+        without=percent(without.value),
+        about=interval(without, 100, " %"),
+        best=percent(with_best.value),
+        name=best,
+        about_best=interval(with_best, 100, " %"),
+    )
+
+
+def _of_run(run: RunFolder) -> Markup:
+    m = {key: value for key, value in run.summary.metrics.items() if value is not None}
+    if PEAK not in m:
+        return rich("Ended as {status}. {message}", status=run.summary.status, message=run.summary.message)
+    at = f" at {1e3 * m['time_of_peak_subtalar_s']:.0f} ms" if "time_of_peak_subtalar_s" in m else ""
+    text = rich("In this landing the ankle supinated to <b>{peak:.1f}°</b>{at}.", peak=m[PEAK], at=at)
+    if INVERSION in m:
+        where = "below" if m[INVERSION] < MEAN - SD else "above" if m[INVERSION] > MEAN + SD else "inside"
+        text += (
+            f" Inversion from neutral peaked at {m[INVERSION]:.1f}°, {where} the range of {MEAN:g} ± {SD:g}° in "
+            "which ankles of cadavers failed."
+        )
+    anatomy, brace = m.get("anatomy_subtalar_moment_Nm"), m.get("brace_subtalar_moment_Nm")
+    if anatomy is not None and brace is not None and anatomy + brace:
+        share = 100 * brace / (anatomy + brace)
+        text += f" At the peak the brace bore {brace:.1f} of {anatomy + brace:.1f} N·m ({share:.0f} %)."
+    if run.summary.coupling_error is not None:
+        text += f" Coupling error: {100 * run.summary.coupling_error:.2g} % of the energy exchanged."
+    return text
+
+
+def _of_study(study: StudyFolder) -> Markup:
+    summary = study.summary
+    n, done, failed = summary.n_requested, summary.n_completed, summary.n_failed
+    text = _distribution(study)
+    question = summary.questions.get(INVERSION)
+    if question is not None:
+        p, about = percent(question.probability), interval(question, 100, " %")
+        text += rich(" {exceeds}: <b>{p}</b>{about}.", exceeds=EXCEEDS, p=p, about=about)
+    if failed:
+        kinds = ", ".join(f"{count} {status}" for status, count in summary.failures.items())
+        text += rich(
+            " <b>{failed} of {n} landings failed</b> ({kinds}); percentiles count only the others.",
+            failed=failed,
+            n=n,
+            kinds=kinds,
+        )
+    else:
+        text += " No landing failed." if done == n else f" {n - done} landings are missing."
+    return text + "".join(f" {note[:1].upper()}{note[1:]}." for note in summary.notes)
+
+
+def _distribution(study: StudyFolder) -> Markup:
+    """Where the response lies: median and nine in ten of a sample, the ends of anything else."""
+    done, response = study.summary.n_completed, study.response
+    found, unit = study.summary.responses.get(response), unit_after(response)
+    values = study.done[response].dropna().to_numpy(float) if response in study.done else np.empty(0)
+    if len(values) and not (found and study.is_sample):
+        of_grid = study.summary.method == "grid"
+        low, high = number(float(values.min())), number(float(values.max()))
+        return rich(
+            "{where} the {response} {lay}.",
+            where="In one landing"
+            if done == 1
+            else f"At {done} points of a grid"
+            if of_grid
+            else f"In {done} simulated landings",
+            response=response_label(response),
+            lay=rich("was <b>{low}{unit}</b>", low=low, unit=unit)
+            if len(values) == 1
+            else rich("lay between <b>{low} and {high}{unit}</b>", low=low, high=high, unit=unit),
+        )
+    if found is None:
+        return Markup("")
+    p5, p50, p95 = (found.percentiles.get(level, Percentile(None)) for level in ("5", "50", "95"))
+    return rich(
+        "In {done} simulated landings the {name} was <b>{p50}{unit}</b> in the median{about}, and between {p5} and "
+        "{p95}{unit} in nine of ten.",
+        done=done,
+        name="peak of supination" if response == PEAK else plots.label(response).partition(",")[0],
+        p50=number(p50.value),
+        unit=unit,
+        about=interval(p50, 1, unit),
+        p5=number(p5.value),
+        p95=number(p95.value),
+    )
+
+
+def _of_search(study: StudyFolder, found: LevelSearch | FormSearch) -> Markup:
+    unit, response = unit_after(study.response), response_label(study.response)
+    cost = f"{found.evaluations_executed} landings"
+    if isinstance(found, LevelSearch):
+        text = rich(
+            "With {cost} the method {method} puts the {response} at <b>{levels}</b>.",
+            cost=cost,
+            method=study.summary.method,
+            response=response,
+            levels=", ".join(f"{number(v.value)}{unit} ({level} %)" for level, v in found.levels.items()),
+        )
+    else:
+        text = rich(
+            "With {cost}: the probability that {response} exceeds {threshold} is <b>{p}</b> (β = {beta}).",
+            cost=cost,
+            response=response,
+            threshold=_threshold(found.threshold, unit),
+            p=percent(found.probability),
+            beta="–" if found.beta is None else f"{found.beta:.2f}",
+        )
+    reasons = "; ".join(found.reasons)
+    return text + rich(
+        " The method's own check says <b>{status}</b>{reasons}.",
+        status=found.status,
+        reasons=f": {reasons}" if reasons else "",
+    )
+
+
+def _threshold(threshold: Threshold, unit: str) -> str:
+    if threshold.distribution is not None:
+        return f"the uncertain threshold {threshold.distribution}"
+    return f"{number(threshold.mean)}{unit}"

@@ -1,0 +1,97 @@
+"""The manifest of a study's folder: with what the study was run."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from .. import __version__
+from ..errors import InputError
+from ..files import read_json
+from ..records import Record
+from .identity import digest_of
+from .plan import Plan
+
+FILE = "manifest.json"
+PACKAGES = ("numpy", "scipy", "fmpy", "pandas", "mujoco-core", "numba")
+
+
+@dataclass(frozen=True)
+class FmuFile(Record):
+    """An FMU as it was used: its path then, and the SHA-256 of its content."""
+
+    file: str
+    sha256: str | None = None
+
+
+@dataclass(frozen=True)
+class Manifest(Record):
+    """With what a study was run.
+
+    versions       {"sprain-cosim", "python", package: version, None where it is not installed}
+    fmus           {component: its file}
+    study_digest   of the study's identity
+    seed, trials   of the sample
+    platform       of the machine
+    command        what was typed; empty from Python
+    created        when the study began, ISO 8601 in UTC
+    identity       what the digest is of
+    """
+
+    versions: Mapping[str, str | None] = field(default_factory=dict)
+    fmus: Mapping[str, FmuFile] = field(default_factory=dict)
+    study_digest: str = ""
+    seed: int | None = None
+    platform: str = ""
+    command: str = ""
+    created: str = ""
+    trials: int | None = None
+    identity: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls, study: Plan, identity: Mapping[str, Any], command: str = "", before: Manifest | None = None
+    ) -> Manifest:
+        """Of a study of that `identity` on this machine. `before` is the manifest that stands in the folder: it keeps
+        when the study began."""
+        return cls(
+            versions={"sprain-cosim": __version__, "python": platform.python_version()}
+            | {name: _version(name) for name in PACKAGES},
+            fmus={name: FmuFile(str(path), identity["fmus"][name]) for name, path in study.scenario.fmus.items()},
+            study_digest=digest_of(identity),
+            seed=study.seed,
+            platform=platform.platform(),
+            command=command,
+            created=(before and before.created) or datetime.now(UTC).isoformat(timespec="seconds"),
+            trials=study.trials,
+            identity=identity,
+        )
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """That of a study's folder; one that says nothing where there is none. Raises InputError."""
+    path = folder / FILE
+    return Manifest.from_json(read_json(path), str(path)) if path.is_file() else Manifest()
+
+
+def whole_manifest(path: Path) -> Manifest:
+    """A manifest that a study can be repeated from. Raises InputError for one that lacks what this takes."""
+    if not path.exists():
+        raise InputError(f"{path}: no such file; name the manifest.json of a study's folder")
+    content = read_json(path)
+    missing = [key for key in ("versions", "fmus", "study_digest", "identity") if key not in content]
+    if missing:
+        raise InputError(f"{path}: not a study's manifest: it has no {', '.join(missing)}")
+    return Manifest.from_json(content, str(path))
+
+
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
