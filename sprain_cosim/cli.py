@@ -672,10 +672,10 @@ def validate(
     def keep(report: suite.Report) -> None:
         output.write_validation(report, out, junit)
 
-    report = suite.run(
+    report = suite.run_checks(
         checks,
         Laboratory(quick, workers),
-        lambda done: click.echo(suite.line(done), err=as_json),
+        lambda done: click.echo(suite.outcome_line(done), err=as_json),
         only,
         keep,
         lambda: bool(received),
@@ -684,7 +684,7 @@ def validate(
     click.echo(
         output.json_text(report).strip()
         if as_json
-        else f"\n{suite.summary(report)}" + (f"\nwritten: {out}" if out else "")
+        else f"\n{suite.totals(report)}" + (f"\nwritten: {out}" if out else "")
     )
     return 0 if report.passes(strict) else 1
 

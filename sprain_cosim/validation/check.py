@@ -23,7 +23,7 @@ STATUSES = (PASS, GAP, FAIL, NOT_RUN)
 
 
 @dataclass(frozen=True)
-class Row:
+class CheckRow:
     """One number: passes when |value - expected| <= tolerance. A bound is a row with expected 0 or the middle of its
     range."""
 
@@ -49,9 +49,12 @@ class Row:
         return abs(self.deviation) / self.tolerance if self.tolerance else (0.0 if self.deviation == 0 else math.inf)
 
 
+Measure = Callable[[Laboratory], Sequence[CheckRow]]
+
+
 @dataclass(frozen=True)
 class Gap:
-    """A miss that is known: |value - expected| may reach `limit`, for the `reason` given."""
+    """A miss that is known: |value - expected| may reach `limit`, for the reason in words."""
 
     limit: float
     reason: str
@@ -59,14 +62,22 @@ class Gap:
 
 @dataclass(frozen=True)
 class Check:
-    """`why` says why the tolerance is what it is, `source` where the expected numbers come from; `quick`: part of
-    --quick; `needs` names what the machine must have (laboratory.NEEDS); `gaps` {row label: Gap}."""
+    """A numbered check of the suite.
+
+    - id: group and number, such as uq-04; title: the question in words
+    - why: the reason for the size of the tolerance
+    - source: origin of the expected numbers
+    - measure: gives the rows
+    - quick: part of --quick
+    - needs: what the machine must have (names of laboratory.NEEDS)
+    - gaps: documented misses by the label of their row
+    """
 
     id: str
     title: str
     why: str
     source: str
-    measure: Callable[[Laboratory], Sequence[Row]]
+    measure: Measure
     quick: bool = True
     needs: tuple[str, ...] = ()
     gaps: Mapping[str, Gap] = field(default_factory=dict)
@@ -77,21 +88,21 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What became of a check; `reason` in words unless it passed, `seconds` wall time."""
+class CheckOutcome:
+    """A check, its status (one of STATUSES), its rows, a reason in words unless it passed, its wall time [s]."""
 
     check: Check
     status: str
-    rows: tuple[Row, ...] = ()
+    rows: tuple[CheckRow, ...] = ()
     reason: str = ""
     seconds: float = 0.0
 
-    def status_of(self, row: Row) -> str:
+    def status_of(self, row: CheckRow) -> str:
         gap = self.check.gaps.get(row.label)
         return PASS if row.passes else GAP if gap and abs(row.deviation) <= gap.limit else FAIL
 
     @property
-    def worst(self) -> Row | None:
+    def worst(self) -> CheckRow | None:
         return max(self.rows, key=lambda row: (STATUSES.index(self.status_of(row)), row.strain), default=None)
 
     def as_dict(self) -> dict[str, Any]:
@@ -122,30 +133,30 @@ class Outcome:
         }
 
 
-def judge(check: Check, rows: Sequence[Row], seconds: float = 0.0) -> Outcome:
+def judge(check: Check, rows: Sequence[CheckRow], seconds: float = 0.0) -> CheckOutcome:
     """The outcome of a check that was measured."""
-    outcome = Outcome(check, PASS, tuple(rows), seconds=seconds)
+    outcome = CheckOutcome(check, PASS, tuple(rows), seconds=seconds)
     found = [(row, outcome.status_of(row)) for row in rows]
     failed = [row for row, status in found if status == FAIL]
     gaps = [row for row, status in found if status == GAP]
     if not rows:
-        return Outcome(check, FAIL, reason="measured nothing", seconds=seconds)
+        return CheckOutcome(check, FAIL, reason="measured nothing", seconds=seconds)
     if failed:
         reason = (
             f"{len(failed)} of {len(rows)} outside: "
             + "; ".join(_miss(row) for row in failed[:3])
             + (" ..." if len(failed) > 3 else "")
         )
-        return Outcome(check, FAIL, tuple(rows), reason, seconds)
+        return CheckOutcome(check, FAIL, tuple(rows), reason, seconds)
     if gaps:
         reasons = dict.fromkeys(check.gaps[row.label].reason for row in gaps)
-        return Outcome(
+        return CheckOutcome(
             check, GAP, tuple(rows), f"{'; '.join(_miss(row) for row in gaps)}: {'; '.join(reasons)}", seconds
         )
     return outcome
 
 
-def _miss(row: Row) -> str:
+def _miss(row: CheckRow) -> str:
     unit = f" {row.unit}" if row.unit else ""
     return f"{row.label} {row.value:.4g} against {row.expected:.4g} ± {row.tolerance:.2g}{unit}"
 

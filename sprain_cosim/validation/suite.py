@@ -17,11 +17,8 @@ from typing import Any
 
 from .. import __version__
 from ..errors import InputError, SprainError, nearest
-from .check import FAIL, GAP, NOT_RUN, PASS, STATUSES, Check, Outcome, judge
-from .checks import coupling as code
-from .checks import fmi, paper, plant, uncertainty
-from .checks import report_page as pages
-from .checks import user_files as custom
+from .check import FAIL, GAP, NOT_RUN, PASS, STATUSES, Check, CheckOutcome, judge
+from .checks import coupling, fmi, paper, plant, report_page, uncertainty, user_files
 from .laboratory import Laboratory
 
 
@@ -29,7 +26,7 @@ from .laboratory import Laboratory
 class Report:
     """What a run of the suite found."""
 
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[CheckOutcome, ...]
     quick: bool
     seconds: float
     created: str
@@ -62,13 +59,13 @@ class Report:
 def suite(folder: Path | None = None) -> list[Check]:
     """All checks in the order of their ids' groups; those of a user's `folder` last. Raises InputError for the folder's
     files."""
-    found = [*code.checks(), *plant.checks(), *uncertainty.checks(), *fmi.checks(), *pages.checks(), *paper.checks()]
-    return found + (custom.read(folder) if folder is not None else [])
+    found = [*coupling.CHECKS, *plant.CHECKS, *uncertainty.CHECKS, *fmi.CHECKS, *report_page.CHECKS, *paper.CHECKS]
+    return found + (user_files.read(folder) if folder is not None else [])
 
 
 def select(checks: Sequence[Check], only: Sequence[str]) -> list[Check]:
-    """Those named: an id, a group such as `paper`, or a pattern such as `uq-0*`. Raises InputError for a name that
-    names none."""
+    """The checks that `only` names: ids, groups such as `paper`, patterns such as `uq-0*`. Raises InputError for a name
+    that matches none."""
     if not only:
         return list(checks)
     chosen = set()
@@ -83,19 +80,23 @@ def select(checks: Sequence[Check], only: Sequence[str]) -> list[Check]:
     return [c for c in checks if c.id in chosen]
 
 
-def run(
+def run_checks(
     checks: Sequence[Check],
     laboratory: Laboratory,
-    told: Callable[[Outcome], None] | None = None,
+    on_outcome: Callable[[CheckOutcome], None] | None = None,
     named: Collection[str] = (),
     keep: Callable[[Report], None] | None = None,
     interrupted: Callable[[], bool] = lambda: False,
 ) -> Report:
-    """Runs the checks; `told` hears every outcome at once. A quick run leaves long checks out unless their id is among
-    the `named`. When the run is interrupted `keep` gets what is known, the checks that are left are not run, and the
-    interrupt goes on. `interrupted` tells of a signal that a Python FMU has swallowed: such an FMU reports it as an
-    error of its own."""
-    began, outcomes = perf_counter(), list[Outcome]()
+    """Runs the checks one after the other.
+
+    - on_outcome: called with each outcome as soon as it is there
+    - named: ids that run although they are left out of a quick run
+    - keep: called with the report so far when the run is interrupted; the checks that are left count as not run, and
+      the interrupt goes on
+    - interrupted: whether a signal has arrived that a Python FMU has swallowed, which reports it as an error of its own
+    """
+    began, outcomes = perf_counter(), list[CheckOutcome]()
 
     def report() -> Report:
         return Report(
@@ -112,29 +113,29 @@ def run(
             if interrupted():
                 raise KeyboardInterrupt
             outcomes.append(outcome)
-            if told:
-                told(outcome)
+            if on_outcome:
+                on_outcome(outcome)
     except BaseException:
-        outcomes += [Outcome(check, NOT_RUN, reason="interrupted") for check in checks[len(outcomes) :]]
+        outcomes += [CheckOutcome(check, NOT_RUN, reason="interrupted") for check in checks[len(outcomes) :]]
         if keep:
             keep(report())
         raise
     return report()
 
 
-def _outcome(check: Check, laboratory: Laboratory, named: bool) -> Outcome:
+def _outcome(check: Check, laboratory: Laboratory, named: bool) -> CheckOutcome:
     if laboratory.quick and not check.quick and not named:
-        return Outcome(check, NOT_RUN, reason="left out of --quick")
+        return CheckOutcome(check, NOT_RUN, reason="left out of --quick")
     lacks = [reason for reason in map(laboratory.missing, check.needs) if reason]
     if lacks:
-        return Outcome(check, NOT_RUN, reason="; ".join(lacks))
+        return CheckOutcome(check, NOT_RUN, reason="; ".join(lacks))
     began = perf_counter()
     try:
         rows = check.measure(laboratory)
     except SprainError as problem:
-        return Outcome(check, FAIL, reason=f"could not be measured: {problem}", seconds=perf_counter() - began)
+        return CheckOutcome(check, FAIL, reason=f"could not be measured: {problem}", seconds=perf_counter() - began)
     except Exception as problem:  # one broken check must not hide the others
-        return Outcome(
+        return CheckOutcome(
             check,
             FAIL,
             reason=f"could not be measured: {type(problem).__name__}: {problem}",
@@ -158,7 +159,7 @@ def environment() -> dict[str, str]:
     }
 
 
-def line(outcome: Outcome) -> str:
+def outcome_line(outcome: CheckOutcome) -> str:
     """One line of a listing."""
     worst, figure = outcome.worst, ""
     if worst is not None:
@@ -173,7 +174,7 @@ def line(outcome: Outcome) -> str:
     return f"{text}\n{'':25}{detail}"
 
 
-def summary(report: Report) -> str:
+def totals(report: Report) -> str:
     counts = ", ".join(f"{n} {status}" for status, n in report.counts.items())
     rows = sum(len(o.rows) for o in report.outcomes)
     return f"{len(report.outcomes)} checks with {rows} numbers in {report.seconds:.0f} s: {counts}"

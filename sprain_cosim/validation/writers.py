@@ -11,9 +11,9 @@ from xml.etree import ElementTree
 from .. import files
 from ..errors import EnvironmentProblem, InputError
 from ..report.html import render
-from .check import FAIL, GAP, NOT_RUN, PASS, Outcome
+from .check import FAIL, GAP, NOT_RUN, PASS, CheckOutcome
 from .credibility import LABELS, NOTE, Section, markdown, sections
-from .suite import Report, line, summary
+from .suite import Report, outcome_line, totals
 
 FILES = ("validation.html", "validation.json", "junit.xml", "credibility.md")
 TITLES: Mapping[str, str] = {  # of the groups of checks
@@ -81,7 +81,7 @@ def junit(report: Report) -> str:
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def _junit_group(root: ElementTree.Element, group: str, members: Sequence[Outcome], created: str) -> None:
+def _junit_group(root: ElementTree.Element, group: str, members: Sequence[CheckOutcome], created: str) -> None:
     skipped = [o for o in members if o.status in (GAP, NOT_RUN)]
     suite = ElementTree.SubElement(
         root,
@@ -107,7 +107,7 @@ def _junit_group(root: ElementTree.Element, group: str, members: Sequence[Outcom
             },
         )
         if outcome.status == FAIL:
-            ElementTree.SubElement(case, "failure", {"message": outcome.reason}).text = line(outcome)
+            ElementTree.SubElement(case, "failure", {"message": outcome.reason}).text = outcome_line(outcome)
         elif outcome in skipped:
             ElementTree.SubElement(case, "skipped", {"message": f"{outcome.status}: {outcome.reason}"})
 
@@ -122,7 +122,7 @@ def validation_page(report: Report) -> str:
     return render(
         "validation.html",
         title=title,
-        summary=summary(report),
+        summary=totals(report),
         report=report,
         short=[o for o in report.outcomes if o.status in (FAIL, GAP, NOT_RUN)],
         groups=[(TITLES.get(g, g), [o for o in report.outcomes if o.check.group == g]) for g in groups],

@@ -13,20 +13,20 @@ import pytest
 from sprain_cosim.errors import InputError
 from sprain_cosim.validation import suite
 from sprain_cosim.validation import writers as output
-from sprain_cosim.validation.check import Check, Gap, Row, judge
+from sprain_cosim.validation.check import Check, CheckRow, Gap, judge
 from sprain_cosim.validation.checks import user_files as custom
 from sprain_cosim.validation.laboratory import NEEDS, Laboratory
 
 
-def check(name: str = "unit-01", *rows: Row, **more) -> Check:
+def check(name: str = "unit-01", *rows: CheckRow, **more) -> Check:
     return Check(name, "a <title> & more", "because", "nowhere", lambda _: list(rows), **more)
 
 
-def explode(_: Laboratory) -> list[Row]:
+def explode(_: Laboratory) -> list[CheckRow]:
     raise ZeroDivisionError("on purpose")
 
 
-WITHIN, OUTSIDE = Row("in", 1.04, 1.0, 0.05, "deg"), Row("out", 1.3, 1.0, 0.05, "deg")
+WITHIN, OUTSIDE = CheckRow("in", 1.04, 1.0, 0.05, "deg"), CheckRow("out", 1.3, 1.0, 0.05, "deg")
 
 
 def test_status_is_that_of_the_worst_row() -> None:
@@ -35,9 +35,9 @@ def test_status_is_that_of_the_worst_row() -> None:
     assert failed.status == "fail"
     assert failed.reason == "1 of 2 outside: out 1.3 against 1 ± 0.05 deg"
     assert failed.worst is OUTSIDE
-    assert judge(check(), [Row("nan", float("nan"), 0.0, 1.0)]).status == "fail"
+    assert judge(check(), [CheckRow("nan", float("nan"), 0.0, 1.0)]).status == "fail"
     assert judge(check(), []).status == "fail"
-    assert judge(check(), [Row("edge", 0.0, 0.0, 0.0)]).status == "pass"
+    assert judge(check(), [CheckRow("edge", 0.0, 0.0, 0.0)]).status == "pass"
 
 
 def test_a_known_gap_has_a_limit_of_its_own() -> None:
@@ -45,9 +45,9 @@ def test_a_known_gap_has_a_limit_of_its_own() -> None:
     outcome = judge(known, [WITHIN, OUTSIDE])
     assert outcome.status == "known gap"
     assert outcome.reason == "out 1.3 against 1 ± 0.05 deg: documented"
-    assert judge(known, [Row("out", 1.32, 1.0, 0.05)]).status == "fail"
-    assert judge(known, [Row("out", 1.01, 1.0, 0.05)]).status == "pass"
-    assert judge(known, [OUTSIDE, Row("other", 1.3, 1.0, 0.05)]).status == "fail"
+    assert judge(known, [CheckRow("out", 1.32, 1.0, 0.05)]).status == "fail"
+    assert judge(known, [CheckRow("out", 1.01, 1.0, 0.05)]).status == "pass"
+    assert judge(known, [OUTSIDE, CheckRow("other", 1.3, 1.0, 0.05)]).status == "fail"
 
 
 @pytest.fixture
@@ -59,7 +59,7 @@ def report(monkeypatch: pytest.MonkeyPatch) -> suite.Report:
         check("unit-03", WITHIN, needs=("a unicorn",)),
         check("unit-04", WITHIN, quick=False),
     ]
-    return suite.run(checks, Laboratory(quick=True))
+    return suite.run_checks(checks, Laboratory(quick=True))
 
 
 def test_neither_gaps_nor_what_was_not_run_count_as_passed(report: suite.Report) -> None:
@@ -67,12 +67,12 @@ def test_neither_gaps_nor_what_was_not_run_count_as_passed(report: suite.Report)
     assert [o.reason for o in report.outcomes[2:]] == ["no unicorn on this machine", "left out of --quick"]
     assert report.passes()
     assert not report.passes(strict=True)
-    assert "1 pass, 1 known gap, 0 fail, 2 not run" in suite.summary(report)
+    assert "1 pass, 1 known gap, 0 fail, 2 not run" in suite.totals(report)
 
 
 def test_a_check_that_cannot_be_measured_fails() -> None:
     broken = Check("unit-05", "broken", "-", "-", explode)
-    report = suite.run([broken, check("unit-06", WITHIN)], Laboratory())
+    report = suite.run_checks([broken, check("unit-06", WITHIN)], Laboratory())
     assert [o.status for o in report.outcomes] == ["fail", "pass"]
     assert report.outcomes[0].reason == "could not be measured: ZeroDivisionError: on purpose"
     assert not report.passes()
@@ -114,23 +114,23 @@ def test_what_is_written(report: suite.Report, tmp_path: Path) -> None:
 
 
 def test_a_failure_reaches_every_output() -> None:
-    report = suite.run([check("unit-01", OUTSIDE)], Laboratory())
+    report = suite.run_checks([check("unit-01", OUTSIDE)], Laboratory())
     assert json.loads(output.json_text(report))["status"] == "failed"
     assert "<failure" in output.junit(report)
     assert "<h1>Validation failed: 1 check</h1>" in output.validation_page(report)
 
 
 def test_an_interrupt_keeps_what_is_known() -> None:
-    def interrupt(_: Laboratory) -> list[Row]:
+    def interrupt(_: Laboratory) -> list[CheckRow]:
         raise KeyboardInterrupt
 
     kept: list[suite.Report] = []
     checks = [check("unit-01", WITHIN), Check("unit-02", "t", "w", "s", interrupt), check("unit-03", WITHIN)]
     with pytest.raises(KeyboardInterrupt):
-        suite.run(checks, Laboratory(), keep=kept.append)
+        suite.run_checks(checks, Laboratory(), keep=kept.append)
     swallowed = [check("unit-01", WITHIN), Check("unit-02", "t", "w", "s", explode), check("unit-03", WITHIN)]
     with pytest.raises(KeyboardInterrupt):
-        suite.run(swallowed, Laboratory(), keep=kept.append, interrupted=iter([False, True]).__next__)
+        suite.run_checks(swallowed, Laboratory(), keep=kept.append, interrupted=iter([False, True]).__next__)
     for report in kept:
         assert [(o.status, o.reason) for o in report.outcomes] == [
             ("pass", ""),
@@ -185,7 +185,7 @@ def test_a_users_own_checks(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(MINE.replace('"mine.toml"', '"scenarios/mine.toml"'))
     (found,) = custom.read(tmp_path)
     assert found.id == "custom-short"
-    report = suite.run([found], Laboratory())
+    report = suite.run_checks([found], Laboratory())
     assert report.outcomes[0].status == "pass"
     assert report.outcomes[0].rows[0].unit == "N"
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -16,7 +15,7 @@ from ...fmu.build import build_fmu
 from ...fmu.component import Component
 from ...scenario import load_scenario
 from ...shipped import FMUS, SOURCES, shipped_fmus
-from ..check import Check, Row
+from ..check import Check, CheckRow
 from ..laboratory import Laboratory, scenario
 
 PEAK = "peak_subtalar_angle_deg"
@@ -57,11 +56,11 @@ class Bench:
         return self.bus[self.count :].copy()
 
 
-def complaints(_: Laboratory) -> list[Row]:
-    return [Row(name, float(len(component(name).complaints())), 0, 0, "complaints") for name in shipped_fmus()]
+def complaints(_: Laboratory) -> list[CheckRow]:
+    return [CheckRow(name, float(len(component(name).complaints())), 0, 0, "complaints") for name in shipped_fmus()]
 
 
-def units(_: Laboratory) -> list[Row]:
+def units(_: Laboratory) -> list[CheckRow]:
     """Inputs, outputs and parameters without a unit, and inputs and parameters without a start value."""
     rows = []
     for name in shipped_fmus():
@@ -70,11 +69,11 @@ def units(_: Laboratory) -> list[Row]:
             for c in component(name).connectors.values()
             if (c.unit is None and not c.items) or (c.causality in ("input", "parameter") and c.start is None)
         ]
-        rows.append(Row(name, float(len(bad)), 0, 0, "variables"))
+        rows.append(CheckRow(name, float(len(bad)), 0, 0, "variables"))
     return rows
 
 
-def reset(_: Laboratory) -> list[Row]:
+def reset_instances(_: Laboratory) -> list[CheckRow]:
     """Largest difference of any output over 20 steps between a reset instance and a fresh one."""
     rows = []
     for name in shipped_fmus():
@@ -85,11 +84,11 @@ def reset(_: Laboratory) -> list[Row]:
         bench.begin()
         again = np.array([bench.step(k) for k in range(20)])
         bench.instance.close()
-        rows.append(Row(name, float(np.abs(first - again).max()), 0, 0))
+        rows.append(CheckRow(name, float(np.abs(first - again).max()), 0, 0))
     return rows
 
 
-def landings_repeat(_: Laboratory) -> list[Row]:
+def landings_repeat(_: Laboratory) -> list[CheckRow]:
     """The same landing after others in one session, and in a session of its own."""
     rows = []
     for name in ("incline30", "incline30_mixed"):
@@ -100,12 +99,12 @@ def landings_repeat(_: Laboratory) -> list[Row]:
             again = session.run().values
         with chosen.open() as other:
             fresh = other.run().values
-        rows.append(Row(f"{name}, again in the session", float(np.abs(first - again).max()), 0, 0))
-        rows.append(Row(f"{name}, in a fresh session", float(np.abs(first - fresh).max()), 0, 0))
+        rows.append(CheckRow(f"{name}, again in the session", float(np.abs(first - again).max()), 0, 0))
+        rows.append(CheckRow(f"{name}, in a fresh session", float(np.abs(first - fresh).max()), 0, 0))
     return rows
 
 
-def saved_states(_: Laboratory) -> list[Row]:
+def saved_states(_: Laboratory) -> list[CheckRow]:
     """After going back to a saved state the same steps give the same outputs."""
     rows = []
     for name in shipped_fmus():
@@ -121,18 +120,18 @@ def saved_states(_: Laboratory) -> list[Row]:
         again = np.array([bench.step(k) for k in range(10, 30)])
         bench.instance.free_state(state)
         bench.instance.close()
-        rows.append(Row(name, float(np.abs(first - again).max()), 0, 0))
+        rows.append(CheckRow(name, float(np.abs(first - again).max()), 0, 0))
     return rows
 
 
-def honoured_steps(laboratory: Laboratory) -> list[Row]:
+def honoured_steps(laboratory: Laboratory) -> list[CheckRow]:
     """The plant alone, no controller activity: where it is at 150 ms does not depend on how often it is asked."""
     rows = []
     truth = laboratory.run("incline30", {"plant.tolerance": 1e-5})
     for step in ("0.1 ms", "1 ms", "5 ms"):
         run = laboratory.run("incline30", step=step)
         rows.append(
-            Row(
+            CheckRow(
                 f"angle at 150 ms, steps of {step}",
                 math.degrees(run["plant.subtalar_angle"][-1]),
                 math.degrees(truth["plant.subtalar_angle"][-1]),
@@ -141,7 +140,9 @@ def honoured_steps(laboratory: Laboratory) -> list[Row]:
             )
         )
         rows.append(
-            Row(f"communication points, steps of {step}", float(len(run.time)), round(0.15 / _seconds(step)) + 1, 0)
+            CheckRow(
+                f"communication points, steps of {step}", float(len(run.time)), round(0.15 / _seconds(step)) + 1, 0
+            )
         )
     return rows
 
@@ -150,11 +151,13 @@ def _seconds(step: str) -> float:
     return float(step.removesuffix(" ms")) * 1e-3
 
 
-def contract(_: Laboratory) -> list[Row]:
-    return [Row(name, float(len(check_brace(FMUS / f"{name}.fmu").problems)), 0, 0, "problems") for name in braces()]
+def contract(_: Laboratory) -> list[CheckRow]:
+    return [
+        CheckRow(name, float(len(check_brace(FMUS / f"{name}.fmu").problems)), 0, 0, "problems") for name in braces()
+    ]
 
 
-def rebuilt(_: Laboratory) -> list[Row]:
+def rebuilt(_: Laboratory) -> list[CheckRow]:
     """1 where building from the sources gives the shipped file to the byte."""
     sources, rows = SOURCES, []
     with TemporaryDirectory() as folder:
@@ -165,11 +168,11 @@ def rebuilt(_: Laboratory) -> list[Row]:
                 hashlib.sha256(target.read_bytes()).digest()
                 == hashlib.sha256((FMUS / target.name).read_bytes()).digest()
             )
-            rows.append(Row(name, float(same), 1, 0))
+            rows.append(CheckRow(name, float(same), 1, 0))
     return rows
 
 
-def compiled(laboratory: Laboratory) -> list[Row]:
+def compiled_brace(laboratory: Laboratory) -> list[CheckRow]:
     """The template in C is the paper's brace: built here, it must fit and give the landing of ours in Python."""
     with TemporaryDirectory() as folder:
         project = Path(folder) / "compiled"
@@ -179,16 +182,16 @@ def compiled(laboratory: Laboratory) -> list[Row]:
         run = laboratory.land(load_scenario("incline30_brace").replace_fmu("brace", fmu))
     ours = laboratory.run("incline30_brace", {"brace.angle_scale": run.parameters["brace.angle_scale"]})
     return [
-        Row("problems of the contract", problems, 0, 0),
-        Row("peak subtalar angle", run.metrics[PEAK], ours.metrics[PEAK], 1e-9, "deg"),
+        CheckRow("problems of the contract", problems, 0, 0),
+        CheckRow("peak subtalar angle", run.metrics[PEAK], ours.metrics[PEAK], 1e-9, "deg"),
     ]
 
 
-def isolated(laboratory: Laboratory) -> list[Row]:
+def isolated_landing(laboratory: Laboratory) -> list[CheckRow]:
     """Largest difference of any signal between FMUs in this process and each in a process of its own."""
     here = laboratory.run("incline30_brace")
     return [
-        Row(
+        CheckRow(
             "incline30_brace",
             float(np.abs(laboratory.land(scenario("incline30_brace").isolated()).values - here.values).max()),
             0,
@@ -200,50 +203,47 @@ def isolated(laboratory: Laboratory) -> list[Row]:
 BITS = "to the bit: nothing random, the same operations in the same order"
 
 
-def checks() -> Sequence[Check]:
-    return [
-        Check("fmi-01", "fmpy's validation of our FMUs", "none is allowed", "FMI 2.0.4, as fmpy checks it", complaints),
-        Check(
-            "fmi-02",
-            "Every variable has a unit, every input and parameter a start value",
-            "none may lack them",
-            "FMI 2.0.4, 2.2.7",
-            units,
-        ),
-        Check("fmi-03", "Reset equals a fresh instance", BITS, "FMI 2.0.4, fmi2Reset", reset),
-        Check(
-            "fmi-04", "A landing repeats after others, and in another session", BITS, "by construction", landings_repeat
-        ),
-        Check("fmi-05", "A restored state continues as it did", BITS, "FMI 2.0.4, fmi2SetFMUstate", saved_states),
-        Check(
-            "fmi-06",
-            "Communication steps are honoured",
-            "the integrator's own error, 0.1 deg (numerics-01)",
-            "the plant at tolerance 1e-5",
-            honoured_steps,
-        ),
-        Check("fmi-07", "Our braces fit the brace contract", "none is allowed", "docs/brace-contract.md", contract),
-        Check(
-            "fmi-08",
-            "Building an FMU again gives the same bytes",
-            "to the byte",
-            "by construction",
-            rebuilt,
-            needs=("clone",),
-        ),
-        Check(
-            "fmi-09",
-            "The paper's brace compiled from C",
-            "rounding of the same formula",
-            "brace_bushing, in Python",
-            compiled,
-            needs=("compiler",),
-        ),
-        Check(
-            "fmi-10",
-            "FMUs in processes of their own give the same landing",
-            BITS,
-            "the same FMUs in this process",
-            isolated,
-        ),
-    ]
+CHECKS = (
+    Check("fmi-01", "fmpy's validation of our FMUs", "none is allowed", "FMI 2.0.4, as fmpy checks it", complaints),
+    Check(
+        "fmi-02",
+        "Every variable has a unit, every input and parameter a start value",
+        "none may lack them",
+        "FMI 2.0.4, 2.2.7",
+        units,
+    ),
+    Check("fmi-03", "Reset equals a fresh instance", BITS, "FMI 2.0.4, fmi2Reset", reset_instances),
+    Check("fmi-04", "A landing repeats after others, and in another session", BITS, "by construction", landings_repeat),
+    Check("fmi-05", "A restored state continues as it did", BITS, "FMI 2.0.4, fmi2SetFMUstate", saved_states),
+    Check(
+        "fmi-06",
+        "Communication steps are honoured",
+        "the integrator's own error, 0.1 deg (numerics-01)",
+        "the plant at tolerance 1e-5",
+        honoured_steps,
+    ),
+    Check("fmi-07", "Our braces fit the brace contract", "none is allowed", "docs/brace-contract.md", contract),
+    Check(
+        "fmi-08",
+        "Building an FMU again gives the same bytes",
+        "to the byte",
+        "by construction",
+        rebuilt,
+        needs=("clone",),
+    ),
+    Check(
+        "fmi-09",
+        "The paper's brace compiled from C",
+        "rounding of the same formula",
+        "brace_bushing, in Python",
+        compiled_brace,
+        needs=("compiler",),
+    ),
+    Check(
+        "fmi-10",
+        "FMUs in processes of their own give the same landing",
+        BITS,
+        "the same FMUs in this process",
+        isolated_landing,
+    ),
+)

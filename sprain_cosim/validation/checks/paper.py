@@ -8,10 +8,9 @@ miss a single one of all the figures of its family by sampling alone with a prob
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,7 +18,7 @@ from scipy import stats
 
 from ...metrics import unit_of
 from ...study.summary import LevelSearch
-from ..check import Check, Gap, Row
+from ..check import Check, CheckRow, Gap, Measure
 from ..laboratory import Laboratory, rms
 
 STUDIES = tuple(f"study{k}" for k in range(1, 7))
@@ -91,14 +90,14 @@ def _trials(laboratory: Laboratory, study: str) -> pd.DataFrame:
     return trials[trials["status"] == "completed"]
 
 
-def inputs(laboratory: Laboratory) -> list[Row]:
+def inputs(laboratory: Laboratory) -> list[CheckRow]:
     """Mean and SD that the study files declare."""
     table, rows = laboratory.figures["table_1"], []
     for name in STUDIES:
         study = laboratory.study(name)
         wanted = {k: v for k, v in table.items() if isinstance(v, list)} | table.get(name, {})
         rows.append(
-            Row(
+            CheckRow(
                 f"{name}, number of varied inputs",
                 float(sum(not m.is_fixed for m in study.marginals.values())),
                 len(wanted),
@@ -111,34 +110,34 @@ def inputs(laboratory: Laboratory) -> list[Row]:
             marginal = study.marginals[parameter]
             for what, ours, theirs in (("mean", marginal.mean, pair[0]), ("sd", marginal.sd, pair[1])):
                 rows.append(
-                    Row(f"{name}, {what} of {parameter}", ours / factor, theirs, 1e-9 * max(abs(theirs), 1), unit)
+                    CheckRow(f"{name}, {what} of {parameter}", ours / factor, theirs, 1e-9 * max(abs(theirs), 1), unit)
                 )
     return rows
 
 
-def failures(laboratory: Laboratory) -> list[Row]:
-    return [Row(name, float(laboratory.campaign(name).summary.n_failed), 0, 0, "trials") for name in STUDIES]
+def failed_trials(laboratory: Laboratory) -> list[CheckRow]:
+    return [CheckRow(name, float(laboratory.campaign(name).summary.n_failed), 0, 0, "trials") for name in STUDIES]
 
 
-def statistics(study: str) -> Any:
+def statistics(study: str) -> Measure:
     """Mean, SD and percentiles of the peak subtalar angle."""
 
-    def measure(laboratory: Laboratory) -> list[Row]:
+    def measure(laboratory: Laboratory) -> list[CheckRow]:
         y = _trials(laboratory, study)[PEAK].to_numpy(float)
         published, z = laboratory.study(study).published, _z(5 * len(STUDIES))
         rows = [
-            Row(
+            CheckRow(
                 "mean",
                 float(y.mean()),
                 published["mean [deg]"],
                 z * float(y.std(ddof=1)) * _of_difference(len(y)) + 0.005,
                 "deg",
             ),
-            Row("sd", float(y.std(ddof=1)), published["sd [deg]"], z * _sd_error(y) + 0.005, "deg"),
+            CheckRow("sd", float(y.std(ddof=1)), published["sd [deg]"], z * _sd_error(y) + 0.005, "deg"),
         ]
         for p in (5, 50, 95):
             rows.append(
-                Row(
+                CheckRow(
                     f"{p} %",
                     float(np.percentile(y, p)),
                     published[f"{p} % [deg]"],
@@ -151,7 +150,7 @@ def statistics(study: str) -> Any:
     return measure
 
 
-def correlations(laboratory: Laboratory) -> list[Row]:
+def correlations(laboratory: Laboratory) -> list[CheckRow]:
     """Table 2: Pearson's r with every varied input; compared after Fisher's transform would be the same within
     0.001."""
     found = []
@@ -165,7 +164,7 @@ def correlations(laboratory: Laboratory) -> list[Row]:
     rows = []
     for label, r, theirs, n in found:
         low, high = (math.tanh(math.atanh(min(theirs, 0.994)) + side * z * _of_difference(n)) for side in (-1, 1))
-        rows.append(Row(label, r, theirs, max(high - theirs, theirs - low) + 0.005))
+        rows.append(CheckRow(label, r, theirs, max(high - theirs, theirs - low) + 0.005))
     return rows
 
 
@@ -183,11 +182,11 @@ def _last_digit(printed: float) -> float:
     return 0.5 if isinstance(printed, int) else 0.05
 
 
-def means(laboratory: Laboratory) -> list[Row]:
+def means(laboratory: Laboratory) -> list[CheckRow]:
     cells = _cells(laboratory)
     z = _z(2 * len(cells))
     return [
-        Row(
+        CheckRow(
             f"{name}, {key}",
             float(y.mean()),
             mean,
@@ -198,26 +197,28 @@ def means(laboratory: Laboratory) -> list[Row]:
     ]
 
 
-def deviations(laboratory: Laboratory) -> list[Row]:
+def deviations(laboratory: Laboratory) -> list[CheckRow]:
     cells = _cells(laboratory)
     z = _z(2 * len(cells))
     return [
-        Row(f"{name}, {key}", float(y.std(ddof=1)), sd, z * _sd_error(y) + _last_digit(sd), unit_of(key))
+        CheckRow(f"{name}, {key}", float(y.std(ddof=1)), sd, z * _sd_error(y) + _last_digit(sd), unit_of(key))
         for name, key, y, _, sd in cells
     ]
 
 
-def amv_levels(laboratory: Laboratory) -> list[Row]:
+def amv_levels(laboratory: Laboratory) -> list[CheckRow]:
     campaign = laboratory.campaign("amv6")
     levels, published = _search(laboratory).levels, campaign.study.published
-    return [Row(f"{p} %", _known(levels[p].value), published[f"{p} % [deg]"], 0.2, "deg") for p in ("5", "50", "95")]
+    return [
+        CheckRow(f"{p} %", _known(levels[p].value), published[f"{p} % [deg]"], 0.2, "deg") for p in ("5", "50", "95")
+    ]
 
 
-def amv_cost(laboratory: Laboratory) -> list[Row]:
-    return [Row("evaluations requested", float(_search(laboratory).evaluations_requested), 14, 0)]
+def amv_cost(laboratory: Laboratory) -> list[CheckRow]:
+    return [CheckRow("evaluations requested", float(_search(laboratory).evaluations_requested), 14, 0)]
 
 
-def amv_importance(laboratory: Laboratory) -> list[Row]:
+def amv_importance(laboratory: Laboratory) -> list[CheckRow]:
     found = _search(laboratory).linear_importance
     expected = {
         "plant.drop_height": 0.62,
@@ -225,7 +226,7 @@ def amv_importance(laboratory: Laboratory) -> list[Row]:
         "controller.coactivation": -0.38,
         "plant.talocrural_angle_at_contact": 0.27,
     }
-    return [Row(name, _known(found[name]), value, 0.03) for name, value in expected.items()]
+    return [CheckRow(name, _known(found[name]), value, 0.03) for name, value in expected.items()]
 
 
 def _search(laboratory: Laboratory) -> LevelSearch:
@@ -252,15 +253,15 @@ def _errors(laboratory: Laboratory, study: str) -> np.ndarray:
     return cache[study]
 
 
-def trial_by_trial(bound: float) -> Any:
-    def measure(laboratory: Laboratory) -> list[Row]:
-        return [Row(name, rms(_errors(laboratory, name)), 0.0, bound, "deg RMS") for name in STUDIES]
+def trial_by_trial(bound: float) -> Measure:
+    def measure(laboratory: Laboratory) -> list[CheckRow]:
+        return [CheckRow(name, rms(_errors(laboratory, name)), 0.0, bound, "deg RMS") for name in STUDIES]
 
     return measure
 
 
-def bias(laboratory: Laboratory) -> list[Row]:
-    return [Row(name, float(_errors(laboratory, name).mean()), 0.0, 0.05, "deg") for name in STUDIES]
+def bias(laboratory: Laboratory) -> list[CheckRow]:
+    return [CheckRow(name, float(_errors(laboratory, name).mean()), 0.0, 0.05, "deg") for name in STUDIES]
 
 
 SAMPLING = (
@@ -279,17 +280,16 @@ MOONSHOT = (
 WHOLE = "the asked bound; rounding of the records alone is 0.03 deg"
 
 
-def checks() -> Sequence[Check]:
-    found = [
-        Check(
-            "paper-01",
-            "Table 1: inputs of the six studies",
-            "the declared numbers, to rounding",
-            f"{YODER}, Table 1",
-            inputs,
-        )
-    ]
-    found += [
+TRIALS = f"the authors' records of {YODER}, half of the trials"
+CHECKS = (
+    Check(
+        "paper-01",
+        "Table 1: inputs of the six studies",
+        "the declared numbers, to rounding",
+        f"{YODER}, Table 1",
+        inputs,
+    ),
+    *(
         Check(
             f"paper-{k:02}",
             f"Mean, SD and percentiles of peak subtalar supination, {name}",
@@ -298,48 +298,45 @@ def checks() -> Sequence[Check]:
             statistics(name),
         )
         for k, name in enumerate(STUDIES, 2)
-    ]
-    records = f"the authors' records of {YODER}, half of the trials"
-    return [
-        *found,
-        Check("paper-08", "Table 2: correlations with the inputs", SAMPLING, f"{YODER}, Table 2", correlations),
-        Check("paper-09", "Table 3: means", SAMPLING, f"{YODER}, Table 3", means),
-        Check("paper-10", "Table 3: standard deviations", SAMPLING, f"{YODER}, Table 3", deviations),
-        Check(
-            "paper-11",
-            "AMV of study 6: levels",
-            "the asked 0.2 deg",
-            f"{YODER}, AMV records",
-            amv_levels,
-            gaps={"5 %": AMV_5},
-        ),
-        Check("paper-12", "AMV of study 6: evaluations", "a count", f"{YODER}: 14 runs", amv_cost),
-        Check(
-            "paper-13",
-            "AMV of study 6: importance of the linearisation",
-            "0.03: finite differences over a tenth of a standard deviation",
-            "gradients of the paper's model in OpenSim 4.6, not rounded",
-            amv_importance,
-        ),
-        Check("paper-14", "No trial of the six studies fails", "a count", "by definition", failures),
-        Check(
-            "paper-15",
-            "Published trials one by one: RMS error",
-            WHOLE,
-            records,
-            trial_by_trial(0.12),
-            quick=False,
-            needs=("reference",),
-        ),
-        Check("paper-16", "Published trials one by one: bias", WHOLE, records, bias, quick=False, needs=("reference",)),
-        Check(
-            "paper-17",
-            "Published trials one by one: RMS error, moonshot",
-            WHOLE,
-            records,
-            trial_by_trial(0.05),
-            quick=False,
-            needs=("reference",),
-            gaps={name: Gap(0.12, MOONSHOT) for name in STUDIES},
-        ),
-    ]
+    ),
+    Check("paper-08", "Table 2: correlations with the inputs", SAMPLING, f"{YODER}, Table 2", correlations),
+    Check("paper-09", "Table 3: means", SAMPLING, f"{YODER}, Table 3", means),
+    Check("paper-10", "Table 3: standard deviations", SAMPLING, f"{YODER}, Table 3", deviations),
+    Check(
+        "paper-11",
+        "AMV of study 6: levels",
+        "the asked 0.2 deg",
+        f"{YODER}, AMV records",
+        amv_levels,
+        gaps={"5 %": AMV_5},
+    ),
+    Check("paper-12", "AMV of study 6: evaluations", "a count", f"{YODER}: 14 runs", amv_cost),
+    Check(
+        "paper-13",
+        "AMV of study 6: importance of the linearisation",
+        "0.03: finite differences over a tenth of a standard deviation",
+        "gradients of the paper's model in OpenSim 4.6, not rounded",
+        amv_importance,
+    ),
+    Check("paper-14", "No trial of the six studies fails", "a count", "by definition", failed_trials),
+    Check(
+        "paper-15",
+        "Published trials one by one: RMS error",
+        WHOLE,
+        TRIALS,
+        trial_by_trial(0.12),
+        quick=False,
+        needs=("reference",),
+    ),
+    Check("paper-16", "Published trials one by one: bias", WHOLE, TRIALS, bias, quick=False, needs=("reference",)),
+    Check(
+        "paper-17",
+        "Published trials one by one: RMS error, moonshot",
+        WHOLE,
+        TRIALS,
+        trial_by_trial(0.05),
+        quick=False,
+        needs=("reference",),
+        gaps={name: Gap(0.12, MOONSHOT) for name in STUDIES},
+    ),
+)

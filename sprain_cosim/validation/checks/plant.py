@@ -4,14 +4,14 @@ alone."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from ...cosim.result import Result
 from ...scenario import Value
-from ..check import Check, Gap, Row
+from ..check import Check, CheckRow, Gap, Measure
 from ..laboratory import Laboratory, every_millisecond, rms
 
 OPENSIM = "OpenSim 4.6 running the model of Yoder et al. 2021 (doi 10.3389/fbioe.2021.765331)"
@@ -26,27 +26,27 @@ def _landing(laboratory: Laboratory, entry: Mapping[str, Any]) -> Result:
     )
 
 
-def peaks(laboratory: Laboratory) -> list[Row]:
+def peaks(laboratory: Laboratory) -> list[CheckRow]:
     return [
-        Row(f"{e['case']} ({e['pose']})", _landing(laboratory, e).metrics[PEAK], e[PEAK], 0.1, "deg")
+        CheckRow(f"{e['case']} ({e['pose']})", _landing(laboratory, e).metrics[PEAK], e[PEAK], 0.1, "deg")
         for e in laboratory.figures["landing"]
     ]
 
 
-def metric(key: str, absolute: float, unit: str, relative: float = 0.0) -> Any:
+def metric(key: str, absolute: float, unit: str, relative: float = 0.0) -> Measure:
     """A measure: that metric of every landing that has it, within `absolute` plus a `relative` share."""
 
-    def measure(laboratory: Laboratory) -> list[Row]:
+    def measure(laboratory: Laboratory) -> list[CheckRow]:
         entries = [e for e in laboratory.figures["landing"] if key in e and FULL in e]
         return [
-            Row(e["case"], _landing(laboratory, e).metrics[key], e[key], absolute + relative * abs(e[key]), unit)
+            CheckRow(e["case"], _landing(laboratory, e).metrics[key], e[key], absolute + relative * abs(e[key]), unit)
             for e in entries
         ]
 
     return measure
 
 
-def dorsiflexion(laboratory: Laboratory) -> list[Row]:
+def dorsiflexion(laboratory: Laboratory) -> list[CheckRow]:
     """Ours is asin(e2·y) with y of unit length; in the reference landings y is the projection itself, shorter by the
     cosine of the angle between the talocrural axis and the plane across the long axis, which the inversion at the
     neutral pose shows."""
@@ -58,11 +58,11 @@ def dorsiflexion(laboratory: Laboratory) -> list[Row]:
     for e in laboratory.figures["landing"]:
         if key in e:
             ours = math.degrees(math.asin(length * math.sin(math.radians(_landing(laboratory, e).metrics[key]))))
-            rows.append(Row(e["case"], ours, e[key], 0.1, "deg"))
+            rows.append(CheckRow(e["case"], ours, e[key], 0.1, "deg"))
     return rows
 
 
-def ground_force(laboratory: Laboratory) -> list[Row]:
+def ground_force(laboratory: Laboratory) -> list[CheckRow]:
     """Size of the difference of the vectors at t = 0."""
     rows = []
     for e in laboratory.figures["landing"]:
@@ -70,7 +70,7 @@ def ground_force(laboratory: Laboratory) -> list[Row]:
             run, expected = _landing(laboratory, e), np.array(e["ground_force_at_contact_N"])
             ours = np.array([run[f"plant.ground_force_{axis}"][0] for axis in "xyz"])
             rows.append(
-                Row(
+                CheckRow(
                     e["case"],
                     float(np.linalg.norm(ours - expected) / np.linalg.norm(expected)) * 100,
                     0.0,
@@ -90,19 +90,21 @@ def _posture(entry: Mapping[str, Any]) -> dict[str, Value]:
     return {f"plant.{axis}_angle_at_contact": f"{entry[f'{axis}_deg']} deg" for axis in ("talocrural", "subtalar")}
 
 
-def joint_coordinates(laboratory: Laboratory) -> list[Row]:
+def joint_coordinates(laboratory: Laboratory) -> list[CheckRow]:
     rows = []
     for e in laboratory.figures["joint_coordinate_system"]:
         run = _at_contact(laboratory, _posture(e))
         for axis in ("dorsiflexion", "inversion", "internal_rotation"):
             ours = math.degrees(run[f"plant.jcs_{axis}_raw_angle"][0])
             rows.append(
-                Row(f"{axis} at {e['talocrural_deg']}, {e['subtalar_deg']} deg", ours, e[f"{axis}_deg"], 1e-4, "deg")
+                CheckRow(
+                    f"{axis} at {e['talocrural_deg']}, {e['subtalar_deg']} deg", ours, e[f"{axis}_deg"], 1e-4, "deg"
+                )
             )
     return rows
 
 
-def passive_torques(laboratory: Laboratory) -> list[Row]:
+def passive_torques(laboratory: Laboratory) -> list[CheckRow]:
     """The signals count a moment that resists as positive; the reference is the torque on the foot."""
     rows = []
     for e in laboratory.figures["passive_torque"]:
@@ -112,7 +114,7 @@ def passive_torques(laboratory: Laboratory) -> list[Row]:
                 expected = e[f"{who}_{axis}_Nm"]
                 label = f"{who}, {axis}, at {e['talocrural_deg']}, {e['subtalar_deg']} deg"
                 rows.append(
-                    Row(
+                    CheckRow(
                         label,
                         -float(run[f"plant.{who}_{axis}_moment"][0]),
                         expected,
@@ -123,7 +125,7 @@ def passive_torques(laboratory: Laboratory) -> list[Row]:
     return rows
 
 
-def moment_arms(laboratory: Laboratory) -> list[Row]:
+def moment_arms(laboratory: Laboratory) -> list[CheckRow]:
     """From the stretch velocity of a muscle under a speed of one joint at contact: arm = -10 L_opt stretch / speed."""
     rows = []
     for axis, other in (("talocrural", "subtalar"), ("subtalar", "talocrural")):
@@ -133,15 +135,17 @@ def moment_arms(laboratory: Laboratory) -> list[Row]:
         )
         for m in laboratory.figures["muscle"]:
             arm = -float(run[f"plant.{m['name']}_stretch_velocity"][0]) * 10 * m["optimal_fibre_length_m"] / 10.0
-            rows.append(Row(f"{m['name']}, {axis}", 1e3 * arm, 1e3 * m[f"moment_arm_{axis}_m"], 1e-3, "mm"))
+            rows.append(CheckRow(f"{m['name']}, {axis}", 1e3 * arm, 1e3 * m[f"moment_arm_{axis}_m"], 1e-3, "mm"))
     return rows
 
 
-def base_cases(laboratory: Laboratory) -> list[Row]:
+def base_cases(laboratory: Laboratory) -> list[CheckRow]:
     rows = []
     for pose, values in laboratory.figures["base_cases"].items():
         rows += [
-            Row(f"{name} ({pose})", laboratory.run(name, {"plant.initial_pose": pose}).metrics[PEAK], v, 0.15, "deg")
+            CheckRow(
+                f"{name} ({pose})", laboratory.run(name, {"plant.initial_pose": pose}).metrics[PEAK], v, 0.15, "deg"
+            )
             for name, v in values.items()
         ]
     return rows
@@ -168,23 +172,23 @@ def _reference_landings(laboratory: Laboratory) -> list[tuple[str, Result, Any]]
     return out
 
 
-def trajectories(signal: str, column: str, tolerance: float) -> Any:
-    def measure(laboratory: Laboratory) -> list[Row]:
+def trajectories(signal: str, column: str, tolerance: float) -> Measure:
+    def measure(laboratory: Laboratory) -> list[CheckRow]:
         return [
-            Row(case, rms(np.degrees(ours[signal]) - table[column].to_numpy()), 0.0, tolerance, "deg RMS")
+            CheckRow(case, rms(np.degrees(ours[signal]) - table[column].to_numpy()), 0.0, tolerance, "deg RMS")
             for case, ours, table in _reference_landings(laboratory)
         ]
 
     return measure
 
 
-def reactions(laboratory: Laboratory) -> list[Row]:
+def reactions(laboratory: Laboratory) -> list[CheckRow]:
     rows = []
     for case, ours, table in _reference_landings(laboratory):
         late = (table.time_s > 0.005).to_numpy()
         expected = table.grf_vertical_N.to_numpy()[late]
         rows.append(
-            Row(
+            CheckRow(
                 case,
                 100 * rms(ours["plant.ground_force_y"][late] - expected) / expected.max(),
                 0.0,
@@ -195,7 +199,7 @@ def reactions(laboratory: Laboratory) -> list[Row]:
     return rows
 
 
-def landings_of_2017(laboratory: Laboratory) -> list[Row]:
+def landings_of_2017(laboratory: Laboratory) -> list[CheckRow]:
     rows = []
     for row in laboratory.table("demers2017/index.csv").fillna(0.0).to_dict("records"):
         reflex = row["reflex_gain"] > 0 or "gain" in row["case"]
@@ -215,7 +219,7 @@ def landings_of_2017(laboratory: Laboratory) -> list[Row]:
         ours = laboratory.run("incline30", overrides, step="0.25 ms")
         table = laboratory.table(f"demers2017/{row['case']}.csv.gz")
         angle = np.interp(table.time_s, ours.time, np.degrees(ours["plant.subtalar_angle"]))
-        rows.append(Row(row["case"], rms(angle - table.subtalar_angle_deg), 0.0, 0.3, "deg RMS"))
+        rows.append(CheckRow(row["case"], rms(angle - table.subtalar_angle_deg), 0.0, 0.3, "deg RMS"))
     return rows
 
 
@@ -225,96 +229,91 @@ HELD = Gap(
 SCATTER = "OpenSim's own peaks scatter by 0.04 deg over its step and accuracy"
 
 
-def checks() -> Sequence[Check]:
-    deg = "angles at the peaks within 0.1 deg; " + SCATTER
-    entries = [
-        ("Peak subtalar supination, 33 landings", SCATTER + "; 0.1 deg is two and a half times that", peaks),
-        ("Peak talocrural dorsiflexion", deg, metric(FULL, 0.1, "deg")),
-        (
-            "Peak JCS dorsiflexion, raw",
-            deg
-            + "; the reference leaves the tibia's long axis projected but not normalised, to which ours is converted",
-            dorsiflexion,
-        ),
-        ("Peak JCS inversion, raw", deg, metric("peak_jcs_inversion_deg", 0.1, "deg")),
-        ("Peak JCS internal rotation, raw", deg, metric("peak_jcs_internal_rotation_deg", 0.1, "deg")),
-        ("Time of the subtalar peak", "one sample of 1 kHz", metric("time_of_peak_subtalar_s", 1.001e-3, "s")),
-        (
-            "Peak subtalar velocity",
-            "1 %: a short peak sampled at 1 kHz",
-            metric("peak_subtalar_velocity_deg_s", 0.0, "deg/s", 0.01),
-        ),
-        (
-            "Peak talocrural velocity",
-            "1 %: a short peak sampled at 1 kHz",
-            metric("peak_talocrural_velocity_deg_s", 0.0, "deg/s", 0.01),
-        ),
-        (
-            "Moment of the anatomy about the subtalar axis at the peak",
-            "the asked 2 %",
-            metric("anatomy_subtalar_moment_Nm", 0.01, "N·m", 0.02),
-        ),
-        (
-            "Inversion moment of the anatomy at the peak",
-            "the asked 2 %",
-            metric("anatomy_jcs_inversion_moment_Nm", 0.01, "N·m", 0.02),
-        ),
-        (
-            "Moment of the brace about the subtalar axis at the peak",
-            "the asked 2 %",
-            metric("brace_subtalar_moment_Nm", 0.01, "N·m", 0.02),
-        ),
-        (
-            "Peak vertical ground reaction",
-            "the asked 1 %; the sole is the project's own",
-            metric("peak_vertical_grf_N", 0.0, "N", 0.01),
-        ),
-        (
-            "Ground reaction vector at contact",
-            "the asked 1 %; it sees the velocity at the contact points",
-            ground_force,
-        ),
-        ("Joint coordinate system", "the summary figures have four decimals", joint_coordinates),
-        ("Torques of anatomy and 240 % brace", "the summary figures have six digits", passive_torques),
-        ("Moment arms of the eight ankle muscles", "1 µm: the summary figures have six digits", moment_arms),
-    ]
-    found = [Check(f"plant-{k:02}", title, why, OPENSIM, measure) for k, (title, why, measure) in enumerate(entries, 1)]
-    found.append(
-        Check(
-            "plant-17",
-            "Peak subtalar supination at the six study means, both poses",
-            "the figures have one decimal (0.05 deg), and " + SCATTER,
-            "Yoder et al. 2021, the authors' base cases; touching pose: OpenSim 4.6",
-            base_cases,
-        )
-    )
-    whole = "the asked bound; needs the whole trajectories, which the project does not carry"
-    for k, (title, measure, gaps) in enumerate(
-        [
-            (
-                "Subtalar trajectories of 38 landings",
-                trajectories("plant.subtalar_angle", "subtalar_angle_deg", 0.15),
-                {"conv_h1e-3": HELD},
-            ),
-            (
-                "Talocrural trajectories of 38 landings",
-                trajectories("plant.talocrural_angle", "ankle_angle_deg", 0.1),
-                {},
-            ),
-            ("Vertical ground reaction after the first 5 ms, 38 landings", reactions, {}),
-        ],
-        18,
-    ):
-        found.append(Check(f"plant-{k}", title, whole, OPENSIM, measure, quick=False, needs=("reference",), gaps=gaps))
-    found.append(
-        Check(
-            "plant-21",
-            "Subtalar trajectories of DeMers, Hicks & Delp 2017",
-            "the asked 0.3 deg; OpenSim 4.6 itself meets them within 0.24 deg",
-            "the authors' own trajectories, doi 10.1016/j.jbiomech.2016.11.002",
-            landings_of_2017,
-            quick=False,
-            needs=("reference",),
-        )
-    )
-    return found
+DEG = "angles at the peaks within 0.1 deg; " + SCATTER
+WHOLE = "the asked bound; needs the whole trajectories, which the project does not carry"
+BY_FIGURES: tuple[tuple[str, str, Measure], ...] = (  # title, why, measure
+    ("Peak subtalar supination, 33 landings", SCATTER + "; 0.1 deg is two and a half times that", peaks),
+    ("Peak talocrural dorsiflexion", DEG, metric(FULL, 0.1, "deg")),
+    (
+        "Peak JCS dorsiflexion, raw",
+        DEG + "; the reference leaves the tibia's long axis projected but not normalised, to which ours is converted",
+        dorsiflexion,
+    ),
+    ("Peak JCS inversion, raw", DEG, metric("peak_jcs_inversion_deg", 0.1, "deg")),
+    ("Peak JCS internal rotation, raw", DEG, metric("peak_jcs_internal_rotation_deg", 0.1, "deg")),
+    ("Time of the subtalar peak", "one sample of 1 kHz", metric("time_of_peak_subtalar_s", 1.001e-3, "s")),
+    (
+        "Peak subtalar velocity",
+        "1 %: a short peak sampled at 1 kHz",
+        metric("peak_subtalar_velocity_deg_s", 0.0, "deg/s", 0.01),
+    ),
+    (
+        "Peak talocrural velocity",
+        "1 %: a short peak sampled at 1 kHz",
+        metric("peak_talocrural_velocity_deg_s", 0.0, "deg/s", 0.01),
+    ),
+    (
+        "Moment of the anatomy about the subtalar axis at the peak",
+        "the asked 2 %",
+        metric("anatomy_subtalar_moment_Nm", 0.01, "N·m", 0.02),
+    ),
+    (
+        "Inversion moment of the anatomy at the peak",
+        "the asked 2 %",
+        metric("anatomy_jcs_inversion_moment_Nm", 0.01, "N·m", 0.02),
+    ),
+    (
+        "Moment of the brace about the subtalar axis at the peak",
+        "the asked 2 %",
+        metric("brace_subtalar_moment_Nm", 0.01, "N·m", 0.02),
+    ),
+    (
+        "Peak vertical ground reaction",
+        "the asked 1 %; the sole is the project's own",
+        metric("peak_vertical_grf_N", 0.0, "N", 0.01),
+    ),
+    (
+        "Ground reaction vector at contact",
+        "the asked 1 %; it sees the velocity at the contact points",
+        ground_force,
+    ),
+    ("Joint coordinate system", "the summary figures have four decimals", joint_coordinates),
+    ("Torques of anatomy and 240 % brace", "the summary figures have six digits", passive_torques),
+    ("Moment arms of the eight ankle muscles", "1 µm: the summary figures have six digits", moment_arms),
+)
+BY_TRAJECTORIES: tuple[tuple[str, Measure, dict[str, Gap]], ...] = (  # title, measure, gaps
+    (
+        "Subtalar trajectories of 38 landings",
+        trajectories("plant.subtalar_angle", "subtalar_angle_deg", 0.15),
+        {"conv_h1e-3": HELD},
+    ),
+    (
+        "Talocrural trajectories of 38 landings",
+        trajectories("plant.talocrural_angle", "ankle_angle_deg", 0.1),
+        {},
+    ),
+    ("Vertical ground reaction after the first 5 ms, 38 landings", reactions, {}),
+)
+CHECKS = (
+    *(Check(f"plant-{k:02}", title, why, OPENSIM, measure) for k, (title, why, measure) in enumerate(BY_FIGURES, 1)),
+    Check(
+        "plant-17",
+        "Peak subtalar supination at the six study means, both poses",
+        "the figures have one decimal (0.05 deg), and " + SCATTER,
+        "Yoder et al. 2021, the authors' base cases; touching pose: OpenSim 4.6",
+        base_cases,
+    ),
+    *(
+        Check(f"plant-{k}", title, WHOLE, OPENSIM, measure, quick=False, needs=("reference",), gaps=gaps)
+        for k, (title, measure, gaps) in enumerate(BY_TRAJECTORIES, 18)
+    ),
+    Check(
+        "plant-21",
+        "Subtalar trajectories of DeMers, Hicks & Delp 2017",
+        "the asked 0.3 deg; OpenSim 4.6 itself meets them within 0.24 deg",
+        "the authors' own trajectories, doi 10.1016/j.jbiomech.2016.11.002",
+        landings_of_2017,
+        quick=False,
+        needs=("reference",),
+    ),
+)

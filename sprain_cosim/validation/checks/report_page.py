@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -13,13 +12,13 @@ from ...folders.read import read_folders
 from ...folders.run import RunSummary
 from ...process import run_program
 from ...report.page import write_report
-from ..check import Check, Row
+from ..check import Check, CheckRow
 from ..laboratory import Laboratory, browser, scenario
 
 SECONDS = 120
 
 
-def report_of_a_landing(_: Laboratory) -> list[Row]:
+def report_of_a_landing(_: Laboratory) -> list[CheckRow]:
     """Messages on the console, and whether the page's own script has drawn the curve of the landing."""
     with TemporaryDirectory() as folder:
         run, chosen = Path(folder) / "run", scenario("incline30_brace")
@@ -40,20 +39,19 @@ def report_of_a_landing(_: Laboratory) -> list[Row]:
     if done.returncode:
         raise EnvironmentProblem(f"{command[0]} ended with {done.returncode}: {done.stderr.strip()[-200:]}")
     return [
-        Row("messages on the console", float(len(re.findall(r":CONSOLE[:(]", done.stderr))), 0, 0),
-        Row("curves drawn by the page", float(len(re.findall(r'<path[^>]*class="series', done.stdout))), 1, 0),
-        Row("requests to a server", float(len(re.findall(r'(?:src|<link[^>]+href)="https?://', text))), 0, 0),
+        CheckRow("messages on the console", float(len(re.findall(r":CONSOLE[:(]", done.stderr))), 0, 0),
+        CheckRow("curves drawn by the page", float(len(re.findall(r'<path[^>]*class="series', done.stdout))), 1, 0),
+        CheckRow("requests to a server", float(len(re.findall(r'(?:src|<link[^>]+href)="https?://', text))), 0, 0),
     ]
 
 
-def checks() -> Sequence[Check]:
-    return [
-        Check(
-            "pages-01",
-            "The report of a landing in a headless browser",
-            "counts",
-            "by definition",
-            report_of_a_landing,
-            needs=("browser",),
-        ),
-    ]
+CHECKS = (
+    Check(
+        "pages-01",
+        "The report of a landing in a headless browser",
+        "counts",
+        "by definition",
+        report_of_a_landing,
+        needs=("browser",),
+    ),
+)

@@ -31,7 +31,7 @@ from ...scenario import Scenario, load_scenario
 from ...scenario.file import PARAMETERS
 from ...study.file import load_study
 from ...study.study import Study
-from ..check import Check, Row
+from ..check import Check, CheckRow
 from ..laboratory import Laboratory
 
 ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
@@ -185,7 +185,7 @@ class Custom:
     study: Study | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
 
-    def __call__(self, laboratory: Laboratory) -> list[Row]:
+    def __call__(self, laboratory: Laboratory) -> list[CheckRow]:
         if self.study is not None:
             trials = self.study.run(workers=laboratory.workers, **self.options).trials
             values = trials[trials["status"] == "completed"]
@@ -196,7 +196,7 @@ class Custom:
             metrics = laboratory.land(self.scenario).metrics
             self._known(metrics)
             value = metrics[self.metric]
-        return [Row(self.label, value, self.expected, self.tolerance, unit_of(self.metric))]
+        return [CheckRow(self.label, value, self.expected, self.tolerance, unit_of(self.metric))]
 
     def _known(self, values: Any) -> None:
         if self.metric not in values:
