@@ -78,6 +78,9 @@ def compile_fmu(
     <Unit name="rad"><BaseUnit rad="1"/></Unit>
     <Unit name="N.m"><BaseUnit kg="1" m="2" s="-2"/></Unit>
     <Unit name="N.m/rad"><BaseUnit kg="1" m="2" s="-2" rad="-1"/></Unit>
+    <Unit name="rad/s"><BaseUnit rad="1" s="-1"/></Unit>
+    <Unit name="N"><BaseUnit kg="1" m="1" s="-2"/></Unit>
+    <Unit name="m"><BaseUnit m="1"/></Unit>
   </UnitDefinitions>
   <ModelVariables>{variables}</ModelVariables>
   <ModelStructure><Outputs>{structure}</Outputs><InitialUnknowns>{structure}</InitialUnknowns></ModelStructure>

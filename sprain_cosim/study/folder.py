@@ -62,9 +62,11 @@ def load_study_plan(folder: Path, ledger: Ledger) -> Plan:
     for name, path in (*study.scenario.fmus.items(), *study.scenario.maps.items()):
         if not path.is_file():
             raise InputError(f"{folder}: was made with {name} = {path}, which is gone; put it back")
-    if study.digest != ledger.facts["digest"]:
-        changed = changes(json.loads(ledger.facts["identity"]), json.loads(json.dumps(study.identity)))
-        raise InputError(f"{folder}: its study is another now ({'; '.join(changed)}); put back what has changed since")
+    different = changes(json.loads(ledger.facts["identity"]), json.loads(json.dumps(study.identity)), ("version",))
+    if different:
+        raise InputError(
+            f"{folder}: its study is another now ({'; '.join(different)}); put back what has changed since"
+        )
     return study
 
 

@@ -27,6 +27,7 @@ from ..errors import EnvironmentProblem, InputError
 from ..files import whole
 from ..uq.distributions import Array
 from .identity import changes
+from .previous import facts_today
 from .worker import Outcome
 
 FILE = "ledger.sqlite"
@@ -45,6 +46,7 @@ COLUMNS = "trial, inputs, status, message, names, metrics, wall, worker, attempt
 CHUNK = 4096  # rows fetched at a time
 BEFORE_CHECKSUMS = 2  # the last format without them; its ledgers are read
 RETRIES = 2000  # readings of parts of a damaged ledger, after which the rest counts as lost
+OTHER_VERSION = "the ledger was written by another version; name a new folder with --out"
 CHECK, EXPORTS = "checksum", "exports"  # keys beside the facts: their checksum; what was written from the rows
 
 
@@ -87,6 +89,8 @@ class Ledger:
             if known and known["digest"] != digest:
                 changed = changes(json.loads(known["identity"]), json.loads(facts["identity"]))
                 raise InputError(f"{folder}: holds another study ({'; '.join(changed)}); name a new folder with --out")
+            if not self._checked:
+                raise InputError(f"{folder}: {OTHER_VERSION}")
             if folder is not None and not self._sound():
                 self._mend(folder)
             elif known != facts:
@@ -110,9 +114,12 @@ class Ledger:
     def _known(self, folder: Path | None) -> dict[str, str]:
         """The facts that stand in it; none for a new ledger and for facts that are damaged."""
         version = self._database.execute("PRAGMA user_version").fetchone()[0]
+        if version == BEFORE_CHECKSUMS:
+            self._checked = False
+            return facts_today(dict(self._database.execute("SELECT key, value FROM study")))
         if version != FORMAT:
             if self._database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
-                raise InputError(f"{folder}: the ledger was written by another version; name a new folder with --out")
+                raise InputError(f"{folder}: {OTHER_VERSION}")
             self._database.executescript(f"BEGIN;{SCHEMA}PRAGMA user_version={FORMAT};COMMIT;")
         try:
             facts = dict(self._database.execute("SELECT key, value FROM study"))
@@ -207,9 +214,28 @@ class Ledger:
             if version > BEFORE_CHECKSUMS and facts.pop(CHECK, None) != _sum_of_facts(facts):
                 raise ledger._unreadable("what it says of its study does not fit its checksum")
             ledger._checked = version > BEFORE_CHECKSUMS
-            ledger.facts = facts
+            ledger.facts = facts if ledger._checked else facts_today(facts)
             return ledger
         raise InputError(f"{path}: cannot be read as a ledger: {trouble}")
+
+    @classmethod
+    def rewrite(cls, folder: Path, digest: str, identity: Mapping[str, Any], description: str) -> None:
+        """The rows of a folder's ledger under another identity, in today's format: a new file takes the place of the
+        old one. Raises InputError when it is in use or a row is damaged, EnvironmentProblem when it cannot be
+        written."""
+        with cls(None, digest, identity, description) as fresh:
+            fresh._hold(folder)
+            try:
+                with contextlib.closing(sqlite3.connect(folder / FILE, isolation_level=None)) as old:
+                    old.execute("PRAGMA journal_mode=DELETE")  # all that it has stands in the one file
+                with cls.read(folder) as written:
+                    for row in written.rows():
+                        fresh.add(row)
+                fresh.commit()
+                with whole(folder / FILE) as partial, contextlib.closing(sqlite3.connect(partial)) as target:
+                    fresh._database.backup(target)
+            except sqlite3.Error as problem:
+                raise _trouble(folder, problem) from None
 
     def add(self, row: Row) -> None:
         """Within the open transaction, see `commit`."""

@@ -21,6 +21,7 @@ from .ledger import FILE as LEDGER
 from .ledger import Ledger
 from .manifest import FILE, FmuFile, Manifest, whole_manifest
 from .plan import Plan
+from .previous import identity_then, is_previous
 from .runner import run
 
 if TYPE_CHECKING:
@@ -146,7 +147,7 @@ def _study(folder: Path, then: Manifest) -> Plan:
         study = load_study(folder / "study.toml")
         method, seed = (then.identity.get(key, getattr(study, key)) for key in ("method", "seed"))
         study = replace(study, method=method, seed=seed, trials=then.trials or study.trials)
-    now = json.loads(json.dumps(study.identity))
+    now = identity_then(study) if is_previous(then.identity) else json.loads(json.dumps(study.identity))
     changed = changes(then.identity, now, OF_THE_MACHINE)
     if changed:
         raise InputError(

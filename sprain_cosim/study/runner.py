@@ -27,6 +27,7 @@ from ..errors import EnvironmentProblem, InputError, SimulationError, nearest
 from ..process import Limits
 from ..uq.distributions import Array
 from . import originals
+from .adoption import adopt, version_before
 from .backends.backend import Task
 from .backends.choice import open_backend
 from .codec import encode
@@ -112,23 +113,18 @@ def run(
     Raises InputError before any trial, SimulationError when too many failed or a search met a failed trial."""
     study.checked()
     folder = None if out is None else Path(out)
-    if shard is not None and study.method in SEARCHES:
-        raise InputError(f"--shard: method {study.method} chooses each trial after those before it, so it has no parts")
-    if parquet and find_spec("pyarrow") is None:
-        raise EnvironmentProblem("--parquet: needs pyarrow: pip install 'sprain-cosim[parquet]'")
-    if folder is not None:
-        check_study_folder(folder, resume)
+    _check_options(study, folder, resume, shard, parquet)
     began = perf_counter()
     held = replace(study, scenario=originals.kept(study.scenario))
     first = ALL if study.method in SEARCHES and study.method != "sobol-indices" else trajectories
     wanted = None if study.method in SEARCHES else _numbers(study, shard)
     ledger: Ledger | None = None
+    adopted = ""
     try:
         request = _request(study, wanted, shard, first, parquet)
         if folder is not None and (folder / LEDGER).exists():
-            ledger = _ledger(study, held, folder)
-            done = _done(study, ledger, folder, request, wanted, max_failed, progress)
-            if done is not None:
+            ledger, adopted = _reopened(study, held, folder, request, wanted, limits)
+            if ledger is None and (done := _done(study, folder, wanted, max_failed, progress)) is not None:
                 return done
         backend = open_backend(
             Task(held.scenario, study.names, limits or Limits()), workers, scheduler
@@ -144,11 +140,24 @@ def run(
         if folder is not None:
             finish_folder(folder, *tables, summary, parquet)
             seal(folder, ledger, request, recorded)
-        warnings = (*_mended(ledger), *originals.changes(study.scenario, held.scenario))
+        notes = (adopted,) if adopted else ()
+        warnings = (*notes, *_mended(ledger), *originals.changes(study.scenario, held.scenario))
         return Campaign(study, summary, folder, partial(_given, tables), warnings)
     finally:
         if ledger is not None:
             ledger.close()
+
+
+def _check_options(
+    study: Plan, folder: Path | None, resume: bool, shard: tuple[int, int] | None, parquet: bool
+) -> None:
+    """Raises InputError, EnvironmentProblem for what cannot be done, before anything is."""
+    if shard is not None and study.method in SEARCHES:
+        raise InputError(f"--shard: method {study.method} chooses each trial after those before it, so it has no parts")
+    if parquet and find_spec("pyarrow") is None:
+        raise EnvironmentProblem("--parquet: needs pyarrow: pip install 'sprain-cosim[parquet]'")
+    if folder is not None:
+        check_study_folder(folder, resume)
 
 
 def _finished(
@@ -208,18 +217,40 @@ def _request(
     }
 
 
-def _done(
+def _reopened(
     study: Plan,
-    ledger: Ledger,
+    held: Plan,
     folder: Path,
     request: Mapping[str, Any],
     wanted: np.ndarray | None,
-    max_failed: float,
-    progress: Progress | None,
+    limits: Limits | None,
+) -> tuple[Ledger | None, str]:
+    """The ledger of a folder that is to be continued, and a warning or ""; None for a folder that lacks nothing."""
+    version = version_before(study, held, folder)
+    if version is not None and _complete(folder, wanted):
+        return None, ""
+    warning = "" if version is None else adopt(study, held, folder, version, limits)
+    ledger = _ledger(study, held, folder)
+    if sealed(folder, ledger, request):
+        ledger.close()
+        return None, ""
+    return ledger, warning
+
+
+def _complete(folder: Path, wanted: np.ndarray | None) -> bool:
+    """Whether a folder has its summary, and all trials that are wanted."""
+    try:
+        read_summary(folder)
+    except InputError:
+        return False
+    with Ledger.read(folder) as ledger:
+        return wanted is None or bool(np.isin(wanted, ledger.finished()[0]).all())
+
+
+def _done(
+    study: Plan, folder: Path, wanted: np.ndarray | None, max_failed: float, progress: Progress | None
 ) -> Campaign | None:
-    """The campaign of a folder that lacks nothing; None for one that does."""
-    if not sealed(folder, ledger, request):
-        return None
+    """The campaign of a folder that lacks nothing; None where too many of its trials failed."""
     summary = read_summary(folder)
     total = summary.n_completed + summary.n_failed
     if summary.n_failed > max_failed * total:
@@ -269,8 +300,9 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
         folder = out or Path("runs") / Path(study.source or "study").stem
         check_study_folder(folder, resume=False)
         recorder = Trajectories(folder, 0)
-        with Ledger(folder, study.digest, study.identity, parts[0].facts["study"]) as ledger:
-            begin_folder(folder, study, "", study.identity)
+        facts = parts[0].facts
+        with Ledger(folder, facts["digest"], json.loads(facts["identity"]), facts["study"]) as ledger:
+            begin_folder(folder, study, "", json.loads(facts["identity"]))
             for source, part in zip(folders, parts, strict=True):
                 for row in part.rows():
                     known = ledger.row(row.trial)
@@ -284,7 +316,7 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
             kept = _roles(study, table, None)
             dispatch = Dispatch(ledger, open_backend(Task(study.scenario, study.names), 1, None), trajectories=recorder)
             try:
-                dispatch.repeat(recorder.lacks(kept.values()))
+                changed = dispatch.repeat(recorder.lacks(kept.values()))
             finally:
                 dispatch.close()
             write_failures(folder, study, ledger)
@@ -294,6 +326,7 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
     summary = replace(
         summarise(study, table, None),
         trajectories=Kept(kept, sum(_first_kept(f) for f in folders)),
+        not_reproduced=tuple(changed) or None,
         wall_s=round(float(timing["wall_s"].sum()), 3),
         merged=tuple(str(f) for f in folders),
     )

@@ -18,7 +18,7 @@ from sprain_cosim.errors import InputError
 from sprain_cosim.scenario import Scenario
 from sprain_cosim.shipped import fmu_path
 from sprain_cosim.study.codec import encode
-from sprain_cosim.study.folder import described, load
+from sprain_cosim.study.folder import load_study_plan, recorded_plan
 from sprain_cosim.study.identity import CHANGES_NO_ROW, COUNTS_FOR, changes
 from sprain_cosim.study.ledger import Ledger
 from sprain_cosim.study.plan import METHODS, Plan
@@ -191,8 +191,8 @@ def test_a_folder_says_which_file_has_changed(study: sc.Study, tmp_path: Path) -
     own = study.replace_fmu("brace", brace)
     ledger(own, tmp_path / "s").close()
     with Ledger.read(tmp_path / "s") as written:
-        assert load(tmp_path / "s", written).digest == own.digest
+        assert load_study_plan(tmp_path / "s", written).digest == own.digest
         brace.write_bytes(fmu_path("brace_linear", Path(), "").read_bytes())
         with pytest.raises(InputError, match=r"fmus.brace: \w{12} then, \w{12} now"):
-            load(tmp_path / "s", written)
-        assert described(tmp_path / "s", written).title == own.title
+            load_study_plan(tmp_path / "s", written)
+        assert recorded_plan(tmp_path / "s", written).title == own.title
