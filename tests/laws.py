@@ -40,6 +40,19 @@ def sampled(target: Path, axis: str, k: float, c: float, period: float, fixed: b
     return _compiled(target, variables, ("-DLAW=SAMPLED", "-DWHEN=END", macros), period if fixed else None, saves)
 
 
+BRACES = ("STRAP", "SLACK", "THICK", "DAHL", "CABLE", "LATE")
+
+
+def brace(target: Path, law: str, saves: bool = False) -> Path:
+    """One of BRACES about the subtalar axis, computed in a step only."""
+    variables: list[Variable] = [
+        ("subtalar_angle", "input", "rad", 0.0),
+        ("subtalar_velocity", "input", "rad/s", 0.0),
+        ("subtalar_torque", "output", "N.m", None),
+    ]
+    return _compiled(target, variables, (f"-DLAW={law}", "-DWHEN=STEP", "-DSTART_VALUES={0}"), None, saves)
+
+
 def controller(target: Path, when: str = "at once", gain: float = 0.0, base: float = 0.0) -> Path:
     """Excitations base + gain * max(0, stretch velocity), without delay; computed `when`."""
     muscles = (*EVERTORS, *INVERTORS)

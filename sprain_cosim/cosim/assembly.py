@@ -42,6 +42,7 @@ class Member:
     feedthrough        some outputs follow the inputs directly
     fed_back           fed by a member that steps after it, so its inputs change once more when all have stepped
     inputs_set         the instance has the inputs that stand on the bus
+    lag                by how many of its steps its torques are behind its inputs
     spare, spare_bus   a second instance for experiments, on a bus of its own
     """
 
@@ -53,8 +54,14 @@ class Member:
         self.scaled = False
         self.factor = self.offset = np.zeros(0)
         self.feedthrough = self.fed_back = self.inputs_set = False
+        self.lag = 0
         self.spare: Instance | None = None
         self.spare_bus = np.zeros(0)
+
+    def close_spare(self) -> None:
+        if self.spare is not None:
+            self.spare.close()
+            self.spare = None
 
 
 class Assembly:
@@ -218,6 +225,7 @@ class Assembly:
         self._set_rates(rates or {})
         self.bus[:] = 0.0
         for member in self.members:
+            member.lag = 0
             member.instance.set_parameters(self.parameters_of(member))
         for member in self.members:
             member.instance.enter_initialization(time, stop)
@@ -331,8 +339,7 @@ class Assembly:
     def close(self) -> None:
         for member in self.members:
             member.instance.close()
-            if member.spare is not None:
-                member.spare.close()
+            member.close_spare()
         self.members = []
 
 

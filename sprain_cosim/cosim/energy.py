@@ -34,6 +34,7 @@ class Exchange:
     stiffness, damping (n, axes, axes) as handed over; zeros otherwise
     steps              (n - 1,) distances of the points, in any unit
     held               (axes,) about which a sampled device holds its torque
+    lag                (axes,) by how many steps a device's torque is behind the angle recorded with it
     """
 
     torque: Values
@@ -44,6 +45,7 @@ class Exchange:
     damping: Values
     steps: Values
     held: NDArray[np.bool_]
+    lag: NDArray[np.intp]
 
 
 class Applies(Protocol):
@@ -79,7 +81,9 @@ def exchange(
                 name = impedance_input(a, b, kind)
                 if name in assembly.index:
                     matrix[:, i, j] = column(name)
-    owners = [assembly.own_rate.get(source.partition(".")[0]) for source in assembly.system.torques.values()]
+    names = [source.partition(".")[0] for source in assembly.system.torques.values()]
+    owners = [assembly.own_rate.get(name) for name in names]
+    lag = {member.name: member.lag for member in assembly.members}
     torque = columns(torque_input(a) for a in axes)
     passed = Exchange(
         torque=torque,
@@ -90,6 +94,7 @@ def exchange(
         damping=matrices["damping"],
         steps=steps,
         held=np.array([own is not None and own.rate.sampled for own in owners]),
+        lag=np.array([lag[name] for name in names], dtype=np.intp),
     )
     carried = {k: own.member.name for k, own in enumerate(owners) if own is not None and not own.rate.sampled}
     return _with_calls(passed, carried, due or {}) if carried else passed
@@ -123,10 +128,12 @@ def shares(scheme: Applies, passed: Exchange | None) -> tuple[Values, Values] | 
     if passed is None or len(passed.torque) < 2:
         return None
     moved = np.diff(passed.angle, axis=0)
-    device = passed.device
-    if scheme.lag:  # the last ones are not known yet: straight on
-        slope = device[-1] - device[-2]
-        device = np.vstack([device[scheme.lag :], [device[-1] + (k + 1) * slope for k in range(scheme.lag)]])
+    device = passed.device.copy()
+    for axis, lag in enumerate((passed.lag + scheme.lag).tolist()):
+        if lag:  # the last ones are not known yet: straight on
+            late = passed.device[:, axis]
+            ahead = late[-1] + np.arange(1, lag + 1) * (late[-1] - late[-2])
+            device[:, axis] = np.concatenate([late, ahead])[lag:]
     mean, applied = 0.5 * (device[1:] + device[:-1]), scheme.applied(passed)
     if passed.held.any():
         for torque in (mean, applied):

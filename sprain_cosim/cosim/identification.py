@@ -7,7 +7,8 @@ One input of a device is moved at a time, and the slope of its torques is read o
     start     over the first step of a second instance; only once, so held over the run
 A stiffness is the secant over the angle that the plant is about to turn by, a damping the tangent. The step is that of
 the device: the communication step, or its own period. A sampled device hands nothing over: its stiffness and damping
-are found once, for the stability of what it does itself.
+are found once, for the stability of what it does itself. A device that shows nothing in any of these ways is asked
+whether it answers one step late.
 """
 
 from __future__ import annotations
@@ -22,12 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..contract import MOTION, impedance_input, inertia_output, motion_output
+from ..errors import SimulationError
 from .assembly import Assembly, Member
 from .spare import spare_in_initialization
 
 ANGLE, VELOCITY = 1e-4, 0.05  # rad, rad/s: least movements
 DRIFT = 1e-3  # of a change of torque that the slopes may miss before they are found anew
 ROUNDING = 1e-9
+FAR = {"stiffness": 0.35, "damping": 5.0}  # rad, rad/s: movements that reach beyond a slack
 KINDS = tuple(MOTION)  # the first index of Slopes
 STIFFNESS = KINDS.index("stiffness")
 
@@ -145,6 +148,12 @@ class Identification:
                 found.handed[t.kind, t.row, t.column] = slopes[t.kind, t.row, t.column]
             if device.targets:
                 self._name_targets(device, found)
+            if not (device.answers or slopes.any()) and device.answers_late(assembly.time, span):
+                device.member.lag = 1
+                found.doubts.append(
+                    f"{device.member.name} answers one step late, {1e3 * span:g} ms, which no scheme makes good; a "
+                    "smaller --step lessens it"
+                )
         inertia = [inertia_output(axis) for axis in axes]
         return Linearisation(
             axes=axes,
@@ -305,6 +314,27 @@ class _Device:
             return first
         return slopes
 
+    def answers_late(self, time: float, span: float) -> bool:
+        """Whether a movement of its inputs shows in the torques after the second step only, in a second instance."""
+        if self.sampled or self.member.component.capabilities.single or not self.columns:
+            return False
+        kept = self.assembly.bus.copy()
+        found = []
+        try:
+            for direction in (0.0, 1.0, -1.0):
+                self.assembly.bus[:] = kept
+                for c in self.columns:
+                    self.assembly.bus[c.slot] += direction * FAR[KINDS[c.kind]] / c.factor
+                self.assembly.transfer(self.member)
+                found.append(self._responses_of_a_second_instance(time, span, 2))
+        except SimulationError:  # a device that cannot take such a movement
+            self.member.close_spare()
+            return False
+        finally:
+            self.assembly.bus[:] = kept
+        (first, second), *moved = found
+        return any(np.array_equal(one, first) and not np.array_equal(two, second) for one, two in moved)
+
     def repeat(self, time: float, span: float) -> Slopes:
         """The slopes at the present values, each in the way that was chosen at the start."""
         slopes = np.zeros((2, len(self.axes), len(self.axes)))
@@ -376,7 +406,7 @@ class _Device:
         """The torques [SI] for the inputs on the bus."""
         instance = self.member.instance
         if way == START:
-            return self._response_of_a_second_instance(time, span)
+            return self._responses_of_a_second_instance(time, span)[0]
         instance.set_inputs()
         if way == STEP:
             instance.do_step(time, span)
@@ -385,14 +415,18 @@ class _Device:
             instance.restore_state(state)
         return self._torques_on_bus()
 
-    def _response_of_a_second_instance(self, time: float, span: float) -> Matrix:
+    def _responses_of_a_second_instance(self, time: float, span: float, steps: int = 1) -> list[Matrix]:
+        """The torques [SI] after each of its first steps, for the inputs on the bus."""
         member, n = self.member, len(self.member.input_values)
         spare = spare_in_initialization(self.assembly, member)
         member.spare_bus[:n] = member.input_values
         spare.set_inputs()
         spare.exit_initialization()
         spare.set_inputs()
-        spare.do_step(time, span)
-        spare.get_outputs()
-        torques: Matrix = member.spare_bus[[n + k - member.outputs.start for k in self._torques]] * self._factors
-        return torques
+        slots = [n + k - member.outputs.start for k in self._torques]
+        found = []
+        for k in range(steps):
+            spare.do_step(time + k * span, span)
+            spare.get_outputs()
+            found.append(member.spare_bus[slots] * self._factors)
+        return found

@@ -37,8 +37,6 @@ def outputs_at_rest(assembly: Assembly, member: Member) -> Values:
             spare.do_step(assembly.time, able.fixed_step or RECORD)
             spare.get_outputs()
     except SimulationError:
-        if member.spare is not None:
-            member.spare.close()
-            member.spare = None
+        member.close_spare()
         return member.output_values.copy()
     return np.nan_to_num(outputs, nan=0.0, posinf=0.0, neginf=0.0)

@@ -1,21 +1,54 @@
 /* Laws for FMI 2 co-simulation (macro LAW). SAMPLED: torque = -k angle - c velocity, evaluated at the end of the initialisation and
-   every `period`, held in between. CONTROLLER: excitations of eight muscles = base + gain * max(0, stretch velocity), at once.
+   every `period`, held in between. Braces with free steps, computed in a step only: STRAP slack up to 8 deg, then stiffening, with Coulomb and
+   viscous friction, never pushing; SLACK up to 12 deg, then 900 N.m/rad; THICK: shear-thickening in the speed, found from the angle; DAHL:
+   hysteresis; CABLE: wound in by a motor that is sampled every 5 ms; LATE: a spring that answers one step late. CONTROLLER: excitations of eight muscles = base + gain * max(0, stretch velocity), at once.
    WHEN: outputs are computed AT_ONCE, at the END of the initialisation and in steps, or in a STEP only. START_VALUES of all variables. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "fmi2Functions.h"
 
-enum { SAMPLED, CONTROLLER };
+enum { SAMPLED, CONTROLLER, STRAP, SLACK, THICK, DAHL, CABLE, LATE };
 enum { AT_ONCE, END, STEP };
 enum { ANGLE, VELOCITY, TORQUE, STIFFNESS, DAMPING, PERIOD };
 enum { STRETCH = 0, EXCITATION = 8, GAIN = 16, BASE = 17, VARIABLES = 18 };
-typedef struct { double value[VARIABLES]; double due; } Model;
+typedef struct { double value[VARIABLES]; double due, last, state; } Model;
 
 static void evaluate(Model* m) {
     double* v = m->value;
     if (LAW == SAMPLED) v[TORQUE] = -v[STIFFNESS] * v[ANGLE] - v[DAMPING] * v[VELOCITY];
     else for (int k = 0; k < 8; k++) v[EXCITATION + k] = v[BASE] + v[GAIN] * fmax(0.0, v[STRETCH + k]);
+}
+static double brace(Model* m, double h) {
+    static const double DEG = 0.017453292519943295;
+    double x = m->value[ANGLE], w = m->value[VELOCITY], s, r, moved = x - m->last;
+    switch (LAW) {
+        case STRAP:
+            s = fabs(x) / DEG - 8.0;
+            if (s <= 0.0) return 0.0;
+            r = copysign(1.2 * s * (1 + s / 15 * (s / 15)), x) + 0.02 * w / DEG + 2.0 * tanh(w / DEG);
+            return x > 0 ? -fmax(r, 0.0) : -fmin(r, 0.0);
+        case SLACK:
+            s = fabs(x) - 12.0 * DEG;
+            return s > 0 ? -copysign(900.0 * s, x) : 0.0;
+        case THICK:
+            r = moved / h;
+            return -0.2 * r * (1 + fmin(pow(r / 3.5, 4), 40.0));
+        case DAHL:
+            for (int i = 0; i < 50; i++) m->state += 300.0 * moved / 50 * (1 - m->state / 12.0 * ((moved > 0) - (moved < 0)));
+            return -10.0 * x - m->state;
+        case CABLE:
+            return -0.05 * fmax(0.0, 5.0 + 1500.0 * fmax(x - 0.1, 0.0) + m->state);
+        default: /* LATE */
+            return -60.0 * m->last;
+    }
+}
+static void wind(Model* m, double end) { /* the motor of CABLE */
+    for (; m->due <= end + 1e-9; m->due += 0.005) {
+        double x = m->value[ANGLE], v = (x - m->last) / 0.005;
+        m->last = x;
+        m->state = fmax(0.0, fmin(400.0, 400.0 * fmax(x, 0.0) + 10.0 * fmax(v, 0.0)));
+    }
 }
 static void fresh(Model* m) {
     static const double start[VARIABLES] = START_VALUES;
@@ -37,7 +70,8 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c) { return fmi2OK; }
 fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
     Model* m = c;
     if (WHEN != STEP) evaluate(m);
-    m->due = m->value[PERIOD];
+    if (LAW == SAMPLED) m->due = m->value[PERIOD];
+    if (LAW == THICK) m->last = m->value[ANGLE];
     return fmi2OK;
 }
 fmi2Status fmi2Terminate(fmi2Component c) { return fmi2OK; }
@@ -55,7 +89,11 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n,
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean keep) {
     Model* m = c;
     if (LAW == CONTROLLER) evaluate(m);
-    else
+    else if (LAW != SAMPLED) {
+        if (LAW == CABLE) wind(m, time + step);
+        m->value[TORQUE] = brace(m, step);
+        if (LAW != CABLE) m->last = m->value[ANGLE];
+    } else
         for (; m->due <= time + step + 1e-9; m->due += m->value[PERIOD]) evaluate(m);
     return fmi2OK;
 }

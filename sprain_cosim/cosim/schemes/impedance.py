@@ -7,11 +7,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from ...contract import PLANT
 from ..assembly import Assembly
-from ..energy import Exchange, Values
+from ..energy import Exchange, Values, handed_over
 from ..identification import Identification
 from ..loops import make_consistent
 from .gauss_seidel import GaussSeidel
@@ -43,10 +41,7 @@ class Impedance(GaussSeidel):
 
     def applied(self, exchange: Exchange) -> Values:
         """The mean of a torque that starts at the device's and changes with K and C over the step."""
-        turned, quickened = np.diff(exchange.angle, axis=0), np.diff(exchange.velocity, axis=0)
-        stiffness, damping = exchange.stiffness[:-1], exchange.damping[:-1]
-        change: Values = np.einsum("nij,nj->ni", stiffness, turned) + np.einsum("nij,nj->ni", damping, quickened)
-        return exchange.torque[:-1] - 0.5 * change
+        return exchange.torque[:-1] + 0.5 * handed_over(exchange)
 
     def save(self) -> Any:
         return self._count, self._recent
