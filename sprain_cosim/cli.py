@@ -18,6 +18,7 @@ from .errors import InputError, SimulationError, SprainError
 
 if TYPE_CHECKING:
     from .cosim.result import Result
+    from .study.runner import Campaign
 
 OUT = click.option("--out", type=click.Path(path_type=Path), help="Folder for signals, summary and figure.")
 FOLDERS = click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
@@ -47,7 +48,7 @@ def cli() -> None:
     """Simulate single-leg landings and the ankle braces that should make them safe."""
 
 
-@cli.command()
+@cli.command("run")
 @click.argument("scenario")
 @FMUS
 @MAPS
@@ -76,7 +77,7 @@ def cli() -> None:
 @ISOLATE
 @OUT
 @JSON
-def run(
+def run_command(
     scenario: str,
     fmus: tuple[str, ...],
     maps: tuple[str, ...],
@@ -148,7 +149,7 @@ def _print_table(title: str, pose: str | None, result: Result) -> None:
         )
 
 
-@cli.command()
+@cli.command("study")
 @click.argument("study")
 @click.option("--method", help="monte-carlo, lhs, sobol, grid, table, mean-value, amv, amv+, hmv, form, sobol-indices.")
 @click.option("--trials", type=click.IntRange(1), help="Number of trials.")
@@ -182,7 +183,7 @@ def _print_table(title: str, pose: str | None, result: Result) -> None:
 @PROGRESS
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of the study (default: runs/STUDY).")
 @JSON
-def study(
+def study_command(
     study: str,
     method: str | None,
     trials: int | None,
@@ -244,6 +245,16 @@ def study(
     except (signals.Interrupted, SimulationError):
         click.echo(f"{chr(10) if sys.stderr.isatty() else ''}continue with: {again} --resume", err=True)
         raise
+    _warn_of_trials(done, folder)
+    click.echo(
+        json.dumps(done.summary.to_json(), allow_nan=False)
+        if as_json
+        else f"{study_listing(done.study, done.summary)}\n\nwritten: {folder}"
+    )
+
+
+def _warn_of_trials(done: Campaign, folder: Path) -> None:
+    """What a reader of the table must know."""
     for warning in done.warnings:
         click.echo(f"warning: {warning}", err=True)
     if done.summary.not_reproduced:
@@ -258,24 +269,19 @@ def study(
             f"{folder / 'failures.json'}",
             err=True,
         )
-    click.echo(
-        json.dumps(done.summary.to_json(), allow_nan=False)
-        if as_json
-        else f"{study_listing(done.study, done.summary)}\n\nwritten: {folder}"
-    )
 
 
-@cli.command()
+@cli.command("merge")
 @FOLDERS
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of the whole study (default: runs/STUDY).")
 @PARQUET
 @JSON
-def merge(folders: tuple[Path, ...], out: Path | None, parquet: bool, as_json: bool) -> None:
+def merge_command(folders: tuple[Path, ...], out: Path | None, parquet: bool, as_json: bool) -> None:
     """Join the FOLDERS of a study's shards into one, as if it had run in one piece."""
     from .study.listing import study_listing
-    from .study.runner import merge as join
+    from .study.runner import merge
 
-    done = join(folders, out, parquet)
+    done = merge(folders, out, parquet)
     click.echo(
         json.dumps(done.summary.to_json(), allow_nan=False)
         if as_json
@@ -283,12 +289,12 @@ def merge(folders: tuple[Path, ...], out: Path | None, parquet: bool, as_json: b
     )
 
 
-@cli.command()
+@cli.command("trial")
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.argument("number", type=click.IntRange(0))
 @OUT
 @JSON
-def trial(folder: Path, number: int, out: Path | None, as_json: bool) -> int:
+def trial_command(folder: Path, number: int, out: Path | None, as_json: bool) -> int:
     """Run trial NUMBER of the study in FOLDER again, in a process of its own, and say whether it gives the recorded
     numbers to the bit."""
     from .figures.gallery import leave_run
@@ -323,7 +329,7 @@ def trial(folder: Path, number: int, out: Path | None, as_json: bool) -> int:
     return 0 if again.same else 1
 
 
-@cli.command()
+@cli.command("reproduce")
 @click.argument("manifest", type=click.Path(path_type=Path))
 @WORKERS
 @PROGRESS
@@ -331,12 +337,12 @@ def trial(folder: Path, number: int, out: Path | None, as_json: bool) -> int:
     "--out", type=click.Path(path_type=Path), help="Folder of the repetition (default: the study's folder with -again)."
 )
 @JSON
-def reproduce(manifest: Path, workers: int | None, progress: str, out: Path | None, as_json: bool) -> int:
+def reproduce_command(manifest: Path, workers: int | None, progress: str, out: Path | None, as_json: bool) -> int:
     """Run the study of a MANIFEST again: exit code 0 identical, 1 not, and which trial is the first that differs."""
     from .study.progress import reporter
-    from .study.reproduce import reproduce as again
+    from .study.reproduce import reproduce
 
-    done = again(manifest, out, workers, reporter(progress))
+    done = reproduce(manifest, out, workers, reporter(progress))
     click.echo(json.dumps(done.to_json(), allow_nan=False) if as_json else done.text())
     return 0 if done.identical else 1
 
@@ -347,7 +353,7 @@ def _without_resume(arguments: list[str]) -> list[str]:
     return [shlex.quote(a) for a in arguments if a != "--resume"]
 
 
-@cli.command()
+@cli.command("check")
 @click.argument("fmu", type=click.Path(path_type=Path))
 @click.option(
     "--map",
@@ -356,7 +362,7 @@ def _without_resume(arguments: list[str]) -> list[str]:
     help="Mapping file: the FMU's names, signs and units to the contract's.",
 )
 @JSON
-def check(fmu: Path, mapping: Path | None, as_json: bool) -> int:
+def check_command(fmu: Path, mapping: Path | None, as_json: bool) -> int:
     """Does the device FMU fit the brace contract? Exit code 0 fits, 1 does not, 2 not a usable FMU."""
     from .brace.check import check_brace
 
@@ -380,7 +386,7 @@ def check(fmu: Path, mapping: Path | None, as_json: bool) -> int:
     return 0 if report.fits else 1
 
 
-@cli.command()
+@cli.command("compare")
 @click.argument("source", metavar="SCENARIO|STUDY")
 @click.option(
     "--brace",
@@ -407,7 +413,7 @@ def check(fmu: Path, mapping: Path | None, as_json: bool) -> int:
 @PROGRESS
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of the comparison (default: runs/compare_NAME).")
 @JSON
-def compare(
+def compare_command(
     source: str,
     braces: tuple[str, ...],
     maps: tuple[str, ...],
@@ -468,12 +474,12 @@ def compare(
         )
 
 
-@cli.group()
-def brace() -> None:
+@cli.group("brace")
+def brace_group() -> None:
     """Make a brace FMU: from a measured table, or from a template."""
 
 
-@brace.command("new")
+@brace_group.command("new")
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--lang", type=click.Choice(["python", "c"]), required=True, help="Language of the brace.")
 def brace_new(folder: Path, lang: str) -> None:
@@ -485,7 +491,7 @@ def brace_new(folder: Path, lang: str) -> None:
     )
 
 
-@brace.command("build")
+@brace_group.command("build")
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), help="FMU to write (default: FOLDER's name .fmu, here)."
@@ -498,18 +504,18 @@ def brace_build(folder: Path, output: Path | None) -> None:
     click.echo(f"written: {target}\nnext: sprain-cosim check {target}")
 
 
-@brace.command("from-csv")
+@brace_group.command("from-csv")
 @click.argument("table", type=click.Path(path_type=Path))
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), help="FMU to write (default: TABLE with the ending .fmu)."
 )
-def from_csv(table: Path, output: Path | None) -> None:
+def brace_from_csv(table: Path, output: Path | None) -> None:
     """Turn a torque-angle TABLE (CSV: angle [deg], subtalar_resistance [N.m], ...) into an FMU; no compiler needed."""
-    from .brace.from_csv import from_csv as write
+    from .brace.from_csv import from_csv
     from .shipped import fmu_path
 
     target = output or table.with_suffix(".fmu")
-    for axis, (low, high) in write(table, target, fmu_path("brace_table", Path.cwd(), "brace_table")).items():
+    for axis, (low, high) in from_csv(table, target, fmu_path("brace_table", Path.cwd(), "brace_table")).items():
         click.echo(
             f"{axis}: {57.29577951308232 * low:.4g} ... {57.29577951308232 * high:.4g} deg; outside, the torque goes "
             "straight on with the end slope"
@@ -517,10 +523,10 @@ def from_csv(table: Path, output: Path | None) -> None:
     click.echo(f"written: {target}\nnext: sprain-cosim check {target}")
 
 
-@cli.command()
+@cli.command("plot")
 @FOLDERS
 @click.option("--out", type=click.Path(path_type=Path), help="Where figures/ goes (default: the first folder).")
-def plot(folders: tuple[Path, ...], out: Path | None) -> None:
+def plot_command(folders: tuple[Path, ...], out: Path | None) -> None:
     """Draw what the FOLDERS of runs, studies and comparisons hold, over each other: PNG and SVG, one journal column
     wide."""
     from .figures.gallery import write_figures
@@ -537,7 +543,7 @@ TRIAL = click.option(
 )
 
 
-@cli.command()
+@cli.command("animate")
 @FOLDERS
 @TRIAL
 @click.option("--slow", type=float, default=20.0, show_default=True, help="How many times slower than real time.")
@@ -546,20 +552,20 @@ TRIAL = click.option(
     type=click.Path(path_type=Path),
     help="File: .webp, .gif, .mp4, or .png for one picture (default: animation.webp in the first folder).",
 )
-def animate(folders: tuple[Path, ...], trial: str | None, slow: float, out: Path | None) -> None:
+def animate_command(folders: tuple[Path, ...], trial: str | None, slow: float, out: Path | None) -> None:
     """Show the landings of up to six FOLDERS (or of the braces in a comparison's) side by side in slow motion."""
-    from .animate.film import animate as draw
+    from .animate.film import animate
     from .folders.landing import load_landings
 
     target = out or folders[0] / "animation.webp"
     runs = [run for folder in folders for run in load_landings(folder, trial)]
     for run in runs:
         click.echo(run.label, err=True)
-    count = draw(runs, target, slow)
+    count = animate(runs, target, slow)
     click.echo(f"written: {target} ({count} picture{'s' if count > 1 else ''}, {target.stat().st_size / 1e6:.1f} MB)")
 
 
-@cli.command()
+@cli.command("export")
 @click.argument("folder", type=click.Path(path_type=Path))
 @TRIAL
 @click.option(
@@ -571,16 +577,16 @@ def animate(folders: tuple[Path, ...], trial: str | None, slow: float, out: Path
     help="Default: states in .sto, coordinates in .mot, else signals.",
 )
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="File to write.")
-def export(folder: Path, trial: str | None, kind: str | None, content: str | None, output: Path) -> None:
+def export_command(folder: Path, trial: str | None, kind: str | None, content: str | None, output: Path) -> None:
     """Write the landing in FOLDER for other tools: OpenSim .sto and .mot, CSV, Parquet."""
-    from .export import write
+    from .export import write_landing
     from .folders.landing import load_landing
 
-    rows, columns = write(load_landing(folder, trial), output, kind, content)
+    rows, columns = write_landing(load_landing(folder, trial), output, kind, content)
     click.echo(f"written: {output} ({rows} rows, {columns} columns and time)")
 
 
-@cli.command()
+@cli.command("report")
 @FOLDERS
 @click.option(
     "--out",
@@ -588,7 +594,7 @@ def export(folder: Path, trial: str | None, kind: str | None, content: str | Non
     metavar="FILE|DIR",
     help="Where report.html goes (default: the first folder).",
 )
-def report(folders: tuple[Path, ...], out: Path | None) -> None:
+def report_command(folders: tuple[Path, ...], out: Path | None) -> None:
     """Write one HTML file about what the FOLDERS of runs, studies and comparisons hold: verdict, tables, figures,
     inputs, provenance, limits."""
     from .folders.read import read_folders
@@ -597,9 +603,9 @@ def report(folders: tuple[Path, ...], out: Path | None) -> None:
     click.echo(f"written: {write_report(read_folders(folders), out or folders[0])}")
 
 
-@cli.command()
+@cli.command("scenarios")
 @JSON
-def scenarios(as_json: bool) -> None:
+def scenarios_command(as_json: bool) -> None:
     """List the scenarios that ship."""
     from .scenario import load_scenario
     from .shipped import scenario_folder, shipped_scenarios
@@ -612,9 +618,9 @@ def scenarios(as_json: bool) -> None:
         click.echo(f"{name:26}{title}")
 
 
-@cli.command()
+@cli.command("build")
 @click.argument("models", nargs=-1)
-def build(models: tuple[str, ...]) -> None:
+def build_command(models: tuple[str, ...]) -> None:
     """Build the FMUs of the clone's fmus/ folder (all, or the MODELS named)."""
     from .fmu.build import build_all
 
@@ -622,7 +628,7 @@ def build(models: tuple[str, ...]) -> None:
         click.echo(f"{target}  {guid[:12]}")
 
 
-@cli.command()
+@cli.command("validate")
 @click.option("--quick", is_flag=True, help="Smaller studies, no long checks: under two minutes on two cores.")
 @click.option("--list", "listed", is_flag=True, help="List the checks and run none.")
 @click.option(
@@ -645,7 +651,7 @@ def build(models: tuple[str, ...]) -> None:
 @click.option("--junit", type=click.Path(path_type=Path), metavar="FILE", help="JUnit XML.")
 @JSON
 @click.pass_obj
-def validate(
+def validate_command(
     received: list[int] | None,
     quick: bool,
     listed: bool,
@@ -689,9 +695,9 @@ def validate(
     return 0 if report.passes(strict) else 1
 
 
-@cli.command()
+@cli.command("doctor")
 @JSON
-def doctor(as_json: bool) -> None:
+def doctor_command(as_json: bool) -> None:
     """Check this installation: libraries, FMUs, caches, one short landing."""
     from .doctor import findings
 

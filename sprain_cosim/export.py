@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .errors import EnvironmentProblem, InputError, nearest
-from .files import whole
+from .files import whole_file
 from .folders.landing import Landing
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ CONTENTS: dict[str, Callable[[Landing], pd.DataFrame]] = {
 }
 
 
-def write(run: Landing, target: Path, kind: str | None = None, content: str | None = None) -> tuple[int, int]:
+def write_landing(run: Landing, target: Path, kind: str | None = None, content: str | None = None) -> tuple[int, int]:
     """Writes `content` (one of CONTENTS) of a landing as `kind` (one of FORMATS; None: by the ending of `target`).
     Returns rows and columns, time not counted. Raises InputError, EnvironmentProblem."""
     kind = kind or target.suffix.lower().removeprefix(".")
@@ -109,7 +109,7 @@ def write(run: Landing, target: Path, kind: str | None = None, content: str | No
         raise InputError(f"{target}: format {kind!r} is unknown{nearest(kind, FORMATS)}")
     content = content or FORMATS[kind]
     table = CONTENTS[content](run)
-    with whole(target, parents=True) as partial:
+    with whole_file(target, parents=True) as partial:
         if kind == "csv":
             table.to_csv(partial, float_format="%.10g", lineterminator="\n")
         elif kind == "parquet":

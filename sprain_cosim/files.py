@@ -26,7 +26,7 @@ PARTIAL = re.compile(r"\..*\.[0-9a-f]{8}\.partial(\..*)?")
 
 
 @contextlib.contextmanager
-def whole(path: Path, advice: str = "", parents: bool = False) -> Iterator[Path]:
+def whole_file(path: Path, advice: str = "", parents: bool = False) -> Iterator[Path]:
     """A path with the ending of `path` to write a file at; the file takes its place when the block ends well, and is
     removed when the block raises. A device or a pipe is written directly.
 
@@ -49,8 +49,8 @@ def whole(path: Path, advice: str = "", parents: bool = False) -> Iterator[Path]
 
 
 def write(path: Path, content: str | bytes, advice: str = "", parents: bool = False) -> None:
-    """A text goes out as UTF-8 with its own line ends. `advice` and `parents` as for `whole`."""
-    with whole(path, advice, parents) as partial:
+    """A text goes out as UTF-8 with its own line ends. `advice` and `parents` as for `whole_file`."""
+    with whole_file(path, advice, parents) as partial:
         partial.write_bytes(content.encode() if isinstance(content, str) else content)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import EnvironmentProblem, InputError
-from ..files import whole
+from ..files import whole_file
 from ..folders.landing import Landing
 from .stage import Stage
 
@@ -42,7 +42,7 @@ def animate(
             if progress:
                 progress((k + 1) / len(times))
 
-    with whole(out, parents=True) as partial:
+    with whole_file(out, parents=True) as partial:
         (_video if kind == ".mp4" else _pictures)(counted(), len(times), partial)
     return len(times)
 

@@ -96,35 +96,12 @@ def summarise_comparison(source: Source, entries: Sequence[Entry]) -> Comparison
     """Every estimate is the landing's value, or the mean over the landings that completed, with Student's 95 % interval
     where they are a random sample. Differences are over the landings that completed with both."""
     study = source if isinstance(source, Study) else None
-    random = study is not None and study.method in ("monte-carlo", "table")
     scenario = source.scenario if isinstance(source, Study) else source
-    completed = {e.name: e.completed.set_index("trial") for e in entries if e.landings is not None}
-
-    def difference(a: str, b: str) -> Estimates:
-        if a == b or a not in completed or b not in completed:
-            return {}
-        both = completed[a].index.intersection(completed[b].index)
-        keys = [k for k in KEYS if k in completed[a] and k in completed[b]]
-        return {
-            k: _estimate((completed[a].loc[both, k] - completed[b].loc[both, k]).to_numpy(float), random) for k in keys
-        }
-
-    braces = {}
-    for e in entries:
-        rows = completed.get(e.name)
-        braces[e.name] = BraceSummary(
-            fmu=e.fmu,
-            status=e.status,
-            message=e.message,
-            warnings=e.warnings,
-            folder=e.name,
-            n_completed=0 if rows is None else len(rows),
-            n_failed=None if e.landings is None else len(e.landings) - len(e.completed),
-            metrics={} if rows is None else {k: _estimate(rows[k].to_numpy(float), random) for k in KEYS if k in rows},
-            difference_to_none=difference(e.name, NONE),
-            resistance_Nm=None if e.resistance is None else dict(e.resistance),
-        )
-    names = [n for n in completed if n != NONE]
+    landed = _Landed(
+        {e.name: e.completed.set_index("trial") for e in entries if e.landings is not None},
+        study is not None and study.method in ("monte-carlo", "table"),
+    )
+    names = [n for n in landed.completed if n != NONE]
     return ComparisonSummary(
         kind="scenario" if study is None else "study",
         source=source.source,
@@ -134,19 +111,54 @@ def summarise_comparison(source: Source, entries: Sequence[Entry]) -> Comparison
         seed=None if study is None else study.seed,
         landings=1 if study is None else study.trials,
         injury=f"inversion from neutral {QUESTIONS[INVERSION][0]}",
-        braces=braces,
-        pairs={f"{b} - {a}": difference(b, a) for i, a in enumerate(names) for b in names[i + 1 :]},
+        braces={e.name: landed.summary(e) for e in entries},
+        pairs={f"{b} - {a}": landed.difference(b, a) for i, a in enumerate(names) for b in names[i + 1 :]},
     )
 
 
-def _estimate(y: NDArray[np.float64], random: bool) -> MeanEstimate:
-    y = y[np.isfinite(y)]
-    if not len(y):
-        return MeanEstimate()
-    if not random or len(y) < 2:
-        return MeanEstimate(float(np.mean(y)), n=len(y))
-    e = statistics.mean(y)
-    return MeanEstimate(finite(e.value), finite(e.low), finite(e.high), len(y))
+@dataclass(frozen=True)
+class _Landed:
+    """The landings that completed.
+
+    completed  {brace: one row a landing, indexed by trial}; only braces that did not fail
+    random     they are a random sample
+    """
+
+    completed: Mapping[str, pd.DataFrame]
+    random: bool
+
+    def summary(self, entry: Entry) -> BraceSummary:
+        rows = self.completed.get(entry.name)
+        return BraceSummary(
+            fmu=entry.fmu,
+            status=entry.status,
+            message=entry.message,
+            warnings=entry.warnings,
+            folder=entry.name,
+            n_completed=0 if rows is None else len(rows),
+            n_failed=None if rows is None or entry.landings is None else len(entry.landings) - len(rows),
+            metrics={} if rows is None else {k: self._estimate(rows[k].to_numpy(float)) for k in KEYS if k in rows},
+            difference_to_none=self.difference(entry.name, NONE),
+            resistance_Nm=None if entry.resistance is None else dict(entry.resistance),
+        )
+
+    def difference(self, a: str, b: str) -> Estimates:
+        """The metrics of `a` minus those of `b`; empty where one of them did not land, or both are the same."""
+        if a == b or a not in self.completed or b not in self.completed:
+            return {}
+        one, other = self.completed[a], self.completed[b]
+        both = one.index.intersection(other.index)
+        keys = [k for k in KEYS if k in one and k in other]
+        return {k: self._estimate((one.loc[both, k] - other.loc[both, k]).to_numpy(float)) for k in keys}
+
+    def _estimate(self, y: NDArray[np.float64]) -> MeanEstimate:
+        y = y[np.isfinite(y)]
+        if not len(y):
+            return MeanEstimate()
+        if not self.random or len(y) < 2:
+            return MeanEstimate(float(np.mean(y)), n=len(y))
+        e = statistics.mean(y)
+        return MeanEstimate(finite(e.value), finite(e.low), finite(e.high), len(y))
 
 
 def postures() -> list[str]:

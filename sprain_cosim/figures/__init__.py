@@ -1,9 +1,9 @@
 """Figures: each function takes plain data and returns a matplotlib Figure, one journal column (8.5 cm) wide. Nothing
 here reads a file or runs an FMU."""
 
-from .landings import DEGREES, PANELS, fan, landing, moment_angle, phase, sharing
+from .landings import DEGREES, PANELS, fan, landing_signals, moment_angle, phase, sharing
 from .law import torque_angle
-from .samples import Sample, amv, cdf, grid, percentiles, poses, published, tornado
+from .samples import Sample, cdf, grid, level_search, percentiles, poses, published, tornado
 from .style import ANATOMY, BRACE, FAINT, GROUND, INK, SUBTALAR, TALOCRURAL, label, picture, save, shorten
 
 __all__ = [
@@ -17,12 +17,12 @@ __all__ = [
     "SUBTALAR",
     "TALOCRURAL",
     "Sample",
-    "amv",
     "cdf",
     "fan",
     "grid",
     "label",
-    "landing",
+    "landing_signals",
+    "level_search",
     "moment_angle",
     "percentiles",
     "phase",

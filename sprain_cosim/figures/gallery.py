@@ -22,7 +22,7 @@ from ..metrics import brace_torques
 from ..study.summary import LevelSearch
 from .records import published_records
 from .samples import Sample
-from .selection import FEWEST, correlations, named_folders, pose_note, response_label, sample_of, spreads
+from .selection import FEWEST, named_folders, pearson_intervals, pose_note, response_label, sample_of, spread_intervals
 
 FAN = 20  # trajectories for a fan
 
@@ -44,7 +44,7 @@ class Drawn:
 
 def landing_picture(result: Result, summary: RunSummary) -> bytes:
     """The content of landing.png in a run's folder."""
-    return plots.picture(plots.landing([(summary.title, result)], coupling_note([summary])), "png")
+    return plots.picture(plots.landing_signals([(summary.title, result)], coupling_note([summary])), "png")
 
 
 def leave_run(folder: Path, result: Result, summary: RunSummary) -> None:
@@ -102,7 +102,7 @@ def _of_runs(runs: Runs) -> Iterator[Drawn]:
     overlaid = [(name, run.result) for name, run in runs]
     note = coupling_note([run.summary for _, run in runs])
     caption = "Each landing from contact on; the dot marks the peak of supination."
-    yield Drawn("landing", "The landing over time", caption, plots.landing(overlaid, note))
+    yield Drawn("landing", "The landing over time", caption, plots.landing_signals(overlaid, note))
     caption = (
         "The path each landing took: a loop means that the moment depends on more than this angle (speed, the "
         "other axes, coupling)."
@@ -121,7 +121,7 @@ def _of_studies(studies: Studies) -> Iterator[Drawn]:
         yield from _distributions(chosen, samples, response_label(response), suffix)
     yield from _searches(studies, distributions, samples)
     for name, study in distributions:
-        if correlations(study, study.response):
+        if pearson_intervals(study, study.response):
             yield _tornado(name, study, _end(study, len(distributions)))
     yield from _grids(studies)
     yield from _fans([(name, study) for name, study in studies if study.is_sample])
@@ -150,8 +150,8 @@ def _tornado(name: str, study: StudyFolder, end: str) -> Drawn:
         "standard deviation), with 95 % intervals."
     )
     drawn = plots.tornado(
-        correlations(study, study.response),
-        spreads(study, study.response),
+        pearson_intervals(study, study.response),
+        spread_intervals(study, study.response),
         name,
         response_label(study.response),
         study.published_peak.get("pearson", {}),
@@ -190,7 +190,7 @@ def _searches(
             "Levels of the response found with few landings, on the distribution of the Monte Carlo study if "
             "there is one; which input leads to each."
         )
-        drawn = plots.amv(samples[name], _importance(amv), response_label(study.response), beside, note)
+        drawn = plots.level_search(samples[name], _importance(amv), response_label(study.response), beside, note)
         yield Drawn(f"amv{_end(study, len(searches))}", name, caption, drawn)
 
 

@@ -26,7 +26,7 @@ from .style import (
     SMALL,
     band_above,
     legend_above,
-    line,
+    legend_line,
     looks,
     sheet,
     shorten,
@@ -49,7 +49,7 @@ PANELS = (
 
 
 @styled
-def landing(runs: Sequence[tuple[str, Signals]], note: str = "") -> Figure:
+def landing_signals(runs: Sequence[tuple[str, Signals]], note: str = "") -> Figure:
     """Ankle angles, velocity, subtalar moments and ground reaction over time; `runs` are (title, signals), laid over
     each other, the subtalar peaks marked."""
     drawn = [p for p in PANELS if any(_has(run, p[1]) for _, run in runs)]
@@ -87,7 +87,8 @@ def landing(runs: Sequence[tuple[str, Signals]], note: str = "") -> Figure:
         for (title, _), (_, peak) in zip(runs, peaks, strict=True)
     ]
     legend_above(
-        figure, [(line(color, style), name) for (color, style), name in zip(looks(len(runs)), names, strict=True)]
+        figure,
+        [(legend_line(color, style), name) for (color, style), name in zip(looks(len(runs)), names, strict=True)],
     )
     return figure
 
@@ -109,7 +110,8 @@ def moment_angle(runs: Sequence[tuple[str, Signals]], note: str = "") -> Figure:
         _panel(axis, f"moment of the {who} [N·m], + resists supination")
     axes[-1].set_xlabel("subtalar angle [deg], + supination; ● at its peak")
     legend_above(
-        figure, [(line(color, style), title) for (color, style), (title, _) in zip(looks(len(runs)), runs, strict=True)]
+        figure,
+        [(legend_line(color, style), title) for (color, style), (title, _) in zip(looks(len(runs)), runs, strict=True)],
     )
     return figure
 
@@ -149,16 +151,20 @@ def phase(
         color, style = look[title]
         entries.append(
             (
-                line(color, style if title in lines else "none", marker="." if title in dots else None, markersize=5),
+                legend_line(
+                    color, style if title in lines else "none", marker="." if title in dots else None, markersize=5
+                ),
                 title,
             )
         )
     if points:
-        entries.append((line(INK, "none", marker=".", markersize=5), "peak angle and peak velocity of each trial"))
+        entries.append(
+            (legend_line(INK, "none", marker=".", markersize=5), "peak angle and peak velocity of each trial")
+        )
     if tracks:
         entries.append(
             (
-                line(INK, "none", marker="D", markersize=3.5),
+                legend_line(INK, "none", marker="D", markersize=3.5),
                 "peak angle and peak velocity of the landing drawn as a line",
             )
         )
@@ -208,7 +214,7 @@ def phase(
             Rectangle((0, 0), 1, 1, fill=False, edgecolor=INK, linestyle=LINES[1]),
             f"measured, not injured ({LI_SOURCE})",
         ),
-        (line(INK, linewidth=1.8), f"measured sprain ({LI_SOURCE})"),
+        (legend_line(INK, linewidth=1.8), f"measured sprain ({LI_SOURCE})"),
     ]
     legend_above(figure, entries)
     return figure
@@ -281,7 +287,8 @@ def fan(groups: Sequence[tuple[str, Array, Mapping[str, Array]]], note: str = ""
     axes[-1].set_xlabel(TIME)
     axes[-1].set_xlim(0, max(1e3 * time[-1] for _, time, _ in groups))
     entries: list[tuple[Any, str]] = [
-        (line(color, style), f"{title}: median") for (color, style), (title, _, _) in zip(chosen, groups, strict=True)
+        (legend_line(color, style), f"{title}: median")
+        for (color, style), (title, _, _) in zip(chosen, groups, strict=True)
     ]
     entries += [
         (Rectangle((0, 0), 1, 1, color=GROUND, alpha=0.46, linewidth=0), "25 … 75 % of the landings at each moment"),

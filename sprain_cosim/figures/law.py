@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ..literature import BRACES, PASSIVE, PASSIVE_SOURCE
-from .style import FAINT, GREEN, LINES, SERIES, SMALL, legend_above, line, sheet, styled
+from .style import FAINT, GREEN, LINES, SERIES, SMALL, legend_above, legend_line, sheet, styled
 
 AXES = {
     "rotation_x": "X [N·m], + inversion (sole inward)",
@@ -52,6 +52,6 @@ def torque_angle(braces: Mapping[str, float] = BRACES, span: float = 35.0) -> Fi
     at30 = {n: resisting("rotation_x", np.array([math.radians(30)]), f)[0] for n, f in braces.items()}
     names = ["passive ankle (f = 1)", *(f"{n} (f = {f:g}, {at30[n]:.0f} N·m at X = 30°)" for n, f in braces.items())]
     legend_above(
-        figure, [(line(c, s), n) for n, c, s in zip(names, (GREEN, *SERIES), LINES * len(names), strict=False)]
+        figure, [(legend_line(c, s), n) for n, c, s in zip(names, (GREEN, *SERIES), LINES * len(names), strict=False)]
     )
     return figure

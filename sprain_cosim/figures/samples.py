@@ -25,7 +25,7 @@ from .style import (
     VERMILION,
     label,
     legend_above,
-    line,
+    legend_line,
     looks,
     sheet,
     shorten,
@@ -59,8 +59,8 @@ def cdf(samples: Sequence[Sample], quantity: str, note: str = "") -> Figure:
     entries: list[tuple[Any, str]] = []
     marked = False
     for (color, style), sample in zip(looks(len(samples)), samples, strict=True):
-        steps(axis, sample, color, style, len(samples) <= 2)
-        entries.append((line(color, style), sample.title))
+        step_curve(axis, sample, color, style, len(samples) <= 2)
+        entries.append((legend_line(color, style), sample.title))
         for level, value in sample.published.items():
             marked = True
             axis.plot(
@@ -77,18 +77,18 @@ def cdf(samples: Sequence[Sample], quantity: str, note: str = "") -> Figure:
     if marked:
         entries.append(
             (
-                line(INK, "none", marker="o", markersize=5, markerfacecolor="none"),
+                legend_line(INK, "none", marker="o", markersize=5, markerfacecolor="none"),
                 "published 5, 50, 95 % (Yoder et al. 2021)",
             )
         )
     if len(samples) <= 2 and any(s.low is not None for s in samples):
-        entries.append((line(FAINT, linewidth=5, alpha=0.5), "95 % bounds (Clopper-Pearson)"))
+        entries.append((legend_line(FAINT, linewidth=5, alpha=0.5), "95 % bounds (Clopper-Pearson)"))
     legend_above(figure, entries)
     return figure
 
 
 @styled
-def amv(
+def level_search(
     search: Sample,
     importance: Mapping[str, Mapping[str, float]],
     quantity: str,
@@ -105,8 +105,8 @@ def amv(
     figure, (top, below) = sheet([4.6, 1.2 + 0.58 * len(names)], note)
     entries: list[tuple[Any, str]] = []
     if sample is not None and len(sample.values):
-        steps(top, sample, FAINT, "-", True)
-        entries.append((line(FAINT, linewidth=2), f"Monte Carlo, {len(sample.values)} landings, 95 % bounds"))
+        step_curve(top, sample, FAINT, "-", True)
+        entries.append((legend_line(FAINT, linewidth=2), f"Monte Carlo, {len(sample.values)} landings, 95 % bounds"))
     for level, (value, _, _) in search.percentiles.items():
         top.plot(value, level / 100, "D", color=VERMILION, markersize=5, zorder=5)
         top.annotate(
@@ -130,10 +130,13 @@ def amv(
             markeredgewidth=0.9,
             zorder=6,
         )
-    entries.append((line(VERMILION, "none", marker="D"), search.title))
+    entries.append((legend_line(VERMILION, "none", marker="D"), search.title))
     if search.published:
         entries.append(
-            (line(INK, "none", marker="o", markersize=6, markerfacecolor="none"), "published (Yoder et al. 2021)")
+            (
+                legend_line(INK, "none", marker="o", markersize=6, markerfacecolor="none"),
+                "published (Yoder et al. 2021)",
+            )
         )
     _probability_axis(top, quantity, True)
     if sample is None:
@@ -144,7 +147,7 @@ def amv(
     for j, ((name, row), color) in enumerate(zip(importance.items(), (SKY, BLUE, PURPLE, *SERIES), strict=False)):
         places = np.arange(len(names)) + 0.4 - height * (j + 0.5)
         below.barh(places, [row.get(n, 0.0) for n in names], height, color=color)
-        entries.append((line(color, linewidth=4), f"importance at the {name} % level"))
+        entries.append((legend_line(color, linewidth=4), f"importance at the {name} % level"))
     _names(below, names)
     below.set_xlim(-1, 1)
     below.set_xlabel("importance (unit vector),\n+ raises the response")
@@ -196,11 +199,11 @@ def tornado(
             )
             entries = [
                 (
-                    line(INK, "none", marker="o", markersize=4.5, markerfacecolor="white"),
+                    legend_line(INK, "none", marker="o", markersize=4.5, markerfacecolor="white"),
                     "published r (Yoder et al. 2021, Table 2)",
                 )
             ]
-    legend_above(figure, [(line(INK, "none"), text) for text in (title, quantity)] + entries)
+    legend_above(figure, [(legend_line(INK, "none"), text) for text in (title, quantity)] + entries)
     return figure
 
 
@@ -237,9 +240,9 @@ def percentiles(samples: Sequence[Sample], quantity: str, note: str = "") -> Fig
     axis.spines["left"].set_visible(False)
     axis.grid(axis="x")
     axis.set_xlabel(quantity)
-    entries = [(line(FAINT, linewidth=4.5, alpha=0.7), "5, 50, 95 % level with 95 % interval")]
+    entries = [(legend_line(FAINT, linewidth=4.5, alpha=0.7), "5, 50, 95 % level with 95 % interval")]
     if any(s.published for s in samples):
-        entries.append((line(INK, "none", marker="o", markerfacecolor="none"), "published (Yoder et al. 2021)"))
+        entries.append((legend_line(INK, "none", marker="o", markerfacecolor="none"), "published (Yoder et al. 2021)"))
     legend_above(figure, entries)
     return figure
 
@@ -253,10 +256,10 @@ def poses(pairs: Sequence[tuple[str, Sample]], quantity: str, note: str = "") ->
     figure, axes = sheet([4.6, 1.2 + 0.58 * len(names)] if names else [5.2], note)
     entries: list[tuple[Any, str]] = []
     for j, ((pose, sample), color, style, marker) in enumerate(zip(pairs, SERIES, LINES, "oDs^", strict=False)):
-        steps(axes[0], sample, color, style, True)
+        step_curve(axes[0], sample, color, style, True)
         entries.append(
             (
-                line(color, style, marker=marker, markersize=4),
+                legend_line(color, style, marker=marker, markersize=4),
                 sample.title if pose in sample.title else f"{pose} pose · {sample.title}",
             )
         )
@@ -280,7 +283,7 @@ def poses(pairs: Sequence[tuple[str, Sample]], quantity: str, note: str = "") ->
     if any(s.published for _, s in pairs):
         entries.append(
             (
-                line(INK, "none", marker="o", markersize=5, markerfacecolor="none"),
+                legend_line(INK, "none", marker="o", markersize=5, markerfacecolor="none"),
                 "published 5, 50, 95 % (Yoder et al. 2021)",
             )
         )
@@ -307,7 +310,7 @@ def published(studies: Sequence[tuple[str, Array, Array]], note: str = "") -> Fi
         rms, bias = float(np.sqrt(np.mean((ours - theirs) ** 2))), float(np.mean(ours - theirs))
         entries.append(
             (
-                line(color, "none", marker=".", markersize=6),
+                legend_line(color, "none", marker=".", markersize=6),
                 f"{title}: {len(ours)} trials, RMS {rms:.3f}°, bias {bias:+.3f}°".replace("-", "−"),
             )
         )
@@ -334,7 +337,7 @@ def grid(levels: Array, rows: Sequence[tuple[str, Array]], parameter: str, quant
             else SERIES[k]
         )
         axis.plot(levels, values, color=color, linestyle=LINES[k % len(LINES)], marker="o", markersize=2.5)
-        entries.append((line(color, LINES[k % len(LINES)], marker="o", markersize=2.5), title))
+        entries.append((legend_line(color, LINES[k % len(LINES)], marker="o", markersize=2.5), title))
     axis.set_xlabel(parameter)
     axis.set_ylabel(quantity)
     axis.grid()
@@ -342,7 +345,7 @@ def grid(levels: Array, rows: Sequence[tuple[str, Array]], parameter: str, quant
     return figure
 
 
-def steps(axis: Axes, sample: Sample, color: str, style: Any = "-", bounds: bool = False) -> None:
+def step_curve(axis: Axes, sample: Sample, color: str, style: Any = "-", bounds: bool = False) -> None:
     """The empirical distribution function of a sample, with its bounds as a band."""
     values = np.sort(sample.values)
     n = len(values)

@@ -1,4 +1,4 @@
-"""What the figures and the report show of a set of folders: names of the series, samples, correlations, notes."""
+"""What the figures and the report show of a set of folders: names of the series, samples, pearson_intervals, notes."""
 
 from __future__ import annotations
 
@@ -58,10 +58,10 @@ def sample_of(name: str, study: StudyFolder, response: str | None = None) -> Sam
         for key, p in study.summary.responses[response].percentiles.items():
             if p.value is not None:
                 percentiles[float(key)] = _interval(p.value, p.ci_low, p.ci_high)
-    return Sample(name, values, low, high, percentiles, published, correlations(study, response))
+    return Sample(name, values, low, high, percentiles, published, pearson_intervals(study, response))
 
 
-def correlations(study: StudyFolder, response: str) -> dict[str, Interval]:
+def pearson_intervals(study: StudyFolder, response: str) -> dict[str, Interval]:
     """{parameter: Pearson's r with the ends of its 95 % interval}."""
     if response not in study.summary.sensitivity:
         return {}
@@ -73,7 +73,7 @@ def correlations(study: StudyFolder, response: str) -> dict[str, Interval]:
     }
 
 
-def spreads(study: StudyFolder, response: str) -> dict[str, Interval]:
+def spread_intervals(study: StudyFolder, response: str) -> dict[str, Interval]:
     """{parameter: dSD/dSD normalised, with the ends of its 95 % interval}."""
     if response not in study.summary.sensitivity:
         return {}

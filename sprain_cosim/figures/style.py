@@ -161,7 +161,7 @@ def looks(count: int) -> list[tuple[str, Any]]:
     return [(SERIES[k % len(SERIES)], LINES[k // len(SERIES) % len(LINES)]) for k in range(count)]
 
 
-def line(color: Any, style: Any = "-", **options: Any) -> Line2D:
+def legend_line(color: Any, style: Any = "-", **options: Any) -> Line2D:
     return Line2D([], [], color=color, linestyle=style, **options)
 
 

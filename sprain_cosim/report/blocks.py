@@ -35,7 +35,7 @@ Row = Sequence[str | Cell]
 
 
 @dataclass(frozen=True)
-class Table:
+class PageTable:
     """`heads` may be empty texts throughout: then there is no head. `css` is the class of the table."""
 
     kind: ClassVar[str] = "table"
@@ -76,7 +76,7 @@ class Folded:
     """Tables of several results under their names, the first open."""
 
     kind: ClassVar[str] = "folded"
-    parts: Sequence[tuple[str, Table]]
+    parts: Sequence[tuple[str, PageTable]]
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class Bullets:
     lines: Sequence[str | Markup]
 
 
-Block = Table | Paragraph | Heading | Verdict | Folded | Pictures | Chart | Bullets
+Block = PageTable | Paragraph | Heading | Verdict | Folded | Pictures | Chart | Bullets
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from . import tables
 from .blocks import Block, Bullets, Chart, PageSection, Picture, Pictures
 from .charts import charts, script_data
 from .html import asset, render
-from .verdict import verdict
+from .verdict import verdicts
 
 NAME = "report.html"
 ANIMATION = ("animation.webp", 2_000_000)  # shown when no larger [bytes]
@@ -71,14 +71,14 @@ def report_page(folders: Sequence[Folder]) -> str:
     items = named_folders(folders)
     content = charts(items)
     sections = [
-        PageSection("verdict", "Verdict", verdict(folders, items)),
-        PageSection("numbers", "Numbers", tables.numbers(folders, items)),
+        PageSection("verdict", "Verdict", verdicts(folders, items)),
+        PageSection("numbers", "Numbers", tables.numbers_tables(folders, items)),
         PageSection("explore", "Look closer", [Chart(c) for c in content]),
         PageSection("figures", "Figures", _pictures(folders, items)),
-        PageSection("sensitivities", "What drives the result", tables.sensitivities(items)),
-        PageSection("metrics", "All responses", tables.metrics(items)),
-        PageSection("inputs", "Inputs", tables.inputs(items)),
-        PageSection("provenance", "Where it comes from", tables.provenance(items)),
+        PageSection("sensitivities", "What drives the result", tables.sensitivities_tables(items)),
+        PageSection("metrics", "All responses", tables.metrics_tables(items)),
+        PageSection("inputs", "Inputs", tables.inputs_tables(items)),
+        PageSection("provenance", "Where it comes from", tables.provenance_tables(items)),
         PageSection("limits", "Limits of the model", [Bullets(LIMITS)]),
     ]
     return render(

@@ -19,8 +19,8 @@ from ..folders.study import StudyFolder
 from ..metrics import table, unit_of
 from ..study.manifest import FmuFile
 from ..study.summary import FormSearch, LevelSearch, Percentile, Response, SobolSearch
-from .blocks import Block, Cell, Folded, Heading, Paragraph, Row, Table
-from .words import ends, number, percent, signed
+from .blocks import Block, Cell, Folded, Heading, PageTable, Paragraph, Row
+from .words import ends, percent, rounded, signed
 
 FAILURES = 20  # rows of the table of failed trials
 SOURCES = (
@@ -39,10 +39,10 @@ OF_METRICS = (
 OF_INPUTS = "Quantities without a unit are dimensionless. Everything not listed is at the default of its FMU."
 
 Studies = Sequence[tuple[str, StudyFolder]]
-Parts = list[tuple[str, Table]]
+Parts = list[tuple[str, PageTable]]
 
 
-def numbers(folders: Sequence[Folder], items: Sequence[Named]) -> list[Block]:
+def numbers_tables(folders: Sequence[Folder], items: Sequence[Named]) -> list[Block]:
     """What a reader wants first: of comparisons, studies and landings."""
     blocks: list[Block] = []
     comparisons = [folder for folder in folders if isinstance(folder, ComparisonFolder)]
@@ -57,11 +57,11 @@ def numbers(folders: Sequence[Folder], items: Sequence[Named]) -> list[Block]:
     return blocks + _failures(studies)
 
 
-def _levels(studies: Studies) -> Table:
+def _levels(studies: Studies) -> PageTable:
     columns = [_levels_of(study) for _, study in studies]
     labels = list(dict.fromkeys(label for column in columns for label in column))
     rows = [[label, *(column.get(label, "") for column in columns)] for label in labels]
-    return Table(["", *(n for n, _ in studies)], rows)
+    return PageTable(["", *(n for n, _ in studies)], rows)
 
 
 def _levels_of(study: StudyFolder) -> dict[str, str | Cell]:
@@ -77,7 +77,7 @@ def _levels_of(study: StudyFolder) -> dict[str, str | Cell]:
         for level in ("5", "50", "95"):
             p = found.percentiles.get(level, Percentile(None))
             beside = _published(study.published_peak.get(f"{level} % [deg]"))
-            cells[f"{name}: {level} %"] = Cell(number(p.value), (*ends(p.ci_low, p.ci_high), *beside))
+            cells[f"{name}: {level} %"] = Cell(rounded(p.value), (*ends(p.ci_low, p.ci_high), *beside))
         cells[f"{name}: mean ± SD"] = _mean_sd(found)
     for key, q in summary.questions.items():
         label = f"P({plots.label(key).partition(', +')[0]} {q.event})"
@@ -85,7 +85,7 @@ def _levels_of(study: StudyFolder) -> dict[str, str | Cell]:
     return cells
 
 
-def _peaks(runs: Sequence[tuple[str, RunFolder]]) -> Table:
+def _peaks(runs: Sequence[tuple[str, RunFolder]]) -> PageTable:
     columns = [{label: (value, unit, at) for label, value, unit, at in table(run.result)} for _, run in runs]
     units = {label: unit for column in columns for label, (_, unit, _) in column.items()}
 
@@ -93,13 +93,13 @@ def _peaks(runs: Sequence[tuple[str, RunFolder]]) -> Table:
         if label not in column:
             return ""
         value, _, at = column[label]
-        return Cell(number(value), (f"at {1e3 * at:.1f} ms",))
+        return Cell(rounded(value), (f"at {1e3 * at:.1f} ms",))
 
     rows = [[f"{label} [{unit}]", *(cell(column, label) for column in columns)] for label, unit in units.items()]
-    return Table(["", *(n for n, _ in runs)], rows)
+    return PageTable(["", *(n for n, _ in runs)], rows)
 
 
-def _comparison(folder: ComparisonFolder) -> Table:
+def _comparison(folder: ComparisonFolder) -> PageTable:
     braces = folder.summary.braces
     rows: list[Row] = []
     for label, key, factor in LINES:
@@ -116,19 +116,19 @@ def _comparison(folder: ComparisonFolder) -> Table:
     total = folder.summary.landings
     counts = [f"{b.n_completed} of {total}" if b.completed else "failed" for b in braces.values()]
     rows.append(["landings completed", *counts])
-    return Table(["", *("no brace" if name == NONE else name for name in braces)], rows)
+    return PageTable(["", *("no brace" if name == NONE else name for name in braces)], rows)
 
 
 def _estimate(e: MeanEstimate | None, factor: float, sign: bool = False) -> str | Cell:
     if e is None or e.value is None:
         return ""
     value = factor * e.value
-    return Cell(signed(value, 2) if sign else number(value), ends(e.ci_low, e.ci_high, factor))
+    return Cell(signed(value, 2) if sign else rounded(value), ends(e.ci_low, e.ci_high, factor))
 
 
 def _held(brace: BraceSummary, motion: str) -> str:
     held = brace.resistance_Nm
-    return " / ".join(number(held.get(f"{motion}_{angle}deg")) for angle in (5, 10)) if held else ""
+    return " / ".join(rounded(held.get(f"{motion}_{angle}deg")) for angle in (5, 10)) if held else ""
 
 
 def _failures(studies: Studies) -> list[Block]:
@@ -140,12 +140,12 @@ def _failures(studies: Studies) -> list[Block]:
         return []
     blocks: list[Block] = [
         Heading("Failed landings"),
-        Table(["", "trial", "status", "why"], rows[:FAILURES], "text"),
+        PageTable(["", "trial", "status", "why"], rows[:FAILURES], "text"),
     ]
     return blocks + ([Paragraph(f"{len(rows) - FAILURES} more in trials.csv.")] if len(rows) > FAILURES else [])
 
 
-def sensitivities(items: Sequence[Named]) -> list[Block]:
+def sensitivities_tables(items: Sequence[Named]) -> list[Block]:
     """Of each study: Sobol' indices, the importance that a search found, or correlations and factors."""
     parts: Parts = []
     for name, study in items:
@@ -162,19 +162,19 @@ def sensitivities(items: Sequence[Named]) -> list[Block]:
     return _folded(parts)
 
 
-def _of_indices(study: StudyFolder, found: SobolSearch) -> Table:
+def _of_indices(study: StudyFolder, found: SobolSearch) -> PageTable:
     rows: list[Row] = [
         [
             _parameter(parameter),
-            Cell(number(v.first), ends(v.first_low, v.first_high)),
-            Cell(number(v.total), ends(v.total_low, v.total_high)),
+            Cell(rounded(v.first), ends(v.first_low, v.first_high)),
+            Cell(rounded(v.total), ends(v.total_low, v.total_high)),
         ]
         for parameter, v in sorted(found.indices.items(), key=lambda kv: -(kv[1].total or 0.0))
     ]
-    return Table([response_label(study.response), "Sobol' first", "Sobol' total"], rows)
+    return PageTable([response_label(study.response), "Sobol' first", "Sobol' total"], rows)
 
 
-def _of_importance(found: LevelSearch | FormSearch) -> Table:
+def _of_importance(found: LevelSearch | FormSearch) -> PageTable:
     columns: dict[str, Mapping[str, float | None]]
     if isinstance(found, FormSearch):
         columns = {"design point": found.importance}
@@ -183,10 +183,10 @@ def _of_importance(found: LevelSearch | FormSearch) -> Table:
     first = next(iter(columns.values()), {})
     names = sorted(first, key=lambda p: -max(abs(c.get(p) or 0.0) for c in columns.values()))
     rows: list[Row] = [[_parameter(p), *(signed(c.get(p), 2) for c in columns.values())] for p in names]
-    return Table(["importance (unit vector), + raises the response", *columns], rows)
+    return PageTable(["importance (unit vector), + raises the response", *columns], rows)
 
 
-def _of_factors(study: StudyFolder) -> Table:
+def _of_factors(study: StudyFolder) -> PageTable:
     moved = study.summary.sensitivity.get(study.response)
     inputs = {} if moved is None else moved.inputs
     published = study.published_peak.get("pearson", {})
@@ -200,38 +200,38 @@ def _of_factors(study: StudyFolder) -> Table:
             signed(v.dsd_dmean, 2),
             Cell(signed(v.dsd_dsd, 2), () if error is None else (f"± {error:.2f} SE",)),
         ]
-        rows.append([*row, *([f"{number(v.sobol_first)} / {number(v.sobol_total)}"] if sobol else [])])
+        rows.append([*row, *([f"{rounded(v.sobol_first)} / {rounded(v.sobol_total)}"] if sobol else [])])
     heads = [response_label(study.response), "Pearson's r", "dSD/dmean", "dSD/dSD"]
-    return Table(heads + (["Sobol' first / total"] if sobol else []), rows)
+    return PageTable(heads + (["Sobol' first / total"] if sobol else []), rows)
 
 
-def metrics(items: Sequence[Named]) -> list[Block]:
+def metrics_tables(items: Sequence[Named]) -> list[Block]:
     """Every metric of each result."""
     parts: Parts = []
     for name, item in items:
         if isinstance(item, RunFolder):
-            rows = [[plots.label(k), number(v), unit_of(k)] for k, v in item.summary.metrics.items()]
-            parts.append((name, Table(["response", "value", "unit"], rows)))
+            rows = [[plots.label(k), rounded(v), unit_of(k)] for k, v in item.summary.metrics.items()]
+            parts.append((name, PageTable(["response", "value", "unit"], rows)))
         elif item.summary.responses:
             parts.append((name, _responses(item)))
     return [*_folded(parts), Paragraph(OF_METRICS, "about")] if parts else []
 
 
-def _responses(study: StudyFolder) -> Table:
+def _responses(study: StudyFolder) -> PageTable:
     table3 = study.published.get("metrics", {})
     rows = []
     for key, r in study.summary.responses.items():
         there = f"{table3[key][0]:g}\u00a0±\u00a0{table3[key][1]:g}" if key in table3 else ""
-        levels = [number(r.percentiles[p].value if p in r.percentiles else None) for p in ("5", "50", "95")]
+        levels = [rounded(r.percentiles[p].value if p in r.percentiles else None) for p in ("5", "50", "95")]
         rows.append([plots.label(key), unit_of(key), _mean_sd(r), there, *levels])
     heads = ["response", "unit", "mean ± SD", "published", "5 %", "50 %", "95 %"]
     if not any(row[3] for row in rows):
         heads.pop(3)
         rows = [row[:3] + row[4:] for row in rows]
-    return Table(heads, rows)
+    return PageTable(heads, rows)
 
 
-def inputs(items: Sequence[Named]) -> list[Block]:
+def inputs_tables(items: Sequence[Named]) -> list[Block]:
     """What was varied and what was set."""
     parts: Parts = []
     for name, item in items:
@@ -245,7 +245,7 @@ def inputs(items: Sequence[Named]) -> list[Block]:
         if item.summary.dropped:
             rows.append(["dropped, the device has none", ", ".join(item.summary.dropped)])
         if rows:
-            parts.append((name, Table(["input", "value or distribution"], rows, "text")))
+            parts.append((name, PageTable(["input", "value or distribution"], rows, "text")))
     return [*_folded(parts), Paragraph(OF_INPUTS, "about")] if parts else []
 
 
@@ -259,7 +259,7 @@ def _distribution(spec: Any) -> str:
     return "; ".join(parts)
 
 
-def provenance(items: Sequence[Named]) -> list[Block]:
+def provenance_tables(items: Sequence[Named]) -> list[Block]:
     """Folder, command, seed, versions, FMUs."""
     parts: Parts = []
     for name, item in items:
@@ -267,7 +267,7 @@ def provenance(items: Sequence[Named]) -> list[Block]:
         rows: list[Row] = [
             [key, Cell(value, code=True)] for key, value in [("folder", item.path.name), *facts] if value
         ]
-        parts.append((name, Table(["", ""], rows, "text")))
+        parts.append((name, PageTable(["", ""], rows, "text")))
     written = f"Written by sprain-cosim {__version__} from the folders alone."
     return [*_folded(parts), Paragraph(f"{SOURCES} {written}", "about")]
 
@@ -312,7 +312,7 @@ def _parameter(name: str) -> Cell:
 
 
 def _mean_sd(found: Response) -> str:
-    return f"{number(found.mean)}\u00a0±\u00a0{number(found.sd)}"
+    return f"{rounded(found.mean)}\u00a0±\u00a0{rounded(found.sd)}"
 
 
 def _published(figure: Any) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from ..folders.study import PEAK, StudyFolder
 from ..literature import INJURY_INVERSION
 from ..study.summary import FormSearch, LevelSearch, Percentile, Threshold
 from .blocks import Block, Paragraph, Verdict, rich
-from .words import interval, number, percent, signed, unit_after
+from .words import interval, percent, rounded, signed, unit_after
 
 MEAN, SD = INJURY_INVERSION
 EXCEEDS = f"Probability that inversion exceeds the injury range ({MEAN:g} ± {SD:g}° from neutral)"
@@ -26,7 +26,7 @@ LIMITED = Markup(
 )
 
 
-def verdict(folders: Sequence[Folder], items: Sequence[Named]) -> list[Block]:
+def verdicts(folders: Sequence[Folder], items: Sequence[Named]) -> list[Block]:
     """One for each comparison and each result; landings of a comparison only where some failed."""
     comparisons = [folder for folder in folders if isinstance(folder, ComparisonFolder)]
     found = [_of_comparison(folder) for folder in comparisons]
@@ -142,7 +142,7 @@ def _distribution(study: StudyFolder) -> Markup:
     values = study.done[response].dropna().to_numpy(float) if response in study.done else np.empty(0)
     if len(values) and not (found and study.is_sample):
         of_grid = study.summary.method == "grid"
-        low, high = number(float(values.min())), number(float(values.max()))
+        low, high = rounded(float(values.min())), rounded(float(values.max()))
         return rich(
             "{where} the {response} {lay}.",
             where="In one landing"
@@ -163,11 +163,11 @@ def _distribution(study: StudyFolder) -> Markup:
         "{p95}{unit} in nine of ten.",
         done=done,
         name="peak of supination" if response == PEAK else plots.label(response).partition(",")[0],
-        p50=number(p50.value),
+        p50=rounded(p50.value),
         unit=unit,
         about=interval(p50, 1, unit),
-        p5=number(p5.value),
-        p95=number(p95.value),
+        p5=rounded(p5.value),
+        p95=rounded(p95.value),
     )
 
 
@@ -180,7 +180,7 @@ def _of_search(study: StudyFolder, found: LevelSearch | FormSearch) -> Markup:
             cost=cost,
             method=study.summary.method,
             response=response,
-            levels=", ".join(f"{number(v.value)}{unit} ({level} %)" for level, v in found.levels.items()),
+            levels=", ".join(f"{rounded(v.value)}{unit} ({level} %)" for level, v in found.levels.items()),
         )
     else:
         text = rich(
@@ -202,4 +202,4 @@ def _of_search(study: StudyFolder, found: LevelSearch | FormSearch) -> Markup:
 def _threshold(threshold: Threshold, unit: str) -> str:
     if threshold.distribution is not None:
         return f"the uncertain threshold {threshold.distribution}"
-    return f"{number(threshold.mean)}{unit}"
+    return f"{rounded(threshold.mean)}{unit}"

@@ -22,7 +22,7 @@ class WithInterval(Protocol):
     def ci_high(self) -> float | None: ...
 
 
-def number(value: Any) -> str:
+def rounded(value: Any) -> str:
     """Three or four figures; a dash for what is no finite number."""
     if value is None or not isinstance(value, int | float) or not math.isfinite(value):
         return UNKNOWN
@@ -48,12 +48,12 @@ def interval(entry: WithInterval, factor: float, unit: str, negate: bool = False
     if entry.ci_low is None or entry.ci_high is None:
         return ""
     ends = sorted(factor * (-v if negate else v) for v in (entry.ci_low, entry.ci_high))
-    return f" (95 % interval {number(ends[0])} … {number(ends[1])}{unit})"
+    return f" (95 % interval {rounded(ends[0])} … {rounded(ends[1])}{unit})"
 
 
 def ends(low: float | None, high: float | None, factor: float = 1) -> tuple[str, ...]:
     """ "1.0 … 2.0" as the small line of a table's cell; none where there is no interval."""
-    return () if low is None or high is None else (f"{number(factor * low)} … {number(factor * high)}",)
+    return () if low is None or high is None else (f"{rounded(factor * low)} … {rounded(factor * high)}",)
 
 
 def unit_after(response: str) -> str:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import EnvironmentProblem, InputError
-from ..files import sweep, whole, write, write_json
+from ..files import sweep, whole_file, write, write_json
 from .codec import decode
 from .identity import changes
 from .ledger import FILE, LOCK, RESUME, Ledger
@@ -141,10 +141,10 @@ def finish_folder(
 ) -> None:
     """The exports; the summary is the last, so that it stands for a complete folder."""
     for table, name in ((trials, TRIALS), (timing, "timing.csv")):
-        with whole(folder / name, RESUME) as partial:
+        with whole_file(folder / name, RESUME) as partial:
             table.to_csv(partial, index=False, lineterminator="\n")
     if parquet:
-        with whole(folder / "trials.parquet", RESUME) as partial:
+        with whole_file(folder / "trials.parquet", RESUME) as partial:
             trials.to_parquet(partial, index=False, compression="zstd")
     write_json(folder / SUMMARY, summary.to_json(), RESUME)
 

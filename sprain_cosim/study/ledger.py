@@ -24,7 +24,7 @@ from typing import Any, Self
 import numpy as np
 
 from ..errors import EnvironmentProblem, InputError
-from ..files import whole
+from ..files import whole_file
 from ..uq.distributions import Array
 from .identity import changes
 from .previous import facts_today
@@ -165,7 +165,7 @@ class Ledger:
             fresh._database.execute(f"INSERT INTO trials ({COLUMNS}) VALUES ({','.join('?' * 11)})", record)
         fresh._database.execute("COMMIT")
         self._database.close()
-        with whole(folder / FILE) as partial, contextlib.closing(sqlite3.connect(partial)) as target:
+        with whole_file(folder / FILE) as partial, contextlib.closing(sqlite3.connect(partial)) as target:
             fresh._database.backup(target)
         fresh.close()
         for left in (f"{FILE}-wal", f"{FILE}-shm"):

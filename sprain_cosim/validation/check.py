@@ -16,6 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from ..records import finite
 from .laboratory import Laboratory
 
 PASS, GAP, FAIL, NOT_RUN = "pass", "known gap", "fail", "not run"
@@ -159,7 +160,3 @@ def judge(check: Check, rows: Sequence[CheckRow], seconds: float = 0.0) -> Check
 def _miss(row: CheckRow) -> str:
     unit = f" {row.unit}" if row.unit else ""
     return f"{row.label} {row.value:.4g} against {row.expected:.4g} ± {row.tolerance:.2g}{unit}"
-
-
-def finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

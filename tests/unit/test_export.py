@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 from sprain_cosim.errors import InputError
-from sprain_cosim.export import COORDINATES, forces, ground, states, write
+from sprain_cosim.export import COORDINATES, forces, ground, states, write_landing
 from sprain_cosim.folders.landing import Landing, choose_trial
 from sprain_cosim.scenario import load_scenario
 from sprain_cosim.shipped import fmu_path
@@ -52,7 +52,7 @@ def parse(path: Path) -> tuple[dict[str, str], pd.DataFrame]:
 
 
 def test_coordinates_in_degrees(landing: Landing, tmp_path: Path) -> None:
-    assert write(landing, tmp_path / "x.mot") == (121, 15)
+    assert write_landing(landing, tmp_path / "x.mot") == (121, 15)
     head, table = parse(tmp_path / "x.mot")
     assert (head["nRows"], head["nColumns"], head["inDegrees"]) == ("121", "16", "yes")
     assert tuple(table.columns) == COORDINATES
@@ -60,7 +60,7 @@ def test_coordinates_in_degrees(landing: Landing, tmp_path: Path) -> None:
     result = landing.result
     assert table["subtalar_angle_r"].to_numpy() == pytest.approx(np.degrees(result["plant.subtalar_angle"]), abs=1e-8)
     assert table["pelvis_ty"].to_numpy() == pytest.approx(result["plant.pelvis_ty"], abs=1e-9)
-    write(landing, tmp_path / "x.sto", content="coordinates")
+    write_landing(landing, tmp_path / "x.sto", content="coordinates")
     head, table = parse(tmp_path / "x.sto")
     assert head["inDegrees"] == "no"
     assert table["subtalar_angle_r"].to_numpy() == pytest.approx(result["plant.subtalar_angle"], abs=1e-9)
@@ -97,7 +97,7 @@ def test_ground_reaction_and_forces(landing: Landing) -> None:
 
 
 def test_csv_and_parquet_hold_every_signal(landing: Landing, tmp_path: Path) -> None:
-    write(landing, tmp_path / "x.csv")
+    write_landing(landing, tmp_path / "x.csv")
     table = pd.read_csv(tmp_path / "x.csv", index_col=0)
     assert table.index.name == "time [s]"
     assert table.shape == landing.result.values.shape
@@ -105,7 +105,7 @@ def test_csv_and_parquet_hold_every_signal(landing: Landing, tmp_path: Path) -> 
         landing.result["plant.subtalar_angle"], abs=1e-10
     )
     pytest.importorskip("pyarrow")
-    write(landing, tmp_path / "x.parquet")
+    write_landing(landing, tmp_path / "x.parquet")
     assert np.array_equal(pd.read_parquet(tmp_path / "x.parquet").to_numpy(), landing.result.values)
 
 
@@ -116,7 +116,7 @@ def test_opensim_reads_it(landing: Landing, tmp_path: Path) -> None:
         "x.sto": landing.result["plant.soleus_r_fibre_length"][-1],
     }
     for name, label in asked.items():
-        rows, columns = write(landing, tmp_path / name)
+        rows, columns = write_landing(landing, tmp_path / name)
         ended = subprocess.run(
             [OPENSIM, "-c", READ, name, label], cwd=tmp_path, capture_output=True, text=True, timeout=120
         )
@@ -131,10 +131,10 @@ def test_opensim_reads_it(landing: Landing, tmp_path: Path) -> None:
 
 def test_what_cannot_be_exported_says_why(landing: Landing, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"format 'stoo' is unknown .did you mean sto"):
-        write(landing, tmp_path / "x.stoo")
+        write_landing(landing, tmp_path / "x.stoo")
     plain = replace(landing, label="old", result=load_scenario("incline30").with_master(stop="2 ms").run())
     with pytest.raises(InputError, match="old: its record has no pelvis_tilt"):
-        write(plain, tmp_path / "x.mot")
+        write_landing(plain, tmp_path / "x.mot")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -28,7 +28,7 @@ def test_a_writer_that_raises_keeps_the_old_file(tmp_path: Path) -> None:
     target.write_text("old")
 
     def draw() -> None:
-        with files.whole(target) as partial:
+        with files.whole_file(target) as partial:
             assert partial.suffix == ".webp"
             partial.write_text("half")
             raise KeyError("frame")
@@ -41,7 +41,7 @@ def test_a_writer_that_raises_keeps_the_old_file(tmp_path: Path) -> None:
 
 def test_a_full_disk_is_one_line_with_the_advice(tmp_path: Path) -> None:
     target = tmp_path / "a.json"
-    with pytest.raises(EnvironmentProblem) as caught, files.whole(target, "; continue with --resume"):
+    with pytest.raises(EnvironmentProblem) as caught, files.whole_file(target, "; continue with --resume"):
         raise OSError(28, "No space left on device")
     assert str(caught.value) == f"{target}: cannot be written: No space left on device; continue with --resume"
     assert not list(tmp_path.iterdir())
@@ -82,7 +82,7 @@ def test_two_writers_of_one_file_never_mix(tmp_path: Path) -> None:
 
 
 def test_the_owner_of_a_folder_removes_half_written_files(tmp_path: Path) -> None:
-    with files.whole(tmp_path / "a.csv.gz") as partial:
+    with files.whole_file(tmp_path / "a.csv.gz") as partial:
         partial.write_text("x")
         assert files.is_partial(partial)
         (tmp_path / ".b.0123abcd.partial.csv").write_text("half")

@@ -46,8 +46,8 @@ QUANTITY = "peak subtalar angle [deg], + supination"
 NOTE = "Initial pose: touching."
 R = sample(1).sensitivity
 FIGURES: dict[str, Callable[[], Figure]] = {
-    "landing": lambda: plots.landing([("a", run(1)), ("no brace", run(2, False))], NOTE),
-    "many landings": lambda: plots.landing(
+    "landing": lambda: plots.landing_signals([("a", run(1)), ("no brace", run(2, False))], NOTE),
+    "many landings": lambda: plots.landing_signals(
         [(f"landing {k} with a rather long name of its own", run(k)) for k in range(9)], NOTE
     ),
     "moment_angle": lambda: plots.moment_angle([("a", run(1)), ("b", run(2))], NOTE),
@@ -62,7 +62,7 @@ FIGURES: dict[str, Callable[[], Figure]] = {
         NOTE,
     ),
     "cdf": lambda: plots.cdf([sample(1), sample(2)], QUANTITY, NOTE),
-    "amv": lambda: plots.amv(
+    "amv": lambda: plots.level_search(
         sample(1),
         {"5": {"plant.drop_height": 0.6, "brace.angle_scale": -0.8}, "95": {"plant.drop_height": 1.0}},
         QUANTITY,
@@ -133,7 +133,7 @@ def test_axes_name_units_and_signs_and_the_figure_its_pose(name: str) -> None:
 
 def test_the_data_drawn_are_the_data_given() -> None:
     runs = [("a", run(1)), ("b", run(2, False))]
-    angles = plots.landing(runs).axes[0]
+    angles = plots.landing_signals(runs).axes[0]
     for line, (_, result) in zip(angles.lines, runs, strict=False):
         np.testing.assert_allclose(
             line.get_xydata(), np.column_stack([1e3 * TIME, np.degrees(result["plant.subtalar_angle"])])
@@ -166,7 +166,7 @@ def test_the_force_of_a_start_inside_the_floor_does_not_hide_the_rest() -> None:
     force = result.index["plant.ground_force_y"]
     values[:, force] = 1000.0
     values[0, force] = 41_000.0
-    axis = plots.landing([("a", Result(TIME, values, NAMES, result.units, "completed", "", ""))]).axes[-1]
+    axis = plots.landing_signals([("a", Result(TIME, values, NAMES, result.units, "completed", "", ""))]).axes[-1]
     assert axis.get_ylim()[1] < 2
     assert "cut off: 41 kN in the first 5 ms" in [t.get_text() for t in axis.texts]
 
