@@ -35,7 +35,7 @@ FORMATS = {
     "mot": "coordinates",
     "csv": "signals",
     "parquet": "signals",
-}  # with what each holds unless it is told
+}  # and the content of each by default
 
 
 def coordinates(run: Landing) -> pd.DataFrame:

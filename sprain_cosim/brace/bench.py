@@ -94,10 +94,10 @@ def hold(
     the posture, the device alone stepped for HOLD. Empty where the plant has no such parameters or outputs."""
     system = scenario.system()
     plant = system.component("plant")
-    wanted = [f"{axis}_{kind}_at_contact" for axis in ("talocrural", "subtalar") for kind in ("angle", "velocity")]
+    initial = [f"{axis}_{kind}_at_contact" for axis in ("talocrural", "subtalar") for kind in ("angle", "velocity")]
     if (
         plant is None
-        or not all(n in plant.parameters for n in wanted)
+        or not all(n in plant.parameters for n in initial)
         or not all(f"brace_{a}_moment" in plant.outputs for a in ("talocrural", "subtalar"))
     ):
         return {}
@@ -107,7 +107,7 @@ def hold(
         device = next(m for m in assembly.members if m.name == "brace")
         h = own_step(device.component)
         for posture, (axis, degrees) in postures.items():
-            still = {f"plant.{n}": 0.0 for n in wanted}
+            still = {f"plant.{n}": 0.0 for n in initial}
             connector = plant.parameters[f"{axis}_angle_at_contact"]
             angle = math.radians(degrees)
             still[f"plant.{axis}_angle_at_contact"] = connector.unit.from_base(angle) if connector.unit else angle

@@ -48,11 +48,11 @@ class StudyFile:
     def read(cls, path: Path) -> Self:
         """An empty one where there is no such file. Raises InputError."""
         content = read_toml(path) if path.is_file() else {}
-        tables = {key: content.get(key) for key in ("parameters", "marginals", "grid", "published", "study")}
-        given = {key: table if isinstance(table, dict) else {} for key, table in tables.items()}
-        responses = given.pop("study").get("responses")
-        asked = tuple(str(r) for r in responses) if isinstance(responses, list) else ()
-        return cls(str(content.get("scenario", "")), **given, responses=asked)
+        held = {key: content.get(key) for key in ("parameters", "marginals", "grid", "published", "study")}
+        tables = {key: table if isinstance(table, dict) else {} for key, table in held.items()}
+        listed = tables.pop("study").get("responses")
+        responses = tuple(str(r) for r in listed) if isinstance(listed, list) else ()
+        return cls(str(content.get("scenario", "")), **tables, responses=responses)
 
 
 @dataclass(frozen=True)
@@ -109,12 +109,12 @@ class StudyFolder:
     def published(self) -> Mapping[str, Any]:
         """Published figures of the study file; none when the study ran with another pose, device or parameter than the
         file names."""
-        asked = self.file.parameters
-        ran = self.manifest.identity.get("parameters", asked)
+        named = self.file.parameters
+        ran = self.manifest.identity.get("parameters", named)
         devices = {Path(fmu.file).name for fmu in self.manifest.fmus.values()}
         same = (
-            asked.get("plant.initial_pose", self.pose) == self.pose
-            and all(ran.get(k) == v for k, v in asked.items())
+            named.get("plant.initial_pose", self.pose) == self.pose
+            and all(ran.get(k) == v for k, v in named.items())
             and self.varied == set(self.file.marginals)
             and devices <= PUBLISHED_WITH
             and not self.summary.dropped

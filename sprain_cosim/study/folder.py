@@ -81,21 +81,21 @@ def begin_folder(folder: Path, study: Plan, command: str, identity: Mapping[str,
     write_json(folder / MANIFEST, Manifest.of(study, identity, command, before).to_json(), RESUME)
 
 
-def trial_tables(study: Plan, ledger: Ledger, wanted: np.ndarray | None) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Trials and timing of the ledger's rows whose numbers are `wanted` (None: all), in the order of their numbers."""
+def trial_tables(study: Plan, ledger: Ledger, chosen: np.ndarray | None) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Trials and timing of the ledger's rows whose numbers are `chosen` (None: all), in the order of their numbers."""
     import pandas as pd
 
     numbers, _ = ledger.finished()
-    if wanted is not None:
-        numbers = numbers[np.isin(numbers, wanted)]
-    chosen = None if wanted is None else set(numbers.tolist())
+    if chosen is not None:
+        numbers = numbers[np.isin(numbers, chosen)]
+    kept = None if chosen is None else set(numbers.tolist())
     n, metrics = len(numbers), dict[str, np.ndarray]()
     inputs = np.empty((n, len(study.names)))
     wall, attempts = np.empty(n), np.empty(n, np.int64)
     status, message, worker = [], [], []
     k = 0
     for row in ledger.rows():
-        if chosen is not None and row.trial not in chosen:
+        if kept is not None and row.trial not in kept:
             continue
         o = row.outcome
         for name, value in o.metrics.items():

@@ -232,7 +232,7 @@ class Ledger:
                     for row in written.rows():
                         fresh.add(row)
                 fresh.commit()
-                with whole(folder / FILE) as partial, contextlib.closing(sqlite3.connect(partial)) as target:
+                with whole_file(folder / FILE) as partial, contextlib.closing(sqlite3.connect(partial)) as target:
                     fresh._database.backup(target)
             except sqlite3.Error as problem:
                 raise _trouble(folder, problem) from None

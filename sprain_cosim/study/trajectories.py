@@ -60,14 +60,15 @@ class Trajectories:
         )
 
 
-def roles(numbers: np.ndarray, response: np.ndarray, wanted: Mapping[str, float] | None = None) -> dict[str, int]:
+def roles(numbers: np.ndarray, response: np.ndarray, values: Mapping[str, float] | None = None) -> dict[str, int]:
     """{role: number of the trial whose response is next to it}; the lowest number where several are as near.
 
     numbers   (n,) of the trials
     response  (n,) of theirs
-    wanted    {role: value}; None: the percentiles and extremes of ROLES
+    values    {role: value}; None: the percentiles and extremes of ROLES
     """
     if not len(response):
         return {}
-    values = {role: float(np.quantile(response, p)) for role, p in ROLES.items()} if wanted is None else wanted
+    if values is None:
+        values = {role: float(np.quantile(response, p)) for role, p in ROLES.items()}
     return {role: int(numbers[np.argmin(np.abs(response - value))]) for role, value in values.items()}
