@@ -36,6 +36,7 @@ __all__ = [
     "replicated",
     "replicated_exceedance",
     "replicated_percentile",
+    "skewed_interval",
     "standard_deviation",
     "stopping",
     "stopping_of",
@@ -226,7 +227,7 @@ def exceedance(y: ArrayLike, threshold: float | Marginal, confidence: float = 0.
         # Where no value differs in the least the spread says nothing; the count of rows still does.
         low, high = (float(end[0]) for end in clopper_pearson([round(value * n)], n, confidence))
         if np.ptp(above) > 0:
-            low, high = _skewed_interval(above, confidence)
+            low, high = skewed_interval(above, confidence)
             if np.sum(above) ** 2 / np.sum(above**2) < _CARRIERS:
                 high = max(high, _tail_bound(values, threshold, confidence))
             low, high = max(low, 0.0), min(high, 1.0)
@@ -241,7 +242,7 @@ def exceedance(y: ArrayLike, threshold: float | Marginal, confidence: float = 0.
 _CARRIERS = 100  # values that must carry a mean, (Σf)²/Σf², for its spread to be believed
 
 
-def _skewed_interval(values: Array, confidence: float) -> tuple[float, float]:
+def skewed_interval(values: Array, confidence: float) -> tuple[float, float]:
     """Ends of the interval of a mean of skewed values, by Hall's monotone cubic transformation of Student's t."""
     n, mean, deviation = len(values), float(np.mean(values)), float(np.std(values))
     skewness = float(np.mean((values - mean) ** 3)) / deviation**3 / math.sqrt(n)

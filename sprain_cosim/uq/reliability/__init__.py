@@ -22,34 +22,46 @@ Modules, each with its sources:
     mean_value_family  MV and AMV
     relinearised       AMV+ and HMV
     first_order        FORM
+    multistart         FORM from several starts, with a test of the sphere
     second_order       SORM
+    importance         sampling about the design points
+    rare               the best estimate of all these
 """
 
 from .differences import Difference, step_noise
 from .first_order import FormResult, form, form_exceedance
+from .importance import ImportanceSampling, importance_sampling
 from .linearisation import DEFAULT_LEVELS, Space
 from .mean_value_family import LevelResult, amv, mean_value
+from .multistart import DesignPoints, design_points
 from .points import DEFAULT_BUDGET, Evaluations, Function, Status
+from .rare import RareEvent, rare_event
 from .relinearised import amv_plus, hmv
 from .second_order import SormResult, sorm
 
 __all__ = [
     "DEFAULT_BUDGET",
     "DEFAULT_LEVELS",
+    "DesignPoints",
     "Difference",
     "Evaluations",
     "FormResult",
     "Function",
+    "ImportanceSampling",
     "LevelResult",
+    "RareEvent",
     "SormResult",
     "Space",
     "Status",
     "amv",
     "amv_plus",
+    "design_points",
     "form",
     "form_exceedance",
     "hmv",
+    "importance_sampling",
     "mean_value",
+    "rare_event",
     "sorm",
     "step_noise",
 ]

@@ -7,7 +7,7 @@ of Structural Systems (1995) 297-304 (iHL-RF).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,11 +16,11 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
 from ..distributions import JointDistribution, Marginal
-from ..distributions.marginal import as_array
 from .differences import Difference, check_differences, differences, standard_gradient, unit
+from .limit_state import Event, LimitState
 from .points import DEFAULT_BUDGET, Array, BudgetSpent, Evaluations, Function, PointLedger, Status
 
-__all__ = ["FormResult", "form", "form_exceedance"]
+__all__ = ["FormResult", "form", "form_exceedance", "search"]
 
 _FORM_ITERATIONS = 200
 _STEP_HALVINGS = 30
@@ -56,6 +56,7 @@ def form(
     threshold: float,
     correlation: ArrayLike | None = None,
     *,
+    start: ArrayLike | None = None,
     step: float = 1e-4,
     difference: Difference = "central",
     tolerance: float = 1e-6,
@@ -63,58 +64,77 @@ def form(
 ) -> FormResult:
     """First-order reliability method for the event `function <= threshold`, by the improved HL-RF algorithm.
 
-    The default step suits a limit state given as a formula; for a simulator choose it above the noise of the
-    response, as for `amv`. Stops when the limit state is met and u is parallel to its gradient within
-    `tolerance` (and the finite differences allow it). A search that ends for another reason, or a design
-    point that is a second-best one, cannot be told from inside; the former is reported as suspect. Raises
-    ValueError as `amv` does.
+    `start` (d,) is a point of the standard space, its origin by default. The default step suits a limit state given as
+    a formula; for a simulator choose it above the noise of the response, as for `amv`. Stops when the limit state is
+    met and u is parallel to its gradient within `tolerance` (and the finite differences allow it). A search that ends
+    for another reason is reported as suspect; a design point that is a second-best one cannot be told from inside one
+    search, `design_points` looks for others. Raises ValueError as `amv` does.
     """
     joint = JointDistribution(marginals, correlation)
     joint.require_slopes()
     if not math.isfinite(threshold):
         raise ValueError(f"the threshold must be finite, got {threshold}")
     check_differences(step, difference)
-    ledger = PointLedger(function, budget)
-    u = np.zeros(len(joint))
+    u = np.zeros(len(joint)) if start is None else np.array(start, dtype=float)
+    if u.shape != (len(joint),):
+        raise ValueError(f"the start must have shape ({len(joint)},), got {u.shape}")
+    return search(PointLedger(function, budget), joint, threshold, u, step, difference, tolerance)
+
+
+def search(
+    ledger: PointLedger,
+    joint: JointDistribution,
+    threshold: float,
+    start: Array,
+    step: float,
+    difference: Difference,
+    tolerance: float,
+    on_limit: float | None = None,
+    known: Callable[[Array], bool] = lambda u: False,
+) -> FormResult:
+    """The iteration of `form` from `start` (d,) on a ledger that may know points already.
+
+    on_limit  share of the gradient that the limit state may be missed by, 1e-4·tolerance by default
+    known     of a point u near the limit state: whether it leads where another search has been, which ends this one
+    """
+    on_limit = 1e-4 * tolerance if on_limit is None else on_limit
+    u = start.copy()
     state: tuple[float, Array] | None = None
-    origin_value = math.nan
     complaint: str | None = f"no design point was found in {_FORM_ITERATIONS} iterations"
-    iterations = 0
+    iterations, origin_value = 0, math.nan
     try:
+        if np.any(u):
+            origin_value = ledger.at(joint.from_standard(np.zeros(len(joint)))) - threshold
         for iterations in range(1, _FORM_ITERATIONS + 1):
             slopes = differences(ledger, joint, joint.from_standard(u), step, difference)
             g, gradient = slopes.value - threshold, standard_gradient(joint, slopes.gradient, u)
             state = g, gradient
-            if iterations == 1:
+            if math.isnan(origin_value):
                 origin_value = g
-            norm = float(np.linalg.norm(gradient))
-            if norm == 0.0:
-                if iterations == 1:  # a symmetric response: step aside and look again
+            if not np.any(gradient):
+                if iterations == 1 and not np.any(u):  # a symmetric response: step aside and look again
                     u[joint.active] = 0.1
                     continue
                 complaint = f"the gradient vanishes at x = {joint.from_standard(u).tolist()}"
                 break
-            normal = gradient / norm
-            across = float(np.linalg.norm(u - (normal @ u) * normal))
-            scale = max(1.0, float(np.linalg.norm(u)))
-            if abs(g) <= 1e-4 * tolerance * norm * scale and across <= tolerance * scale:
+            if _is_settled(u, g, gradient, on_limit, tolerance):
                 complaint = None
+                break
+            if known(u):
+                complaint = "the search came to a design point found before"
                 break
             moved = _hlrf_step(ledger, joint, threshold, u, g, gradient)
             if moved is None:
-                settled = (
-                    abs(g) <= max(1e-6, 1e-2 * tolerance) * norm * scale and across <= max(1e-4, tolerance) * scale
-                )
-                complaint = None if settled else "the line search found no better point: noise or a kink"
+                near = _is_settled(u, g, gradient, max(1e-6, on_limit, 1e-2 * tolerance), max(1e-4, tolerance))
+                complaint = None if near else "the line search found no better point: noise or a kink"
                 break
             u = moved
     except BudgetSpent:
-        complaint = f"the budget of {budget} evaluations was spent before the search settled"
+        complaint = f"the budget of {ledger.budget} evaluations was spent before the search settled"
     if state is None:
-        raise ValueError(f"a budget of {budget} evaluations does not even allow one gradient")
-    g, gradient = state
-    alpha = -unit(gradient)
+        raise ValueError(f"a budget of {ledger.budget} evaluations does not even allow one gradient")
     beta = math.copysign(float(np.linalg.norm(u)), origin_value)
+    alpha = -unit(state[1])
     return FormResult(
         beta=beta,
         probability=float(ndtr(-beta)),
@@ -129,6 +149,14 @@ def form(
     )
 
 
+def _is_settled(u: Array, g: float, gradient: Array, on_limit: float, along: float) -> bool:
+    """Whether u lies on the limit state and along its gradient, within shares of max(1, ‖u‖)."""
+    norm, scale = float(np.linalg.norm(gradient)), max(1.0, float(np.linalg.norm(u)))
+    normal = gradient / norm
+    across = float(np.linalg.norm(u - (normal @ u) * normal))
+    return abs(g) <= on_limit * norm * scale and across <= along * scale
+
+
 def form_exceedance(
     function: Function,
     marginals: Sequence[Marginal],
@@ -141,25 +169,12 @@ def form_exceedance(
     An uncertain threshold (a marginal, independent of the inputs) is one more input, the last of alpha and of
     the design point: the limit state is threshold − function(x) <= 0.
     """
+    if isinstance(threshold, Marginal) and threshold.is_fixed:
+        threshold = threshold.mean
     if not isinstance(threshold, Marginal):
         return form(lambda x: -np.asarray(function(x), dtype=float), marginals, -threshold, correlation, **options)
-    joined = None
-    if correlation is not None:
-        joined = np.eye(len(marginals) + 1)
-        joined[:-1, :-1] = correlation
-    known: dict[bytes, float] = {}
-
-    def margin(x: Array) -> Array:
-        """A step of the threshold alone costs no evaluation."""
-        inputs = np.ascontiguousarray(x[:, :-1])
-        keys = [row.tobytes() for row in inputs]
-        fresh = {key: row for key, row in zip(keys, inputs, strict=True) if key not in known}
-        if fresh:
-            values = np.asarray(function(np.array(list(fresh.values()))), dtype=float)
-            known.update(zip(fresh, values.tolist(), strict=True))
-        return as_array(x[:, -1] - np.array([known[key] for key in keys]))
-
-    return form(margin, [*marginals, threshold], 0.0, joined, **options)
+    state = LimitState(PointLedger(function), JointDistribution(marginals, correlation), Event(threshold, above=True))
+    return form(state, state.joint.marginals, 0.0, state.joint.correlation, **options)
 
 
 def _hlrf_step(

@@ -34,6 +34,9 @@ class Evaluations(int):
         self.x, self.y = x, y
         return self
 
+    def __reduce__(self) -> tuple[type[Self], tuple[int, Array, Array]]:
+        return type(self), (int(self), self.x, self.y)
+
     @property
     def requested(self) -> int:
         return int(self)

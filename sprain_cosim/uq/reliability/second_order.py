@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,9 +16,9 @@ from scipy.special import ndtr
 
 from ..distributions import JointDistribution, Marginal
 from .first_order import FormResult
-from .points import Array, Evaluations, Function, PointLedger
+from .points import Array, Evaluations, Function, PointLedger, Status
 
-__all__ = ["SormResult", "sorm"]
+__all__ = ["SormResult", "second_order", "sorm"]
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,9 @@ class SormResult:
     curvatures (d − 1,) of the limit state at the design point, positive where it bends away from the origin;
     breitung, hohenbichler, tvedt: the probability by K. Breitung (1984), by M. Hohenbichler and
     R. Rackwitz (1988) and by L. Tvedt (1983); NaN where the curvatures leave their range (1 + βκ ≤ 0).
+
+    status is suspect where a formula gives none, or no probability at all (Tvedt's three terms can sum to less than
+    zero), or where the formulas differ by more than half: second order is then not enough.
     """
 
     curvatures: Array
@@ -35,6 +38,8 @@ class SormResult:
     hohenbichler: float
     tvedt: float
     evaluations: Evaluations
+    status: Status = "ok"
+    reasons: tuple[str, ...] = ()
 
 
 def sorm(
@@ -49,7 +54,12 @@ def sorm(
 
     Second differences of `step` in the standard space: d(d + 1) + 1 evaluations for d inputs not fixed.
     """
-    joint = JointDistribution(marginals, correlation)
+    joint, ledger = JointDistribution(marginals, correlation), PointLedger(function)
+    return replace(second_order(ledger, joint, first_order, step), evaluations=ledger.evaluations())
+
+
+def second_order(function: Function, joint: JointDistribution, first_order: FormResult, step: float) -> SormResult:
+    """The same; `evaluations` are those of this call."""
     active, centre = joint.active, first_order.standard_point
     ledger = PointLedger(function)
     d = len(active)
@@ -78,7 +88,23 @@ def sorm(
     distance = abs(first_order.beta)
     tails = _second_order(distance, curvatures)
     breitung, hohenbichler, tvedt = tails if first_order.beta > 0 else tuple(1.0 - tail for tail in tails)
-    return SormResult(curvatures, breitung, hohenbichler, tvedt, ledger.evaluations())
+    reasons = _doubts(breitung, hohenbichler, tvedt)
+    status: Status = "suspect" if reasons else "ok"
+    return SormResult(curvatures, breitung, hohenbichler, tvedt, ledger.evaluations(), status, reasons)
+
+
+def _doubts(breitung: float, hohenbichler: float, tvedt: float) -> tuple[str, ...]:
+    named = {"Breitung": breitung, "Hohenbichler-Rackwitz": hohenbichler, "Tvedt": tvedt}
+    reasons = []
+    for name, value in named.items():
+        if math.isnan(value):
+            reasons.append(f"{name}: the limit state bends towards the origin beyond the formula's range")
+        elif not 0.0 <= value <= 1.0:
+            reasons.append(f"{name}: {value:.3g} is no probability")
+    valid = [value for value in named.values() if 0.0 <= value <= 1.0]
+    if len(valid) > 1 and max(valid) > 1.5 * min(valid):
+        reasons.append(f"the second-order formulas differ: {min(valid):.3g} to {max(valid):.3g}")
+    return tuple(reasons)
 
 
 def _second_order(beta: float, curvatures: Array) -> tuple[float, float, float]:
