@@ -118,7 +118,7 @@ def run_command(
     if as_json:
         click.echo(json.dumps(summary.to_json(), allow_nan=False))
     elif result.status == "completed":
-        _print_table(chosen.title, summary.initial_pose, result)
+        _print_table(chosen.heading, summary.initial_pose, result)
         for key, change in (summary.coupling_check or {}).items():
             click.echo(f"{'at half the step:' if key == 'peak_subtalar_angle_deg' else '':18}{key:44}{change:+.4g}")
         if out is not None:
@@ -319,7 +319,7 @@ def trial_command(folder: Path, number: int, out: Path | None, as_json: bool) ->
     if as_json:
         click.echo(json.dumps(summary.to_json(), allow_nan=False))
     elif result.status == "completed":
-        _print_table(f"{scenario.title}, trial {number}", summary.initial_pose, result)
+        _print_table(f"{scenario.heading}, trial {number}", summary.initial_pose, result)
     if not as_json:
         click.echo(f"\n{outcome.status}: {verdict}{f'; written: {out}' if out else ''}")
     if result.status != "completed":
@@ -610,7 +610,7 @@ def scenarios_command(as_json: bool) -> None:
     from .scenario import load_scenario
     from .shipped import scenario_folder, shipped_scenarios
 
-    listed = [(name, load_scenario(name).title) for name in shipped_scenarios()]
+    listed = [(name, load_scenario(name).heading) for name in shipped_scenarios()]
     if as_json:
         click.echo(json.dumps({"folder": str(scenario_folder()), "scenarios": dict(listed)}))
         return

@@ -105,7 +105,7 @@ def summarise_comparison(source: Source, entries: Sequence[Entry]) -> Comparison
     return ComparisonSummary(
         kind="scenario" if study is None else "study",
         source=source.source,
-        title=source.title,
+        title=source.heading,
         initial_pose=scenario.initial_pose(),
         method=None if study is None else study.method,
         seed=None if study is None else study.seed,

@@ -146,7 +146,7 @@ def _of_study(folder: Path, which: str) -> Landing:
     if result is None or "plant.pelvis_tx" not in result.index:
         result = _again(study, values, row, place)
     plant = study.scenario.fmus["plant"]
-    return Landing(f"{folder}, {choice}", study.title, study.scenario.initial_pose(), result, values, plant)
+    return Landing(f"{folder}, {choice}", study.heading, study.scenario.initial_pose(), result, values, plant)
 
 
 def _inputs(scenario: Scenario, row: pd.Series) -> dict[str, float]:

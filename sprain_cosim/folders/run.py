@@ -97,7 +97,7 @@ class RunSummary(Summary):
             coupling_error=finite(result.coupling_error),
             metrics={name: finite(value) for name, value in result.metrics.items()},
             scenario=scenario.source,
-            title=scenario.title,
+            title=scenario.heading,
             scheme=result.scheme,
             scheme_reason=result.scheme_reason,
             warning=result.warning,

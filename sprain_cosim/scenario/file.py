@@ -13,6 +13,7 @@ from ..errors import InputError, nearest, problems_to_error
 from ..files import read_toml
 from ..shipped import fmu_path, scenario_folder, shipped_scenarios
 from .scenario import SECOND, Scenario, Value, share
+from .title import RAN
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
@@ -101,7 +102,13 @@ FILE = keys.File(
                 keys.text(),
                 "the scenario that this one changes: a file beside it, or the name of one that ships",
             ),
-            keys.Key("title", keys.text(), "heading of tables and figures", "the file's name"),
+            keys.Key(
+                "title",
+                keys.text(),
+                f"heading of tables and figures, followed by the changes that options make; {RAN} in it stands for "
+                "what runs: slope, brace, muscles",
+                "what runs",
+            ),
             keys.Key(
                 "components",
                 keys.Named(
@@ -143,11 +150,12 @@ FILE = keys.File(
 def load_scenario(name: str | Path) -> Scenario:
     """A scenario from a file or the name of one that ships. Raises InputError."""
     path = _find(str(name))
+    title = _read(path).get("title", "")  # of this file: that of a base would not know what this one changes
     content = _with_bases(path, ())
     if not content.get("components"):
         raise InputError(f'{path}: no components; add [components.plant] with fmu = "plant", or a base')
     return Scenario(
-        title=content.get("title", path.stem),
+        title=title,
         fmus={name: spec["fmu"] for name, spec in content["components"].items()},
         maps={name: spec["map"] for name, spec in content["components"].items() if "map" in spec},
         parameters=content.get("parameters", {}),

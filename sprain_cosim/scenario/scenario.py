@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
@@ -19,6 +19,7 @@ from ..fmu.isolated import isolated
 from ..mapping import carried, read_component
 from ..shipped import fmu_path
 from ..units import quantity, unit
+from .title import Ran, heading
 
 ROLES = ("plant", "controller", "brace")
 SECOND = unit("s")
@@ -29,9 +30,20 @@ Value = float | int | str | bool
 
 @dataclass(frozen=True)
 class Scenario:
-    """`fmus` {component: FMU file} in stepping order, `maps` {component: mapping file}, `parameters` and `connections`
-    as in the file, `source` where it came from. `isolate` names the components that run in a process of their own;
-    those whose modules could clash always do."""
+    """A landing, described.
+
+    title        of the file; empty for none. What people read is `heading`
+    fmus         {component: FMU file}, in stepping order
+    parameters   {"component.parameter": value}, as in the file
+    connections  {"component.input": "component.output"}, as in the file
+    master       how the components are stepped
+    source       the file, or the name of one that ships
+    warnings     one line each
+    dropped      parameters that the FMU put in a component's place does not have
+    maps         {component: mapping file}
+    isolate      components that run in a process of their own; those whose modules could clash always do
+    changes      what was changed since the file was read, such as "plant.drop_height = 0.35 m"
+    """
 
     title: str
     fmus: Mapping[str, Path]
@@ -43,6 +55,40 @@ class Scenario:
     dropped: tuple[str, ...] = ()
     maps: Mapping[str, Path] = field(default_factory=dict)
     isolate: tuple[str, ...] = ()
+    changes: tuple[str, ...] = ()
+
+    @property
+    def heading(self) -> str:
+        """The heading of tables and figures: true for what runs, see `title`."""
+        return self.heading_with({})
+
+    def heading_with(self, means: Mapping[str, Value], varied: Collection[str] = (), own: str | None = None) -> str:
+        """The heading of a study of this scenario: parameters at their `means`, those `varied` over several values,
+        under the study's `own` title (None: the scenario's)."""
+        ran = Ran(self.fmus, {**self.parameters, **means}, self._start, varied)
+        description, named = ran.described()
+        return heading(self.title if own is None else own, description or Path(self.source).stem, self.changes, named)
+
+    def _start(self, name: str) -> str | float | None:
+        """The start value of a parameter with its unit; None where there is none, or the FMU cannot be read."""
+        owner, _, parameter = name.partition(".")
+        if owner not in self.fmus:
+            return None
+        try:
+            component = read_component(owner, self.fmus[owner], self.maps.get(owner))
+        except InputError:
+            return None
+        connector = component.connectors.get(parameter)
+        if connector is None or connector.start is None:
+            return None
+        return connector.start if connector.unit is None else f"{connector.start!r} {connector.unit.name}"
+
+    def noted(self, change: str) -> Self:
+        """The same scenario with a change of its description listed: what the heading must say of it. A later value of
+        a parameter replaces an earlier one."""
+        name, equals, _ = change.partition(" = ")
+        kept = [c for c in self.changes if c.partition(" = ")[0] != name] if equals else list(self.changes)
+        return replace(self, changes=(*kept, change))
 
     def override(self, parameter: str, value: Value) -> Self:
         """The same scenario with another value. Raises InputError when it has no such parameter or the value does not
@@ -53,7 +99,7 @@ class Scenario:
         if connector.causality != "parameter":
             raise InputError(f"{parameter}: is an {connector.causality}, not a parameter")
         connector.value(value, parameter)
-        return changed
+        return changed.noted(f"{parameter} = {value}")
 
     def replace_fmu(self, name: str, fmu: Path | str, mapping: Path | str | None = None) -> Self:
         """Another device under a component's name, or one more: its connections are made anew from its contract
@@ -78,8 +124,7 @@ class Scenario:
             else ()
         )
         return replace(
-            self,
-            title=f"{self.title} · {name} = {path.name}",
+            self.noted(f"{name} = {path.name}"),
             fmus={**self.fmus, name: path},
             maps=maps,
             parameters={k: v for k, v in self.parameters.items() if k not in lost},
@@ -93,8 +138,10 @@ class Scenario:
     def without(self, name: str) -> Self:
         """The same scenario without a component: its parameters and connections go with it. Itself where there is none
         of that name."""
+        if name not in self.fmus:
+            return self
         return replace(
-            self,
+            self.noted(f"{name} = none"),
             fmus={k: v for k, v in self.fmus.items() if k != name},
             maps={k: v for k, v in self.maps.items() if k != name},
             parameters={k: v for k, v in self.parameters.items() if not k.startswith(f"{name}.")},

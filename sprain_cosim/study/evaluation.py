@@ -73,7 +73,7 @@ def summarise(study: Plan, trials: pd.DataFrame, found: Found | None) -> StudySu
             raise InputError(f"response {name!r}: no such metric{nearest(name, metrics)}")
     summary = StudySummary(
         study=study.source,
-        title=study.title,
+        title=study.heading,
         method=study.method,
         seed=study.seed,
         initial_pose=study.scenario.initial_pose(),

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,6 +18,7 @@ from ..files import parse_toml, read_text
 from ..metrics import unit_of
 from ..scenario import Scenario, load_scenario
 from ..scenario.file import PARAMETERS, VARIABLE
+from ..scenario.title import RAN
 from ..shipped import scenario_folder, shipped_studies
 from ..units import Unit, quantity, unit
 from ..uq.distributions import Array, Marginal
@@ -119,7 +121,13 @@ FILE = keys.File(
                 "a file beside this one, or the name of a scenario that ships",
                 needs=NEEDS_SCENARIO,
             ),
-            keys.Key("title", keys.text(), "heading of tables and figures", "the scenario's"),
+            keys.Key(
+                "title",
+                keys.text(),
+                f"heading of tables and figures, followed by the changes that options make; {RAN} in it stands for "
+                "what runs, at the means of what varies",
+                "the scenario's",
+            ),
             keys.Key("parameters", PARAMETERS, "values on top of the scenario's", "the scenario's"),
             keys.Key(
                 "marginals",
@@ -183,8 +191,8 @@ def load_study(name: str | Path) -> Study:
     options |= _of_responses(options, problems)
     problems_to_error(str(path), problems)
     return Study(
-        title=content.get("title", scenario.title),
-        scenario=scenario,
+        title=content.get("title", ""),
+        scenario=replace(scenario, changes=()) if "title" in content else scenario,
         marginals=marginals,
         units=units | units_of_grid,
         correlation=correlation,

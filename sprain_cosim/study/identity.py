@@ -34,6 +34,7 @@ CHANGES_NO_ROW = {
     "Plan.text": "the file as it was read, of which every key counts by itself",
     "Plan.warnings": "said before the run",
     "Scenario.title": "a heading",
+    "Scenario.changes": "for the heading; the changed fields count themselves",
     "Scenario.source": "where the description came from",
     "Scenario.warnings": "said before the run",
     "Scenario.dropped": "what a device lacked, for the summary",

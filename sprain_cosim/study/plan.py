@@ -34,7 +34,7 @@ class Plan:
     """What is varied and asked. `sample()` gives the trials of a method that draws them, `search()` runs one that
     chooses them one after another.
 
-    title        heading of tables and figures
+    title        of the file; empty for none. What people read is `heading`
     scenario     what runs in every trial
     marginals    {"component.parameter": its distribution, in the parameter's own unit}
     units        {the same names and those of `grid`: that unit; "" where there is no dimension}
@@ -87,6 +87,13 @@ class Plan:
     source: str = ""
     text: str = ""
     warnings: tuple[str, ...] = ()
+
+    @property
+    def heading(self) -> str:
+        """The heading of tables and figures: the file's title, else the scenario's, else what runs, at the means of
+        what varies; with the changes since."""
+        means = {n: f"{m.mean!r} {self.units[n]}" if self.units[n] else m.mean for n, m in self.marginals.items()}
+        return self.scenario.heading_with(means, tuple(self.grid), self.title or None)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -178,7 +185,7 @@ class Plan:
                 _ = self.joint
             except ValueError as problem:
                 problems.append(f"correlation: {problem}")
-        problems_to_error(self.source or self.title, problems)
+        problems_to_error(self.source or self.heading, problems)
         return self
 
     def _range_problems(self, system: System) -> Iterator[str]:
@@ -229,7 +236,8 @@ class Plan:
         scenario = self.scenario.override(parameter, value)
         if parameter in self.marginals:
             connector = scenario.system().find(parameter)
-            return replace(self, marginals={**self.marginals, parameter: Fixed(connector.value(value, parameter))})
+            fixed = {**self.marginals, parameter: Fixed(connector.value(value, parameter))}
+            return replace(self, scenario=self.scenario.noted(scenario.changes[-1]), marginals=fixed)
         return replace(self, scenario=scenario, grid={k: v for k, v in self.grid.items() if k != parameter})
 
     def replace_fmu(self, name: str, fmu: Path | str, mapping: Path | str | None = None) -> Self:

@@ -29,7 +29,7 @@ AWAY = np.array([0.0, -9.0, 0.0])  # the box, out of sight
 def braced() -> Landing:
     chosen = load_scenario("incline30_brace").with_master(stop="48 ms").recording("plant.*")
     return Landing(
-        "braced", chosen.title, chosen.initial_pose(), chosen.run(), {"plant.platform_incline": np.pi / 6}, PLANT
+        "braced", chosen.heading, chosen.initial_pose(), chosen.run(), {"plant.platform_incline": np.pi / 6}, PLANT
     )
 
 

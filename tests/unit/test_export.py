@@ -39,7 +39,7 @@ for label in sys.argv[2:]:
 def landing() -> Landing:
     chosen = load_scenario("incline30_brace").with_master(stop="60 ms").recording("plant.*")
     return Landing(
-        "landing", chosen.title, chosen.initial_pose(), chosen.run(), {"plant.platform_incline": np.pi / 6}, PLANT
+        "landing", chosen.heading, chosen.initial_pose(), chosen.run(), {"plant.platform_incline": np.pi / 6}, PLANT
     )
 
 

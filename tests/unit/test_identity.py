@@ -195,4 +195,4 @@ def test_a_folder_says_which_file_has_changed(study: sc.Study, tmp_path: Path) -
         brace.write_bytes(fmu_path("brace_linear", Path(), "").read_bytes())
         with pytest.raises(InputError, match=r"fmus.brace: \w{12} then, \w{12} now"):
             load_study_plan(tmp_path / "s", written)
-        assert recorded_plan(tmp_path / "s", written).title == own.title
+        assert recorded_plan(tmp_path / "s", written).heading == own.heading

@@ -82,7 +82,7 @@ def test_a_base_may_have_a_base(tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text("base = 'incline30_brace'\n[parameters]\n'plant.drop_height' = '0.4 m'")
     (tmp_path / "b.toml").write_text("base = 'a'\n[parameters]\n'brace.angle_scale' = 2")
     scenario = load_scenario(tmp_path / "b.toml")
-    assert scenario.title == load_scenario("incline30_brace").title
+    assert scenario.heading == "30° slope, 200 % brace, ankle muscles off"
     assert scenario.parameters["plant.drop_height"] == "0.4 m"
     assert scenario.parameters["brace.angle_scale"] == 2
     assert list(scenario.fmus) == list(load_scenario("incline30_brace").fmus)
