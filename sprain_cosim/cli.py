@@ -18,7 +18,7 @@ from .errors import InputError, SimulationError, SprainError
 
 if TYPE_CHECKING:
     from .cosim.result import Result
-    from .study.runner import Campaign
+    from .study.campaign import Campaign
 
 OUT = click.option("--out", type=click.Path(path_type=Path), help="Folder for signals, summary and figure.")
 FOLDERS = click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
@@ -211,7 +211,8 @@ def study_command(
     from .study.file import load_study
     from .study.listing import study_listing
     from .study.progress import reporter
-    from .study.runner import first_trajectories, part
+    from .study.shards import shard as part
+    from .study.trajectories import first_trajectories
 
     chosen = _changed(load_study(study), fmus, maps, settings).with_master(scheme, step, stop)
     if isolate:
@@ -279,7 +280,7 @@ def _warn_of_trials(done: Campaign, folder: Path) -> None:
 def merge_command(folders: tuple[Path, ...], out: Path | None, parquet: bool, as_json: bool) -> None:
     """Join the FOLDERS of a study's shards into one, as if it had run in one piece."""
     from .study.listing import study_listing
-    from .study.runner import merge
+    from .study.merge import merge
 
     done = merge(folders, out, parquet)
     click.echo(
@@ -299,7 +300,7 @@ def trial_command(folder: Path, number: int, out: Path | None, as_json: bool) ->
     numbers to the bit."""
     from .figures.gallery import leave_run
     from .folders.run import RunSummary, check_run_folder
-    from .study.runner import replay
+    from .study.replay import replay
 
     if out is not None:
         check_run_folder(out)

@@ -133,7 +133,13 @@ FILE = keys.File(
 
 @dataclass(frozen=True)
 class Signal:
-    """`variable` of the FMU; `unit` None: as declared."""
+    """Where a signal of the contract goes to or comes from: factor * what comes + offset arrives.
+
+    variable  of the FMU
+    factor    not 0
+    offset    in the FMU's unit
+    unit      the FMU's; None: as declared
+    """
 
     variable: str
     factor: float = 1.0
@@ -143,8 +149,18 @@ class Signal:
 
 @dataclass(frozen=True)
 class Mapping:
-    """{contract name: Signal}; `step` [s] of its own; `source` where it was read; `allowed` what it may do beyond the
-    sandbox; `expect_sha256` of the FMU's file, "" for any."""
+    """What a mapping file says.
+
+    inputs         {signal of the contract: the FMU's input that takes it}
+    outputs        {signal of the contract: the FMU's output that is it}
+    active         whether the device may give energy
+    source         where the mapping was read
+    step           [s] of its own, where the FMU declares none; None: as declared
+    reset          whether its reset equals a fresh instance
+    continuous     whether its law is continuous in truth, whatever its fixed step
+    allowed        what it may do beyond the sandbox
+    expect_sha256  of the FMU's file; "": any
+    """
 
     inputs: MappingOf[str, Signal] = field(default_factory=dict)
     outputs: MappingOf[str, Signal] = field(default_factory=dict)
@@ -213,12 +229,12 @@ class Mapping:
 
 
 def _renamed(name: str, found: Connector, signal: Signal, causality: str) -> Connector:
-    wanted = (INPUTS if causality == "input" else OUTPUTS)[name]
-    own = signal.unit or found.unit or wanted
-    if not own.same_dimension(wanted):
+    signal_unit = (INPUTS if causality == "input" else OUTPUTS)[name]
+    own = signal.unit or found.unit or signal_unit
+    if not own.same_dimension(signal_unit):
         raise InputError(
-            f"its unit {own.name} has the dimension {own.dimension()}, expected {wanted.dimension()}; state the true "
-            "one with unit = ..."
+            f"its unit {own.name} has the dimension {own.dimension()}, expected {signal_unit.dimension()}; state the "
+            "true one with unit = ..."
         )
     if causality == "input":
         factor = own.factor / signal.factor

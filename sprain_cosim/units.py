@@ -137,20 +137,20 @@ def split(text: str) -> tuple[float, str] | None:
     return (float(match[1]), match[2] or "") if match else None
 
 
-def quantity(value: float | str, wanted: Unit | None, what: str) -> float:
-    """A number or "number unit" in the unit `wanted` (None: not declared, so SI is assumed). `what` begins the
+def quantity(value: float | str, target: Unit | None, what: str) -> float:
+    """A number or "number unit" in the unit `target` (None: not declared, so SI is assumed). `what` begins the
     messages.
 
     Raises InputError when the unit is missing, unknown or of another dimension, or the number is not finite."""
-    dimensionless = wanted is None or wanted.dimensionless
+    dimensionless = target is None or target.dimensionless
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-        raise InputError(f"{what} = {value!r}: expected a number, such as {_example(wanted)}")
+        raise InputError(f"{what} = {value!r}: expected a number, such as {_example(target)}")
     if isinstance(value, str):
         parts = split(value)
         if parts is None:
             raise InputError(
                 f"{what} = {value!r}: expected {'a number' if dimensionless else 'a number and a unit'}, such as "
-                f"{_example(wanted)}"
+                f"{_example(target)}"
             )
         number, name = parts
     else:
@@ -159,27 +159,26 @@ def quantity(value: float | str, wanted: Unit | None, what: str) -> float:
         raise InputError(f"{what} = {value!r}: must be finite")
     if not name:
         if not dimensionless:
-            raise InputError(f"{what} = {value}: needs a unit, for example {_example(wanted, number)}")
+            raise InputError(f"{what} = {value}: needs a unit, for example {_example(target, number)}")
         name = "1"
     try:
-        given = unit(name)
+        own = unit(name)
     except InputError as problem:
         raise InputError(f"{what} = {value!r}: {problem}") from None
-    target = wanted or Unit("1")
-    if wanted is None:
-        return given.to_base(number)
-    if not given.same_dimension(target):
+    if target is None:
+        return own.to_base(number)
+    if not own.same_dimension(target):
         raise InputError(
-            f"{what} = {value!r}: {name} has the dimension {given.dimension()}, expected {target.dimension()}, for "
-            f"example {_example(wanted, number)}"
+            f"{what} = {value!r}: {name} has the dimension {own.dimension()}, expected {target.dimension()}, for "
+            f"example {_example(target, number)}"
         )
-    if given.name == target.name:
+    if own.name == target.name:
         return number
-    return target.from_base(given.to_base(number))
+    return target.from_base(own.to_base(number))
 
 
-def _example(wanted: Unit | None, number: float = 1.0) -> str:
+def _example(target: Unit | None, number: float = 1.0) -> str:
     """People write angles in degrees."""
-    if wanted is None or wanted.dimensionless:
+    if target is None or target.dimensionless:
         return f"{number:g}"
-    return f'"{number:g} {wanted.name.replace("rad", "deg") if wanted.name in ("rad", "rad/s") else wanted.name}"'
+    return f'"{number:g} {target.name.replace("rad", "deg") if target.name in ("rad", "rad/s") else target.name}"'

@@ -25,7 +25,7 @@ from ..scenario import Value, load_scenario
 from ..scenario.file import NAME
 from ..shipped import shipped_scenarios, shipped_studies
 from ..study.file import load_study
-from ..study.identity import SAMPLED
+from ..study.methods import SAMPLED
 from ..study.study import Study
 from .bench import Bench
 from .comparison import PEAKS, Entry, Source, summarise_comparison, with_derived

@@ -18,7 +18,7 @@ from .title import RAN
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
-def _given_parameter(value: Any, place: str) -> Value:
+def _parameter_value(value: Any, place: str) -> Value:
     name = place.partition(".")[2]
     if isinstance(value, dict):
         raise InputError(f'{place}: quote names with a dot: "{name}.{next(iter(value), "parameter")}" = ...')
@@ -40,7 +40,7 @@ def _scheme(value: Any, place: str) -> str:
 VARIABLE = r"^[A-Za-z][A-Za-z0-9_]*\..+$"  # component.variable
 PARAMETERS = keys.Named(
     '"component.parameter"',
-    keys.Value("number, text, true or false", {"type": ["number", "string", "boolean"]}, _given_parameter, "its own"),
+    keys.Value("number, text, true or false", {"type": ["number", "string", "boolean"]}, _parameter_value, "its own"),
     VARIABLE,
 )
 NEEDS_FMU = 'needs fmu = "a shipped FMU or a path"'

@@ -187,17 +187,17 @@ class Scenario:
         connector = plant.parameters.get("initial_pose") if plant else None
         if connector is None or not connector.items:
             return None
-        given = self.parameters.get("plant.initial_pose")
-        return str(given) if given is not None else next(n for n, v in connector.items.items() if v == connector.start)
+        pose = self.parameters.get("plant.initial_pose")
+        return str(pose) if pose is not None else next(n for n, v in connector.items.items() if v == connector.start)
 
     def system(self) -> System:
         """The checked system. Raises InputError with all problems in one line."""
         system = self._described()
         problems = system.check(self.master.communication_step)
         values: dict[str, float] = {}
-        for full, given in self.parameters.items():
+        for full, value in self.parameters.items():
             try:
-                values[full] = system.find(full).value(given, full)
+                values[full] = system.find(full).value(value, full)
             except InputError as problem:
                 problems.append(str(problem) if full in str(problem) else f"parameter {problem}")
         problems_to_error(self.source, _without_repeats(problems))

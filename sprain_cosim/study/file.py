@@ -24,7 +24,8 @@ from ..units import Unit, quantity, unit
 from ..uq.distributions import Array, Marginal
 from .inputs import parameter, unit_name
 from .marginals import DISTRIBUTION, NUMBER, marginal
-from .plan import METHODS, TOLERANCE
+from .methods import METHODS
+from .plan import TOLERANCE
 from .study import Study
 
 NARROW = math.radians(0.25)  # a smaller spread of an angle is likely to be radians written as degrees

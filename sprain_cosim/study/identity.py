@@ -18,12 +18,10 @@ from .. import __version__
 from ..cosim.master import Master
 from ..fmu.cache import file_sha256
 from ..scenario import Scenario
+from .methods import SEARCHES
 
 if TYPE_CHECKING:
     from .plan import Plan
-
-SAMPLED = ("monte-carlo", "lhs", "sobol", "grid", "table")
-SEARCHES = ("mean-value", "amv", "amv+", "hmv", "form", "sobol-indices")  # the trials depend on the method's own plan
 
 CHANGES_NO_ROW = {
     "Plan.title": "a heading",
@@ -32,11 +30,11 @@ CHANGES_NO_ROW = {
     "Plan.published": "printed beside the results",
     "Plan.source": "where the description came from",
     "Plan.text": "the file as it was read, of which every key counts by itself",
-    "Plan.warnings": "said before the run",
+    "Plan.warnings": "printed before the run",
     "Scenario.title": "a heading",
     "Scenario.changes": "for the heading; the changed fields count themselves",
     "Scenario.source": "where the description came from",
-    "Scenario.warnings": "said before the run",
+    "Scenario.warnings": "printed before the run",
     "Scenario.dropped": "what a device lacked, for the summary",
     "Scenario.isolate": "where a component runs; the numbers are the same to the bit",
 }

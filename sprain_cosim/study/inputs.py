@@ -25,7 +25,7 @@ ENOUGH = 5  # problems after which the rest of the rows is not read
 
 
 @dataclass(frozen=True)
-class Table:
+class InputTable:
     """Rows of inputs.
 
     columns   {"component.parameter": (n,) values in the parameter's own unit}
@@ -58,7 +58,7 @@ def unit_name(unit: Unit | None) -> str:
     return "" if unit is None or unit.dimensionless else unit.name
 
 
-def read_table(path: Path, system: System, varied: Sequence[str]) -> Table:
+def read_table(path: Path, system: System, varied: Sequence[str]) -> InputTable:
     """A CSV file with header `component.parameter [unit]`, one row a trial, an optional column `trial` numbering them.
     `varied` are the study's own names, for the hint at a column that is none.
 
@@ -84,7 +84,7 @@ def read_table(path: Path, system: System, varied: Sequence[str]) -> Table:
         columns.problems.append("column trial: numbers must be different and not negative")
     problems_to_error(str(path), columns.problems)
     values = {name: np.array(column) for name, column in columns.values.items()}
-    return Table(values, columns.units, numbers, tuple(columns.warnings))
+    return InputTable(values, columns.units, numbers, tuple(columns.warnings))
 
 
 @dataclass

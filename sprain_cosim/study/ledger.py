@@ -135,7 +135,7 @@ class Ledger:
     def _sound(self) -> bool:
         """Whether all rows can be read and fit their checksums, and the file its own structure."""
         try:
-            sound = self._database.execute("PRAGMA quick_check(1)").fetchone()[0] == "ok"
+            sound = bool(self._database.execute("PRAGMA quick_check(1)").fetchone()[0] == "ok")
             last = -1
             for record, names in self._records(""):
                 sound = sound and last < record[0] and self._fits(record, names)

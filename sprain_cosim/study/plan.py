@@ -17,14 +17,14 @@ from ..fmu.component import Component
 from ..scenario import Scenario, Value
 from ..uq import sampling
 from ..uq.distributions import Array, Fixed, JointDistribution, Marginal
-from .identity import SAMPLED, SEARCHES, digest_of, identity
+from .identity import digest_of, identity
 from .inputs import parameter as varied_parameter
 from .inputs import read_table
+from .methods import METHODS
 
 if TYPE_CHECKING:
     from ..uq.reliability import Difference, Space
 
-METHODS = (*SAMPLED, *SEARCHES)
 IMPOSSIBLE = 1e-6  # a marginal may lie outside its parameter's range with at most this probability
 TOLERANCE = 1e-3  # of searches, in standard deviations of the response: a landing's own noise is 1e-4 of them
 

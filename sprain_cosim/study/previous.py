@@ -11,7 +11,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from .codec import decode
-from .identity import SEARCHES, digest_of, identity
+from .identity import digest_of, identity
+from .methods import SEARCHES
 from .plan import Plan
 
 

@@ -16,17 +16,17 @@ def reporter(kind: str) -> Callable[[int, int, int, float], None] | None:
     if kind == "none":
         return None
     renews = kind == "auto" and sys.stderr.isatty()
-    said = -EVERY
-    begun: int | None = None
+    shown = -EVERY
+    at_first: int | None = None
 
     def report(finished: int, total: int, failed: int, seconds: float) -> None:
-        nonlocal said, begun
-        begun = finished if begun is None else begun
+        nonlocal shown, at_first
+        at_first = finished if at_first is None else at_first
         last = finished == total
-        if not (renews or last or seconds - said >= EVERY):
+        if not (renews or last or seconds - shown >= EVERY):
             return
-        said = seconds
-        rate = (finished - begun) / seconds if seconds > 0 else 0.0
+        shown = seconds
+        rate = (finished - at_first) / seconds if seconds > 0 else 0.0
         left = (total - finished) / rate if rate > 0 else None
         if kind == "json":
             print(

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from ..process import Limits
 from . import runner
+from .campaign import Campaign
 from .dispatch import Progress
 from .plan import Plan
-from .runner import Campaign
 from .trajectories import FIRST
 
 

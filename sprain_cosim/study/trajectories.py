@@ -5,16 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..errors import InputError
 from ..files import write
 from .ledger import RESUME
+from .plan import Plan
 from .worker import Outcome
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FOLDER = "trajectories"
 FIRST = 100  # trials recorded by default
+ALL = 1 << 62
 ROLES = {"p5": 0.05, "p50": 0.50, "p95": 0.95, "min": 0.0, "max": 1.0}
 
 
@@ -72,3 +78,23 @@ def roles(numbers: np.ndarray, response: np.ndarray, values: Mapping[str, float]
     if values is None:
         values = {role: float(np.quantile(response, p)) for role, p in ROLES.items()}
     return {role: int(numbers[np.argmin(np.abs(response - value))]) for role, value in values.items()}
+
+
+def roles_of(study: Plan, table: pd.DataFrame, found: Any) -> dict[str, int]:
+    """{role: trial} of the first response: the percentiles and extremes of a sample, the trials of a search that gave
+    its levels' values."""
+    done = table[table["status"] == "completed"]
+    response = study.responses[0]
+    if response not in done:
+        return {}
+    values: Mapping[str, float] | None = None
+    if found is not None:
+        values = {f"p{100 * p:g}": v for p, v in getattr(found, "value", {}).items()}
+    return roles(done["trial"].to_numpy(), done[response].to_numpy(float), values)
+
+
+def first_trajectories(text: str) -> int:
+    """How many trials "100", "all" or "none" ask to record. Raises InputError."""
+    if text not in ("all", "none") and not text.isdecimal():
+        raise InputError(f"--trajectories {text}: must be a number, all or none")
+    return ALL if text == "all" else 0 if text == "none" else int(text)

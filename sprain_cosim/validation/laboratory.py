@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from ..cosim.result import Result
-    from ..study.runner import Campaign
+    from ..study.campaign import Campaign
 
 QUICK_TRIALS = 200  # of each study
 MILLISECOND = 1e-3

@@ -18,8 +18,8 @@ import sprain_cosim as sc
 from sprain_cosim.errors import InputError
 from sprain_cosim.study.folder import recorded_plan
 from sprain_cosim.study.ledger import FORMAT, Ledger
+from sprain_cosim.study.replay import replay
 from sprain_cosim.study.reproduce import reproduce
-from sprain_cosim.study.runner import replay
 from tests.light import study_file
 
 SOURCE = Path(__file__).parent.parent / "folders_0_1" / "light"

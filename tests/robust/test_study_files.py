@@ -15,7 +15,7 @@ from sprain_cosim.errors import InputError
 from sprain_cosim.fmu import cache
 from sprain_cosim.process import Limits
 from sprain_cosim.study.plan import Plan
-from sprain_cosim.study.runner import replay
+from sprain_cosim.study.replay import replay
 from tests.native import device
 
 MAP = '[outputs]\nsubtalar_torque = { from = "subtalar_torque", factor = 1 }\n'

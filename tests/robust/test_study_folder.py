@@ -19,7 +19,9 @@ from sprain_cosim.cosim.result import Result
 from sprain_cosim.errors import InputError
 from sprain_cosim.fmu.cache import cache_folder
 from sprain_cosim.study.ledger import Ledger
-from sprain_cosim.study.runner import merge, part, replay
+from sprain_cosim.study.merge import merge
+from sprain_cosim.study.replay import replay
+from sprain_cosim.study.shards import shard as part
 
 TRIALS = 12
 

@@ -18,9 +18,10 @@ import pytest
 import sprain_cosim as sc
 from sprain_cosim.errors import InputError, SimulationError
 from sprain_cosim.process import Limits
+from sprain_cosim.study.campaign import Campaign
 from sprain_cosim.study.codec import encode
 from sprain_cosim.study.ledger import Ledger, Row
-from sprain_cosim.study.runner import Campaign, _request
+from sprain_cosim.study.runner import _request
 from sprain_cosim.study.seal import NECESSARY, seal
 from sprain_cosim.study.summary import StudySummary
 from sprain_cosim.study.trajectories import FIRST

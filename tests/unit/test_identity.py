@@ -21,8 +21,9 @@ from sprain_cosim.study.codec import encode
 from sprain_cosim.study.folder import load_study_plan, recorded_plan
 from sprain_cosim.study.identity import CHANGES_NO_ROW, COUNTS_FOR, changes
 from sprain_cosim.study.ledger import Ledger
-from sprain_cosim.study.plan import METHODS, Plan
-from sprain_cosim.study.runner import merge
+from sprain_cosim.study.merge import merge
+from sprain_cosim.study.methods import METHODS
+from sprain_cosim.study.plan import Plan
 from sprain_cosim.uq.distributions import Marginal, Normal, Truncated
 
 METHOD = {"replicates": "sobol", "trials": "lhs", "threshold": "form", "responses": "form"}  # one for which it counts

@@ -14,7 +14,12 @@ from ..worker import Openable
 
 
 class Job(NamedTuple):
-    """One trial: its number, its inputs (d,), whether its trajectory is wanted."""
+    """One trial.
+
+    trial   its number
+    values  (d,) its inputs, in the parameters' own units
+    record  whether its trajectory is to be kept
+    """
 
     trial: int
     values: Array
@@ -23,8 +28,12 @@ class Job(NamedTuple):
 
 @dataclass(frozen=True)
 class Task:
-    """What all trials of a study share. `scenario` is what a child opens, `names` (d,) the parameters it sets;
-    picklable."""
+    """What all trials of a study share; picklable.
+
+    scenario  what a child opens
+    names     (d,) the parameters that a trial sets
+    limits    of a trial and of its process
+    """
 
     scenario: Openable
     names: tuple[str, ...]

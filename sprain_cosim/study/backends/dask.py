@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import importlib
 import logging
 import os
 import pickle
@@ -52,8 +53,7 @@ class Dask:
 
     def __init__(self, task: Task, workers: int | None, address: str) -> None:
         try:
-            import dask
-            import distributed
+            dask, distributed = (importlib.import_module(name) for name in ("dask", "distributed"))
         except ImportError:
             raise EnvironmentProblem("--scheduler: needs Dask: pip install 'sprain-cosim[distributed]'") from None
         hashes = _hashes(task)

@@ -1,0 +1,58 @@
+"""What a finished study is: its summary, its folder, its tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .plan import Plan
+from .summary import StudySummary
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Tables = tuple["pd.DataFrame", "pd.DataFrame"]  # trials, timing
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A finished study.
+
+    study     what was run
+    summary   as in summary.json
+    out       its folder, or None
+    load      gives both tables, when they are first asked for
+    warnings  one line each, about this run of it
+    """
+
+    study: Plan
+    summary: StudySummary
+    out: Path | None
+    load: Callable[[], Tables]
+    warnings: tuple[str, ...] = ()
+
+    @cached_property
+    def _tables(self) -> Tables:
+        return self.load()
+
+    @property
+    def trials(self) -> pd.DataFrame:
+        """One row for each trial, the columns of trials.csv."""
+        return self._tables[0]
+
+    @property
+    def timing(self) -> pd.DataFrame:
+        """One row for each trial: what depends on the machine, the columns of timing.csv."""
+        return self._tables[1]
+
+
+def at_hand(tables: Tables) -> Callable[[], Tables]:
+    """The `load` of a campaign whose tables are there already; picklable."""
+    return partial(_same, tables)
+
+
+def _same(tables: Tables) -> Tables:
+    return tables

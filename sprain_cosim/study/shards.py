@@ -1,0 +1,35 @@
+"""Which trials a run of a study is about: all of them, or the k-th of n parts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..uq.distributions import Array
+from .plan import Plan
+
+Shard = tuple[int, int]  # (k, n): the k-th of n parts, from 1
+
+
+def shard(text: str) -> Shard:
+    """ "2/10" as (2, 10). Raises InputError."""
+    k, slash, n = text.partition("/")
+    if not (slash and k.isdecimal() and n.isdecimal() and 1 <= int(k) <= int(n)):
+        raise InputError(f"--shard {text}: must be K/N with K from 1 to N, such as 2/10")
+    return int(k), int(n)
+
+
+def trial_numbers(study: Plan, shard: Shard | None = None) -> NDArray[np.int64]:
+    """(n,) numbers of the trials, ascending as far as the study numbers them so."""
+    count = int(np.prod([len(levels) for levels in study.grid.values()])) if study.method == "grid" else study.trials
+    numbers = np.array(study.numbers or range(count), np.int64)
+    return numbers if shard is None else numbers[numbers % shard[1] == shard[0] - 1]
+
+
+def trial_blocks(study: Plan, shard: Shard | None) -> Iterator[tuple[NDArray[np.int64], Array]]:
+    for numbers, x in study.blocks():
+        mine = slice(None) if shard is None else numbers % shard[1] == shard[0] - 1
+        yield numbers[mine], x[mine]
