@@ -68,13 +68,17 @@ SYMBOLS = {
     "h": _symbol(3600.0, s=1),
     "Hz": _symbol(1.0, s=-1),
     "rad": _symbol(1.0, rad=1),
+    "rpm": _symbol(2 * math.pi / 60, rad=1, s=-1),
     "deg": _symbol(math.pi / 180, rad=1),
     "°": _symbol(math.pi / 180, rad=1),
     "rev": _symbol(2 * math.pi, rad=1),
     "N": _symbol(1.0, kg=1, m=1, s=-2),
     "kgf": _symbol(_G0, kg=1, m=1, s=-2),
     "lbf": _symbol(_LB * _G0, kg=1, m=1, s=-2),
+    "ozf": _symbol(_LB * _G0 / 16, kg=1, m=1, s=-2),
     "Nm": _symbol(1.0, kg=1, m=2, s=-2),
+    "Nmm": _symbol(1e-3, kg=1, m=2, s=-2),
+    "Ncm": _symbol(1e-2, kg=1, m=2, s=-2),
     "Pa": _symbol(1.0, kg=1, m=-1, s=-2),
     "bar": _symbol(1e5, kg=1, m=-1, s=-2),
     "J": _symbol(1.0, kg=1, m=2, s=-2),
@@ -86,6 +90,23 @@ SYMBOLS = {
     "mol": _symbol(1.0, mol=1),
     "cd": _symbol(1.0, cd=1),
 }
+SPELLINGS = {  # of the same symbol
+    "sec": "s",
+    "second": "s",
+    "seconds": "s",
+    "degree": "deg",
+    "degrees": "deg",
+    "radian": "rad",
+    "radians": "rad",
+    "meter": "m",
+    "metre": "m",
+    "newton": "N",
+}
+SIGNS = str.maketrans(  # characters that look alike or mean the same
+    {"⋅": ".", "·": ".", "∙": ".", "•": ".", "×": ".", "º": "°", "˚": "°", "μ": "µ", "⁄": "/", "∕": "/", "−": "-"}
+    | dict(zip("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789", strict=True))
+)
+HYPHEN = re.compile(r"(?<=[^\W\d_])-(?=[^\W\d_])")  # between letters, a product: N-m, in-lbf
 PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "k": 1e3, "M": 1e6, "G": 1e9}
 PREFIXED = {"g", "m", "s", "Hz", "rad", "N", "Nm", "Pa", "J", "W", "A", "V", "K", "mol", "bar"}
 
@@ -94,8 +115,9 @@ _FACTOR = re.compile(r"([^\d^.*/()\s-]+|1)(?:\^?(-?\d))?")
 
 @lru_cache(maxsize=512)
 def unit(name: str) -> Unit:
-    """The unit of a name such as N.m/rad, kg.m^2, deg/s, MPa/m or lbf.in. Raises InputError."""
-    over, slash, under = name.strip().partition("/")
+    """The unit of a name such as N.m/rad, kg.m^2, deg/s, MPa/m or lbf.in, in the spellings that people use: N⋅m, N-m,
+    m/s², rad⁻¹, degrees. Raises InputError."""
+    over, slash, under = HYPHEN.sub(".", name.translate(SIGNS)).strip().partition("/")
     under = under.strip()
     if under.startswith("(") and under.endswith(")"):
         under = under[1:-1]
@@ -119,6 +141,7 @@ def unit(name: str) -> Unit:
 
 
 def _lookup(symbol: str, name: str) -> tuple[float, float, tuple[int, ...]]:
+    symbol = SPELLINGS.get(symbol.lower(), symbol)
     if symbol in SYMBOLS:
         return SYMBOLS[symbol]
     prefix, rest = symbol[0], symbol[1:]

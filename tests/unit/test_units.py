@@ -35,6 +35,42 @@ def test_factor_and_dimension(text: str, value: float, dimension: str) -> None:
     assert unit(text).dimension() == dimension
 
 
+@pytest.mark.parametrize(
+    ("text", "same"),
+    [
+        ("N⋅m", "N.m"),
+        ("N·m/rad", "N.m/rad"),
+        ("N-m", "N.m"),
+        ("N-mm/deg", "N.mm/deg"),
+        ("in-lbf", "lbf.in"),
+        ("Nmm", "N.mm"),
+        ("Ncm", "N.cm"),
+        ("º", "deg"),
+        ("º/s", "deg/s"),
+        ("degrees", "deg"),
+        ("Degrees/sec", "deg/s"),
+        ("deg/sec", "deg/s"),
+        ("radians", "rad"),
+        ("rad⁻¹", "rad-1"),
+        ("N·m·rad⁻¹", "N.m/rad"),
+        ("m/s²", "m/s2"),
+        ("μm", "µm"),
+        ("N.m/rad^-1", "N.m.rad"),
+    ],
+)
+def test_the_spellings_that_people_use(text: str, same: str) -> None:
+    assert unit(text).exponents == unit(same).exponents
+    assert unit(text).factor == pytest.approx(unit(same).factor, rel=1e-14)
+    assert unit(text).name == text
+
+
+def test_units_of_other_trades() -> None:
+    assert unit("rpm").factor == pytest.approx(2 * math.pi / 60)
+    assert unit("rpm").dimension() == "rad/s"
+    assert unit("ozf.in").factor == pytest.approx(0.00706155181, rel=1e-8)
+    assert quantity("90 degrees", unit("rad"), "angle") == pytest.approx(math.pi / 2)
+
+
 @pytest.mark.parametrize("text", ["furlong", "N.", "m//s", "", "m/s/s", "degC/s", "kkg"])
 def test_unknown_units_are_refused(text: str) -> None:
     with pytest.raises(InputError, match="unit"):
