@@ -120,43 +120,47 @@ def moment_angle(runs: Sequence[tuple[str, Signals]], note: str = "") -> Figure:
 def phase(
     tracks: Sequence[tuple[str, Array, Array]], points: Sequence[tuple[str, Array, Array]], note: str = ""
 ) -> Figure:
-    """Inversion velocity over inversion angle. `tracks` (title, angle (n,) [deg], velocity (n,) [deg/s]) of single
-    landings, `points` (title, peak angles (m,), peak velocities (m,)) of studies, whose two peaks do not come at the
-    same time; beside them the injury range and the measured sprain.
+    """Inversion velocity over inversion angle, beside the injury range and the measured sprain.
 
-    Angles are inversion from the neutral pose; the literature's zeros are its own."""
+    - tracks: (title, angle (n,) [deg], velocity (n,) [deg/s]) of single landings
+    - points: (title, peak angles (m,) [deg], peak velocities (m,) [deg/s]) of studies; a trial's two peaks do not come
+      at the same time
+
+    Angles are inversion from the neutral pose; each published source has a zero of its own.
+    """
     figure, (axis,) = sheet([7.0], note)
     mean, sd = INJURY_INVERSION
     axis.axvspan(mean - sd, mean + sd, color=FAINT, alpha=0.28, linewidth=0)
     axis.axvline(mean, color=MUTED, linewidth=0.7)
+    entries = _draw_tracks_and_points(axis, tracks, points)
+    entries += _draw_measured_trials(axis)
+    axis.axhline(0, color=FAINT, linewidth=0.6)
+    axis.grid(axis="y")
+    axis.set_xlabel("inversion from the neutral pose [deg], + inversion")
+    axis.set_ylabel("inversion velocity [deg/s], + inversion")
+    axis.set_xlim(axis.get_xlim()[0], max(62.0, axis.get_xlim()[1]))
+    _limit_velocity(axis, tracks, points)
+    legend_above(figure, entries)
+    return figure
+
+
+def _draw_tracks_and_points(
+    axis: Axes, tracks: Sequence[tuple[str, Array, Array]], points: Sequence[tuple[str, Array, Array]]
+) -> list[tuple[Any, str]]:
+    """Returns the entries of the legend."""
     titles = list(dict.fromkeys(title for title, _, _ in (*points, *tracks)))
     look = dict(zip(titles, looks(len(titles)), strict=True))
+    diamond: Any = dict(markersize=3.5, markeredgecolor="white", markeredgewidth=0.5, zorder=4)
     for title, angle, velocity in points:
         axis.plot(angle, velocity, ".", color=look[title][0], markersize=2.2, alpha=0.5, markeredgewidth=0)
     for title, angle, velocity in tracks:
         axis.plot(angle, velocity, color=look[title][0], linestyle=look[title][1])
-        axis.plot(
-            angle.max(),
-            velocity.max(),
-            "D",
-            color=look[title][0],
-            markersize=3.5,
-            markeredgecolor="white",
-            markeredgewidth=0.5,
-            zorder=4,
-        )
+        axis.plot(angle.max(), velocity.max(), "D", color=look[title][0], **diamond)
     lines, dots = {title for title, _, _ in tracks}, {title for title, _, _ in points}
     entries: list[tuple[Any, str]] = []
-    for title in titles:
-        color, style = look[title]
-        entries.append(
-            (
-                legend_line(
-                    color, style if title in lines else "none", marker="." if title in dots else None, markersize=5
-                ),
-                title,
-            )
-        )
+    for title, (color, style) in look.items():
+        dot = "." if title in dots else None
+        entries.append((legend_line(color, style if title in lines else "none", marker=dot, markersize=5), title))
     if points:
         entries.append(
             (legend_line(INK, "none", marker=".", markersize=5), "peak angle and peak velocity of each trial")
@@ -168,24 +172,29 @@ def phase(
                 "peak angle and peak velocity of the landing drawn as a line",
             )
         )
-    low, high = LI_VELOCITY
-    axis.add_patch(
-        Rectangle(
-            (LI_SAFE[0], low),
-            LI_SAFE[1] - LI_SAFE[0],
-            high - low,
-            fill=False,
-            edgecolor=INK,
-            linewidth=0.9,
-            linestyle=LINES[1],
-        )
-    )
+    return entries
+
+
+def _draw_measured_trials(axis: Axes) -> list[tuple[Any, str]]:
+    """The measured trials without injury and the measured sprain; returns the entries of the legend."""
+    (mean, sd), (low, high) = INJURY_INVERSION, LI_VELOCITY
+    frame: Any = dict(fill=False, edgecolor=INK, linestyle=LINES[1])
+    axis.add_patch(Rectangle((LI_SAFE[0], low), LI_SAFE[1] - LI_SAFE[0], high - low, linewidth=0.9, **frame))
     axis.plot([LI_SPRAIN, LI_SPRAIN], [low, high], color=INK, linewidth=1.8, solid_capstyle="butt")
-    axis.axhline(0, color=FAINT, linewidth=0.6)
-    axis.grid(axis="y")
-    axis.set_xlabel("inversion from the neutral pose [deg], + inversion")
-    axis.set_ylabel("inversion velocity [deg/s], + inversion")
-    axis.set_xlim(axis.get_xlim()[0], max(62.0, axis.get_xlim()[1]))
+    return [
+        (
+            Rectangle((0, 0), 1, 1, color=FAINT, alpha=0.28, linewidth=0),
+            f"{mean:g} ± {sd:g}°: inversion at injury of cadaver ankles",
+        ),
+        (Rectangle((0, 0), 1, 1, **frame), f"measured, not injured ({LI_SOURCE})"),
+        (legend_line(INK, linewidth=1.8), f"measured sprain ({LI_SOURCE})"),
+    ]
+
+
+def _limit_velocity(
+    axis: Axes, tracks: Sequence[tuple[str, Array, Array]], points: Sequence[tuple[str, Array, Array]]
+) -> None:
+    """Leaves out the few trials far above the others, and says how many they are."""
     velocities = np.concatenate([v for _, _, v in (*points, *tracks)])
     top = max(
         1.1 * LI_VELOCITY[1],
@@ -196,28 +205,8 @@ def phase(
     axis.set_ylim(min(-50.0, 1.1 * float(velocities.min())), top)
     beyond = int(np.sum(velocities > top))
     if beyond:
-        axis.text(
-            0.01,
-            0.99,
-            f"↑ {beyond} trials above, up to {velocities.max():.0f} deg/s",
-            fontsize=SMALL,
-            color=MUTED,
-            transform=axis.transAxes,
-            va="top",
-        )
-    entries += [
-        (
-            Rectangle((0, 0), 1, 1, color=FAINT, alpha=0.28, linewidth=0),
-            f"{mean:g} ± {sd:g}°: inversion at injury of cadaver ankles",
-        ),
-        (
-            Rectangle((0, 0), 1, 1, fill=False, edgecolor=INK, linestyle=LINES[1]),
-            f"measured, not injured ({LI_SOURCE})",
-        ),
-        (legend_line(INK, linewidth=1.8), f"measured sprain ({LI_SOURCE})"),
-    ]
-    legend_above(figure, entries)
-    return figure
+        text = f"↑ {beyond} trials above, up to {velocities.max():.0f} deg/s"
+        axis.text(0.01, 0.99, text, fontsize=SMALL, color=MUTED, transform=axis.transAxes, va="top")
 
 
 @styled

@@ -34,13 +34,20 @@ from .style import (
 
 Array = NDArray[np.float64]
 Interval = tuple[float, float, float]  # value, low and high end
+Entries = list[tuple[Any, str]]  # of a legend: handle and text
 
 
 @dataclass(frozen=True)
 class Sample:
-    """A response of a study: `values` (n,) in the response's unit, or none for a search; `low` and `high` (n,) bounds
-    of the distribution function at the sorted values; `percentiles` {level in %: (value, low, high)}; `published`
-    {level in %: value}; `sensitivity` {parameter: (r, low, high)}."""
+    """A response of a study, in the response's unit.
+
+    - title: of the study
+    - values: (n,), empty for a search such as AMV
+    - low, high: (n,) bounds of the distribution function at the sorted values
+    - percentiles: {level in %: (value, low, high)}
+    - published: {level in %: value}
+    - sensitivity: {parameter: (r, low, high)}
+    """
 
     title: str
     values: Array = field(default_factory=lambda: np.empty(0))
@@ -56,31 +63,15 @@ def cdf(samples: Sequence[Sample], quantity: str, note: str = "") -> Figure:
     """Distribution functions of `quantity` ("peak subtalar angle [deg], + supination") laid over each other, as Figure
     4 of Yoder et al. 2021; circles are published percentiles. One or two samples carry their 95 % bounds."""
     figure, (axis,) = sheet([6.0], note)
-    entries: list[tuple[Any, str]] = []
-    marked = False
+    entries: Entries = []
     for (color, style), sample in zip(looks(len(samples)), samples, strict=True):
         step_curve(axis, sample, color, style, len(samples) <= 2)
         entries.append((legend_line(color, style), sample.title))
         for level, value in sample.published.items():
-            marked = True
-            axis.plot(
-                value,
-                level / 100,
-                "o",
-                markersize=5,
-                markerfacecolor="none",
-                markeredgecolor=INK,
-                markeredgewidth=0.9,
-                zorder=5,
-            )
+            _circle(axis, value, level / 100, 5)
     _probability_axis(axis, quantity)
-    if marked:
-        entries.append(
-            (
-                legend_line(INK, "none", marker="o", markersize=5, markerfacecolor="none"),
-                "published 5, 50, 95 % (Yoder et al. 2021)",
-            )
-        )
+    if any(s.published for s in samples):
+        entries.append((_circle_key(5), "published 5, 50, 95 % (Yoder et al. 2021)"))
     if len(samples) <= 2 and any(s.low is not None for s in samples):
         entries.append((legend_line(FAINT, linewidth=5, alpha=0.5), "95 % bounds (Clopper-Pearson)"))
     legend_above(figure, entries)
@@ -95,64 +86,59 @@ def level_search(
     sample: Sample | None = None,
     note: str = "",
 ) -> Figure:
-    """The advanced mean value method over Monte Carlo, as Figure 5 of Yoder et al. 2021: levels of `search` (its
-    `percentiles`) on the distribution of `sample`, and `importance` {level: {parameter: component of the unit vector}}
-    below, + where more of the parameter gives more of the response."""
+    """The advanced mean value method over Monte Carlo, as Figure 5 of Yoder et al. 2021.
+
+    Levels above, importance of the inputs below.
+
+
+    - search: its `percentiles` are the levels of the method
+    - importance: {level: {parameter: component of the unit vector}}, + where more of the parameter raises the response
+    - sample: Monte Carlo trials of the same study
+    """
     names = sorted(
         {n for row in importance.values() for n in row},
         key=lambda n: max(abs(row.get(n, 0.0)) for row in importance.values()),
     )
     figure, (top, below) = sheet([4.6, 1.2 + 0.58 * len(names)], note)
-    entries: list[tuple[Any, str]] = []
-    if sample is not None and len(sample.values):
-        step_curve(top, sample, FAINT, "-", True)
-        entries.append((legend_line(FAINT, linewidth=2), f"Monte Carlo, {len(sample.values)} landings, 95 % bounds"))
-    for level, (value, _, _) in search.percentiles.items():
-        top.plot(value, level / 100, "D", color=VERMILION, markersize=5, zorder=5)
-        top.annotate(
-            f"{value:.1f}",
-            (value, level / 100),
-            (-7, 0),
-            textcoords="offset points",
-            fontsize=SMALL,
-            color=VERMILION,
-            va="center",
-            ha="right",
-        )
-    for level, value in search.published.items():
-        top.plot(
-            value,
-            level / 100,
-            "o",
-            markersize=6.5,
-            markerfacecolor="none",
-            markeredgecolor=INK,
-            markeredgewidth=0.9,
-            zorder=6,
-        )
-    entries.append((legend_line(VERMILION, "none", marker="D"), search.title))
-    if search.published:
-        entries.append(
-            (
-                legend_line(INK, "none", marker="o", markersize=6, markerfacecolor="none"),
-                "published (Yoder et al. 2021)",
-            )
-        )
+    entries = _draw_levels(top, search, sample)
     _probability_axis(top, quantity, True)
     if sample is None:
         values = [v for v, _, _ in search.percentiles.values()] + list(search.published.values())
         width = max(values) - min(values) or 1.0
         top.set_xlim(min(values) - 0.3 * width, max(values) + 0.4 * width)
+    entries += _draw_importance(below, importance, names)
+    legend_above(figure, entries)
+    return figure
+
+
+def _draw_levels(axis: Axes, search: Sample, sample: Sample | None) -> Entries:
+    entries: Entries = []
+    if sample is not None and len(sample.values):
+        step_curve(axis, sample, FAINT, "-", True)
+        entries.append((legend_line(FAINT, linewidth=2), f"Monte Carlo, {len(sample.values)} landings, 95 % bounds"))
+    beside: Any = dict(textcoords="offset points", fontsize=SMALL, color=VERMILION, va="center", ha="right")
+    for level, (value, _, _) in search.percentiles.items():
+        axis.plot(value, level / 100, "D", color=VERMILION, markersize=5, zorder=5)
+        axis.annotate(f"{value:.1f}", (value, level / 100), (-7, 0), **beside)
+    for level, value in search.published.items():
+        _circle(axis, value, level / 100, 6.5, zorder=6)
+    entries.append((legend_line(VERMILION, "none", marker="D"), search.title))
+    if search.published:
+        entries.append((_circle_key(6), "published (Yoder et al. 2021)"))
+    return entries
+
+
+def _draw_importance(axis: Axes, importance: Mapping[str, Mapping[str, float]], names: Sequence[str]) -> Entries:
+    entries: Entries = []
     height = 0.8 / max(len(importance), 1)
     for j, ((name, row), color) in enumerate(zip(importance.items(), (SKY, BLUE, PURPLE, *SERIES), strict=False)):
         places = np.arange(len(names)) + 0.4 - height * (j + 0.5)
-        below.barh(places, [row.get(n, 0.0) for n in names], height, color=color)
+        axis.barh(places, [row.get(n, 0.0) for n in names], height, color=color)
         entries.append((legend_line(color, linewidth=4), f"importance at the {name} % level"))
-    _names(below, names)
-    below.set_xlim(-1, 1)
-    below.set_xlabel("importance (unit vector),\n+ raises the response")
-    legend_above(figure, entries)
-    return figure
+    _names(axis, names)
+    axis.set_xlim(-1, 1)
+    axis.set_xlabel("importance (unit vector),\n+ raises the response")
+    return entries
 
 
 @styled
@@ -184,25 +170,11 @@ def tornado(
         reach = 1.08 * max([1e-3, *(max(abs(low), abs(high)) for _, low, high in values.values())])
         axis.set_xlim(-reach, reach)
         axis.tick_params(axis="y", labelleft=axis is axes[0])
-    entries: list[tuple[Any, str]] = []
+    entries: Entries = []
     for name, r in (published or {}).items():
         if name in names:
-            axes[0].plot(
-                r,
-                names.index(name),
-                "o",
-                markersize=4.5,
-                markerfacecolor="white",
-                markeredgecolor=INK,
-                markeredgewidth=0.9,
-                zorder=5,
-            )
-            entries = [
-                (
-                    legend_line(INK, "none", marker="o", markersize=4.5, markerfacecolor="white"),
-                    "published r (Yoder et al. 2021, Table 2)",
-                )
-            ]
+            _circle(axes[0], r, names.index(name), 4.5, "white")
+            entries = [(_circle_key(4.5, "white"), "published r (Yoder et al. 2021, Table 2)")]
     legend_above(figure, [(legend_line(INK, "none"), text) for text in (title, quantity)] + entries)
     return figure
 
@@ -220,16 +192,7 @@ def percentiles(samples: Sequence[Sample], quantity: str, note: str = "") -> Fig
             axis.plot([low, high], [k, k], color=color, linewidth=4.5, alpha=0.4, solid_capstyle="butt")
             axis.plot(value, k, "|", color=color, markersize=8, markeredgewidth=1.4)
         for value in sample.published.values():
-            axis.plot(
-                value,
-                k,
-                "o",
-                markersize=4.5,
-                markerfacecolor="none",
-                markeredgecolor=INK,
-                markeredgewidth=0.9,
-                zorder=5,
-            )
+            _circle(axis, value, k, 4.5)
         axis.text(
             0, k - 0.24, shorten(sample.title, 44), fontsize=SMALL, transform=axis.get_yaxis_transform(), va="bottom"
         )
@@ -254,7 +217,7 @@ def poses(pairs: Sequence[tuple[str, Sample]], quantity: str, note: str = "") ->
     names = [n for n in pairs[0][1].sensitivity if all(n in s.sensitivity for _, s in pairs)]
     names.sort(key=lambda n: max(abs(s.sensitivity[n][0]) for _, s in pairs))
     figure, axes = sheet([4.6, 1.2 + 0.58 * len(names)] if names else [5.2], note)
-    entries: list[tuple[Any, str]] = []
+    entries: Entries = []
     for j, ((pose, sample), color, style, marker) in enumerate(zip(pairs, SERIES, LINES, "oDs^", strict=False)):
         step_curve(axes[0], sample, color, style, True)
         entries.append(
@@ -264,16 +227,7 @@ def poses(pairs: Sequence[tuple[str, Sample]], quantity: str, note: str = "") ->
             )
         )
         for level, value in sample.published.items():
-            axes[0].plot(
-                value,
-                level / 100,
-                "o",
-                markersize=5,
-                markerfacecolor="none",
-                markeredgecolor=INK,
-                markeredgewidth=0.9,
-                zorder=5,
-            )
+            _circle(axes[0], value, level / 100, 5)
         for k, name in enumerate(names):
             value, low, high = sample.sensitivity[name]
             place = k + 0.18 * (len(pairs) - 1) - 0.36 * j
@@ -281,12 +235,7 @@ def poses(pairs: Sequence[tuple[str, Sample]], quantity: str, note: str = "") ->
             axes[1].plot(value, place, marker, color=color, markersize=4)
     _probability_axis(axes[0], quantity, bool(names))
     if any(s.published for _, s in pairs):
-        entries.append(
-            (
-                legend_line(INK, "none", marker="o", markersize=5, markerfacecolor="none"),
-                "published 5, 50, 95 % (Yoder et al. 2021)",
-            )
-        )
+        entries.append((_circle_key(5), "published 5, 50, 95 % (Yoder et al. 2021)"))
     if names:
         _names(axes[1], names)
         axes[1].set_xlabel("Pearson's r, 95 % interval,\n+ raises the response")
@@ -352,6 +301,16 @@ def step_curve(axis: Axes, sample: Sample, color: str, style: Any = "-", bounds:
     axis.step(np.concatenate([values[:1], values]), np.arange(n + 1) / n, where="post", color=color, linestyle=style)
     if bounds and sample.low is not None and sample.high is not None:
         axis.fill_between(values, sample.low, sample.high, step="post", color=color, alpha=0.22, linewidth=0)
+
+
+def _circle(axis: Axes, x: float, y: float, size: float, face: str = "none", zorder: int = 5) -> None:
+    """A published value."""
+    edge: Any = dict(markerfacecolor=face, markeredgecolor=INK, markeredgewidth=0.9)
+    axis.plot(x, y, "o", markersize=size, zorder=zorder, **edge)
+
+
+def _circle_key(size: float, face: str = "none") -> Any:
+    return legend_line(INK, "none", marker="o", markersize=size, markerfacecolor=face)
 
 
 def _probability_axis(axis: Axes, quantity: str, narrow: bool = False) -> None:

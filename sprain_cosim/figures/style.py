@@ -162,6 +162,7 @@ def looks(count: int) -> list[tuple[str, Any]]:
 
 
 def legend_line(color: Any, style: Any = "-", **options: Any) -> Line2D:
+    """A line for a legend."""
     return Line2D([], [], color=color, linestyle=style, **options)
 
 
