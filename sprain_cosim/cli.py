@@ -485,10 +485,10 @@ def brace_group() -> None:
 @click.option("--lang", type=click.Choice(["python", "c"]), required=True, help="Language of the brace.")
 def brace_new(folder: Path, lang: str) -> None:
     """Start a brace project in FOLDER: sources that build as they are, and a README."""
-    from .brace.new import new
+    from .brace.new import new_brace
 
     click.echo(
-        f"written: {', '.join(str(path) for path in new(folder, lang))}\nnext: sprain-cosim brace build {folder}"
+        f"written: {', '.join(str(path) for path in new_brace(folder, lang))}\nnext: sprain-cosim brace build {folder}"
     )
 
 
@@ -499,9 +499,9 @@ def brace_new(folder: Path, lang: str) -> None:
 )
 def brace_build(folder: Path, output: Path | None) -> None:
     """Build the FMU of a brace project (C: with $CC, cc, gcc or clang, else CMake)."""
-    from .brace.new import build
+    from .brace.new import build_brace
 
-    target = build(folder, output)
+    target = build_brace(folder, output)
     click.echo(f"written: {target}\nnext: sprain-cosim check {target}")
 
 

@@ -35,12 +35,15 @@ NAMES = {
     for branch in ("", "_loading", "_unloading")
 }
 TABLE = "resources/table.json"
+Branches = dict[str, tuple[np.ndarray, np.ndarray]]  # angles [rad] and torques [N.m] of "", loading, unloading
 
 
 def from_csv(table: Path, target: Path, template: Path) -> dict[str, tuple[float, float]]:
-    """Writes `target`; returns the range of angles [rad] of each axis. Raises InputError naming row and column,
-    EnvironmentProblem."""
-    curves = read_table(table)
+    """Writes the FMU `target` from the measured `table` and the FMU `template`; returns the range of angles [rad] of
+    each axis.
+
+    Raises InputError naming row and column, EnvironmentProblem where `target` cannot be written."""
+    curves = read_curves(table)
     files = {}
     with zipfile.ZipFile(read(template).path) as content:
         files = {n: content.read(n) for n in content.namelist()}
@@ -60,24 +63,42 @@ def from_csv(table: Path, target: Path, template: Path) -> dict[str, tuple[float
     return {axis: (c["loading"][0][0], c["loading"][-1][0]) for axis, c in curves.items()}
 
 
-def read_table(path: Path) -> dict[str, dict[str, list[list[float]]]]:
+def read_curves(path: Path) -> dict[str, dict[str, list[list[float]]]]:
     """{axis: {loading, unloading: rows of angle [rad], torque [N.m] in the contract's sign, slope [N.m/rad]}}. Raises
     InputError."""
     lines = list(read_csv(path))
     if len(lines) < 4:
         raise InputError(f"{path}: needs a header and at least three rows")
-    header, numbered = lines[0][1], [number for number, _ in lines[1:]]
-    columns, angle = _header(path, header)
-    numbers = _numbers(path, header, lines[1:])
-    x = angle.factor * numbers[:, 0]
-    problems = [
-        f"row {numbered[k]}, column 1 (angle): {numbers[k, 0]:g} does not rise (row {numbered[k - 1]} has "
-        f"{numbers[k - 1, 0]:g})"
-        for k in range(1, len(x))
-        if not x[k] > x[k - 1]
+    columns, angle = _header(path, lines[0][1])
+    numbers = _numbers(path, lines[0][1], lines[1:])
+    problems_to_error(str(path), _falling(numbers[:, 0], [number for number, _ in lines[1:]])[:5])
+    problems: list[str] = []
+    measured = _measured(columns, angle, numbers, problems)
+    for axis, branches in measured.items():
+        problems += _passivity(axis, branches, angle, not problems)
+    problems_to_error(str(path), problems)
+    out = {}
+    for axis, branches in measured.items():
+        both = (branches[""], branches[""]) if "" in branches else (branches["loading"], branches["unloading"])
+        out[axis] = {name: _curve(*points) for name, points in zip(("loading", "unloading"), both, strict=True)}
+    return out
+
+
+def _falling(angles: np.ndarray, rows: list[int]) -> list[str]:
+    """Problems of an angle that does not rise from row to row; `rows` are their numbers in the file."""
+    return [
+        f"row {rows[k]}, column 1 (angle): {angles[k]:g} does not rise (row {rows[k - 1]} has {angles[k - 1]:g})"
+        for k in range(1, len(angles))
+        if not angles[k] > angles[k - 1]
     ]
-    problems_to_error(str(path), problems[:5])
-    found: dict[str, dict[str, tuple[np.ndarray, np.ndarray]]] = {}
+
+
+def _measured(
+    columns: dict[int, tuple[str, Unit]], angle: Unit, numbers: np.ndarray, problems: list[str]
+) -> dict[str, Branches]:
+    """By axis, the points of each column in the contract's sign; columns with too few of them are added to
+    `problems`."""
+    found: dict[str, Branches] = {}
     for place, (name, own) in columns.items():
         axis, kind, branch = NAMES[name]
         have = np.isfinite(numbers[:, place])
@@ -85,36 +106,32 @@ def read_table(path: Path) -> dict[str, dict[str, list[list[float]]]]:
             problems.append(f"column {name}: fewer than three values")
             continue
         torque = (-1.0 if kind == "resistance" else 1.0) * own.factor * numbers[have, place]
-        found.setdefault(axis, {})[branch] = (x[have], torque)
-    for axis, branches in found.items():
-        if set(branches) not in ({""}, {"loading", "unloading"}):
-            problems.append(f"{axis}: give one column, or both {axis}_..._loading and {axis}_..._unloading")
-            continue
-        for branch, (at, torque) in branches.items():
-            work = float(np.sum(at * torque))
-            if work > 0:
-                name = f"{axis}_torque{'_' + branch if branch else ''}"
-                problems.append(
-                    f"column {name}: pushes the foot further instead of resisting; "
-                    f"name it {name.replace('torque', 'resistance')} if it is positive against the motion"
-                )
-        if len(branches) == 2 and not problems:
-            between = np.linspace(
-                max(b[0][0] for b in branches.values()), min(b[0][-1] for b in branches.values()), 200
+        found.setdefault(axis, {})[branch] = (angle.factor * numbers[have, 0], torque)
+    return found
+
+
+def _passivity(axis: str, branches: Branches, angle: Unit, compare: bool) -> list[str]:
+    """Problems of curves that would push the foot; `compare`: the two branches with each other as well."""
+    if set(branches) not in ({""}, {"loading", "unloading"}):
+        return [f"{axis}: give one column, or both {axis}_..._loading and {axis}_..._unloading"]
+    problems = []
+    for branch, (at, torque) in branches.items():
+        if float(np.sum(at * torque)) > 0:
+            name = f"{axis}_torque{'_' + branch if branch else ''}"
+            problems.append(
+                f"column {name}: pushes the foot further instead of resisting; "
+                f"name it {name.replace('torque', 'resistance')} if it is positive against the motion"
             )
-            loading, unloading = (np.abs(PchipInterpolator(*branches[b])(between)) for b in ("loading", "unloading"))
-            worst = int(np.argmax(unloading - loading))
-            if unloading[worst] > loading[worst] + 0.02 * max(loading.max(), 1e-9):
-                problems.append(
-                    f"{axis}: unloading resists more than loading at {between[worst] / angle.factor:.3g} {angle.name}: "
-                    "such a brace would give energy; are the columns swapped?"
-                )
-    problems_to_error(str(path), problems)
-    out = {}
-    for axis, branches in found.items():
-        both = (branches[""], branches[""]) if "" in branches else (branches["loading"], branches["unloading"])
-        out[axis] = {name: _curve(*points) for name, points in zip(("loading", "unloading"), both, strict=True)}
-    return out
+    if len(branches) == 2 and compare and not problems:
+        between = np.linspace(max(b[0][0] for b in branches.values()), min(b[0][-1] for b in branches.values()), 200)
+        loading, unloading = (np.abs(PchipInterpolator(*branches[b])(between)) for b in ("loading", "unloading"))
+        worst = int(np.argmax(unloading - loading))
+        if unloading[worst] > loading[worst] + 0.02 * max(loading.max(), 1e-9):
+            problems.append(
+                f"{axis}: unloading resists more than loading at {between[worst] / angle.factor:.3g} {angle.name}: "
+                "such a brace would give energy; are the columns swapped?"
+            )
+    return problems
 
 
 def _curve(x: np.ndarray, torque: np.ndarray) -> list[list[float]]:
@@ -134,7 +151,7 @@ def _header(path: Path, cells: list[str]) -> tuple[dict[int, tuple[str, Unit]], 
             )
             continue
         name, text = match[1].lower(), match[2]
-        wanted = unit("rad") if k == 0 else unit("N.m")
+        expected = unit("rad") if k == 0 else unit("N.m")
         if k == 0 and name != "angle":
             problems.append(f"column 1 {cell.strip()!r}: must be angle [deg] or angle [rad]")
         if k > 0 and name not in NAMES:
@@ -145,7 +162,7 @@ def _header(path: Path, cells: list[str]) -> tuple[dict[int, tuple[str, Unit]], 
         except InputError as problem:
             problems.append(f"column {k + 1} {name}: {problem}")
             continue
-        if not own.same_dimension(wanted):
+        if not own.same_dimension(expected):
             problems.append(f"column {k + 1} {name}: {text} is not a unit of {'angle' if k == 0 else 'torque'}")
         elif k == 0:
             angle = own

@@ -24,7 +24,7 @@ IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
 COMPILERS = ("cc", "gcc", "clang")
 
 
-def new(folder: Path, language: str) -> list[Path]:
+def new_brace(folder: Path, language: str) -> list[Path]:
     """Writes the project; its model is named after the folder. Raises InputError, also for a folder that holds
     anything."""
     name = folder.resolve().name
@@ -51,7 +51,7 @@ def new(folder: Path, language: str) -> list[Path]:
     return written
 
 
-def build(folder: Path, target: Path | None = None) -> Path:
+def build_brace(folder: Path, target: Path | None = None) -> Path:
     """The project's FMU, `target` or NAME.fmu in the present folder. Raises InputError where the project is at fault,
     EnvironmentProblem where there is no compiler."""
     language = next((k for k, files in LANGUAGES.items() if (folder / files[0]).is_file()), None)

@@ -90,7 +90,6 @@ def level_search(
 
     Levels above, importance of the inputs below.
 
-
     - search: its `percentiles` are the levels of the method
     - importance: {level: {parameter: component of the unit vector}}, + where more of the parameter raises the response
     - sample: Monte Carlo trials of the same study

@@ -24,8 +24,8 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the projects python and c and their FMUs."""
     folder = tmp_path_factory.mktemp("projects")
     for language in LANGUAGES:
-        project.new(folder / language, language)
-        project.build(folder / language, folder / f"{language}.fmu")
+        project.new_brace(folder / language, language)
+        project.build_brace(folder / language, folder / f"{language}.fmu")
     return folder
 
 
@@ -39,13 +39,13 @@ def test_fits_as_it_is(built: Path, language: str) -> None:
     assert not [p for p in (built / language).rglob("*") if p.is_file() and b"brace_template" in p.read_bytes()], (
         "its own name everywhere"
     )
-    again = project.build(built / language, built / "again.fmu")
+    again = project.build_brace(built / language, built / "again.fmu")
     assert again.read_bytes() == fmu.read_bytes()
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_the_commands_of_its_readme(language: str, tmp_path: Path) -> None:
-    project.new(tmp_path / "cuff", language)
+    project.new_brace(tmp_path / "cuff", language)
     assert play(tmp_path / "cuff" / "README.md", tmp_path) == 3
 
 
@@ -82,7 +82,7 @@ def test_with_cmake_where_no_compiler_is_called_by_name(
 ) -> None:
     monkeypatch.setattr(project, "COMPILERS", ())
     monkeypatch.delenv("CC", raising=False)
-    fmu = project.build(built / "c", tmp_path / "by_cmake.fmu")
+    fmu = project.build_brace(built / "c", tmp_path / "by_cmake.fmu")
     assert fmpy.validation.validate_fmu(str(fmu)) == []
     results = [load_scenario("incline30").replace_fmu("brace", f).run() for f in (fmu, built / "c.fmu")]
     assert results[0].metrics["peak_subtalar_angle_deg"] == pytest.approx(
@@ -95,10 +95,10 @@ def test_no_compiler_is_an_environment_problem(built: Path, tmp_path: Path, monk
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setattr(project.sys, "executable", str(tmp_path / "python"))
     with pytest.raises(EnvironmentProblem, match="no C compiler: none of cc, gcc, clang nor cmake"):
-        project.build(built / "c", tmp_path / "c.fmu")
+        project.build_brace(built / "c", tmp_path / "c.fmu")
     monkeypatch.setenv("CC", "no-such-cc")
     with pytest.raises(EnvironmentProblem, match="CC names, no-such-cc, is not there"):
-        project.build(built / "c", tmp_path / "c.fmu")
+        project.build_brace(built / "c", tmp_path / "c.fmu")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -110,7 +110,7 @@ def test_cmake_without_a_compiler(built: Path, tmp_path: Path, monkeypatch: pyte
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setattr(project.sys, "executable", str(tmp_path / "python"))
     with pytest.raises(EnvironmentProblem, match="CMake finds no C compiler"):
-        project.build(built / "c", tmp_path / "c.fmu")
+        project.build_brace(built / "c", tmp_path / "c.fmu")
 
 
 @pytest.mark.parametrize(
@@ -131,17 +131,17 @@ def test_cmake_without_a_compiler(built: Path, tmp_path: Path, monkeypatch: pyte
 )
 def test_a_project_at_fault(language: str, file: str, change: tuple[str, str], message: str, tmp_path: Path) -> None:
     folder = tmp_path / "cuff"
-    project.new(folder, language)
+    project.new_brace(folder, language)
     text = (folder / file).read_text()
     assert change[0] in text
     (folder / file).write_text(text.replace(*change))
     with pytest.raises(InputError, match=message) as caught:
-        project.build(folder, tmp_path / "cuff.fmu")
+        project.build_brace(folder, tmp_path / "cuff.fmu")
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "cuff.fmu").exists()
     (folder / file).unlink()
     with pytest.raises(InputError, match=f"no {file}|no interface.py and no brace.c"):
-        project.build(folder, tmp_path / "cuff.fmu")
+        project.build_brace(folder, tmp_path / "cuff.fmu")
 
 
 def test_a_folder_in_use_or_without_a_name(tmp_path: Path) -> None:
@@ -153,10 +153,10 @@ def test_a_folder_in_use_or_without_a_name(tmp_path: Path) -> None:
         ("my-brace", "letters, digits and _"),
     ):
         with pytest.raises(InputError, match=words):
-            project.new(tmp_path / folder, "c")
+            project.new_brace(tmp_path / folder, "c")
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="is a file"):
-        project.new(tmp_path / "file", "python")
+        project.new_brace(tmp_path / "file", "python")
     assert sorted(p.name for p in tmp_path.rglob("*")) == ["file", "thesis.tex", "used"]
     (tmp_path / "empty").mkdir()
-    assert project.new(tmp_path / "empty", "python")
+    assert project.new_brace(tmp_path / "empty", "python")

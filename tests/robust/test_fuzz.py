@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import sprain_cosim as sc
-from sprain_cosim.brace.from_csv import read_table
+from sprain_cosim.brace.from_csv import read_curves
 from sprain_cosim.errors import SprainError
 from sprain_cosim.mapping import load_mapping, read_component
 from sprain_cosim.scenario import load_scenario
@@ -232,7 +232,7 @@ CASES: dict[str, tuple[str, str, Callable[[Path], object]]] = {
     "study": ("x.toml", STUDY, lambda path: sc.load_study(path).checked().sample()),
     "mapping": ("x.toml", MAPPING, lambda path: read_component("brace", path.parent / "vendor.fmu", path)),
     "mapping alone": ("x.toml", MAPPING, load_mapping),
-    "table": ("x.csv", TABLE, read_table),
+    "table": ("x.csv", TABLE, read_curves),
     "inputs": ("x.csv", INPUTS, lambda path: study().with_inputs(path)),
 }
 

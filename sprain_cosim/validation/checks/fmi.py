@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from ...brace.check import check_brace
-from ...brace.new import build, new
+from ...brace.new import build_brace, new_brace
 from ...fmu.build import build_fmu
 from ...fmu.component import Component
 from ...scenario import load_scenario
@@ -176,8 +176,8 @@ def compiled_brace(laboratory: Laboratory) -> list[CheckRow]:
     """The template in C is the paper's brace: built here, it must fit and give the landing of ours in Python."""
     with TemporaryDirectory() as folder:
         project = Path(folder) / "compiled"
-        new(project, "c")
-        fmu = build(project, Path(folder) / "compiled.fmu")
+        new_brace(project, "c")
+        fmu = build_brace(project, Path(folder) / "compiled.fmu")
         problems = float(len(check_brace(fmu).problems))
         run = laboratory.land(load_scenario("incline30_brace").replace_fmu("brace", fmu))
     ours = laboratory.run("incline30_brace", {"brace.angle_scale": run.parameters["brace.angle_scale"]})
