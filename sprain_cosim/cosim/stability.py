@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from .identification import Linearisation
 
 WARNING, REFUSAL = 10.0, 1000.0
 DIVISORS = (2, 4, 5, 8, 10, 20, 25, 40, 50, 100, 200, 500, 1000)
+HUGE = 1e300
 FINEST = 1e-6  # s: no smaller step is worth advising
 
 Matrix = NDArray[np.floating]
@@ -29,8 +31,8 @@ def growth(scheme: str, device: Linearisation, step: float, steps: int) -> float
     """Factor by which the coupling lets an oscillation grow in `steps` steps of `step` [s], beyond what the exact
     coupled system does; at most 1 where it adds nothing."""
     device = _part(device, device.period == 0)
-    exact = np.linalg.eigvals(_exact(device, step))
-    ours = np.linalg.eigvals(_matrix(scheme, device, step))
+    with np.errstate(over="ignore", invalid="ignore"):
+        exact, ours = _eigenvalues(_exact(device, step)), _eigenvalues(_matrix(scheme, device, step))
     nearest = exact[np.abs(ours[:, None] - exact[None, :]).argmin(axis=1)]
     return _power(float((np.abs(ours) / np.maximum(1.0, np.abs(nearest))).max(initial=0.0)), steps)
 
@@ -40,8 +42,9 @@ def own_growth(device: Linearisation, period: float, span: float) -> float:
     `period` [s] alone: those that take every step (0), or sampled ones, held in between."""
     part = _part(device, device.period == period)
     steps = max(1, round(span / period)) if period else 1000
-    matrix = _matrix("gauss-seidel", part, period) if period else _exact(part, span / steps)
-    return _power(float(np.abs(np.linalg.eigvals(matrix)).max(initial=0.0)), steps)
+    with np.errstate(over="ignore", invalid="ignore"):
+        matrix = _matrix("gauss-seidel", part, period) if period else _exact(part, span / steps)
+    return _power(float(np.abs(_eigenvalues(matrix)).max(initial=0.0)), steps)
 
 
 def _part(device: Linearisation, rows: NDArray[np.bool_]) -> Linearisation:
@@ -56,6 +59,11 @@ def _part(device: Linearisation, rows: NDArray[np.bool_]) -> Linearisation:
         handed_stiffness=device.handed_stiffness * keep,
         handed_damping=device.handed_damping * keep,
     )
+
+
+def _eigenvalues(matrix: Matrix) -> NDArray[Any]:
+    """HUGE where the matrix has overflowed."""
+    return np.linalg.eigvals(matrix) if np.isfinite(matrix).all() else np.full(len(matrix), HUGE)
 
 
 def _power(radius: float, steps: int) -> float:
@@ -153,25 +161,25 @@ def own_doubts(device: Linearisation | None, span: float) -> list[str]:
     for period in np.unique(device.period).tolist():
         factor = own_growth(device, period, span)
         if factor > WARNING:
-            part = _part(device, device.period == period)
-            found.append(
-                f"{_cause(part, period)}: motion grows {_times(factor)} over the run by itself, whatever the coupling"
-            )
+            found.append(_cause(_part(device, device.period == period), period, factor))
     return found
 
 
-def _cause(device: Linearisation, period: float) -> str:
+def _cause(device: Linearisation, period: float, factor: float) -> str:
     """Why the exact coupled system grows, in words."""
     for kind, matrix, unit in (("stiffness", device.stiffness, "N.m/rad"), ("damping", device.damping, "N.m.s/rad")):
         k = int(np.argmin(np.diag(matrix)))
         if matrix[k, k] < 0:
             return (
-                f"the device pushes away about {device.axes[k]} ({kind} {matrix[k, k]:.4g} {unit} at the start; if it "
-                "should resist, its sign is wrong: factor = -1 in a mapping file)"
+                f"the device pushes away about {device.axes[k]} ({kind} {matrix[k, k]:.4g} {unit} at the start): what "
+                "grows by that is its own, whatever the coupling; if it should resist, its sign is wrong (factor = -1 "
+                "in a mapping file)"
             )
-    if period:
-        return f"the device holds its torque for {1e3 * period:g} ms ({device.size()})"
-    return f"the device's torques about its axes drive each other ({device.size()})"
+    cause = f"the device holds its torque for {1e3 * period:g} ms" if period else "the device's axes drive each other"
+    return (
+        f"{cause} ({device.size()}), which lets an oscillation grow {_times(factor)} over the run by itself, whatever "
+        "the coupling"
+    )
 
 
 def _times(factor: float) -> str:

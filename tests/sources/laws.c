@@ -1,14 +1,15 @@
 /* Laws for FMI 2 co-simulation (macro LAW). SAMPLED: torque = -k angle - c velocity, evaluated at the end of the initialisation and
    every `period`, held in between. Braces with free steps, computed in a step only: STRAP slack up to 8 deg, then stiffening, with Coulomb and
    viscous friction, never pushing; SLACK up to 12 deg, then 900 N.m/rad; THICK: shear-thickening in the speed, found from the angle; DAHL:
-   hysteresis; CABLE: wound in by a motor that is sampled every 5 ms; LATE: a spring that answers one step late. CONTROLLER: excitations of eight muscles = base + gain * max(0, stretch velocity), at once.
+   hysteresis; CABLE: wound in by a motor that is sampled every 5 ms; LATE: a spring that answers one step late; OVER: an over-centre spring.
+   CONTROLLER: excitations of eight muscles = base + gain * max(0, stretch velocity), at once.
    WHEN: outputs are computed AT_ONCE, at the END of the initialisation and in steps, or in a STEP only. START_VALUES of all variables. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "fmi2Functions.h"
 
-enum { SAMPLED, CONTROLLER, STRAP, SLACK, THICK, DAHL, CABLE, LATE };
+enum { SAMPLED, CONTROLLER, STRAP, SLACK, THICK, DAHL, CABLE, LATE, OVER };
 enum { AT_ONCE, END, STEP };
 enum { ANGLE, VELOCITY, TORQUE, STIFFNESS, DAMPING, PERIOD };
 enum { STRETCH = 0, EXCITATION = 8, GAIN = 16, BASE = 17, VARIABLES = 18 };
@@ -39,6 +40,8 @@ static double brace(Model* m, double h) {
             return -10.0 * x - m->state;
         case CABLE:
             return -0.05 * fmax(0.0, 5.0 + 1500.0 * fmax(x - 0.1, 0.0) + m->state);
+        case OVER:
+            return 30.0 * x - 300.0 * x * x * x;
         default: /* LATE */
             return -60.0 * m->last;
     }

@@ -12,8 +12,10 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from sprain_cosim.cosim.coupling import SCHEMES, begin
+from sprain_cosim.cosim.identification import Linearisation
 from sprain_cosim.cosim.master import Master
 from sprain_cosim.cosim.result import Result
+from sprain_cosim.cosim.stability import verdict
 from sprain_cosim.cosim.system import System, connect
 from sprain_cosim.errors import InputError
 from sprain_cosim.fmu.element import Capabilities
@@ -382,6 +384,77 @@ def test_a_refusal_across_the_axes_is_right() -> None:
     alone = go(np.diag(np.diag(k)), True)  # without the coupling it only deserves a warning
     assert alone.status == "completed"
     assert "may grow" in alone.warning
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_an_over_centre_device_is_never_refused_and_no_step_is_advised(scheme: str) -> None:
+    """-30 N.m/rad at the centre, then stiffening: it snaps over, by itself, as the exact motion does."""
+    result = guarded(scheme, 2e-4, device(-30.0, 0.05, 300.0))
+    assert result.status == "completed"
+    assert "the device pushes away about subtalar (stiffness" in result.warning
+    assert "if it should resist, its sign is wrong (factor = -1 in a mapping file)" in result.warning
+    assert "--" not in result.warning
+    angle = solve_ivp(
+        lambda t, y: [y[1], (30.0 * y[0] - 300.0 * y[0] ** 3 - 0.05 * y[1]) / INERTIA],
+        (0, 0.15),
+        (0.1, 1.0),
+        t_eval=result.time,
+        rtol=1e-10,
+        atol=1e-12,
+    ).y[0]
+    near = {"jacobi": 0.2, "gauss-seidel": 0.08}.get(scheme, 0.02)
+    assert np.abs(result["plant.subtalar_angle"] - angle).max() < near * np.abs(angle).max()
+
+
+def test_what_pushes_away_hides_no_growth_by_the_coupling() -> None:
+    """One axis over its centre, the other too stiff for the scheme: refused for the latter."""
+    shapes = two_axes(np.diag([-30.0, 2000.0]), np.zeros((2, 2)), INERTIA)
+    inertia = {
+        f"{a}_effective_inertia": connector(f"{a}_effective_inertia", "output", "kg.m2", depends_on=())
+        for a in ("talocrural", "subtalar")
+    }
+    plain, brace = shapes
+    plant = FakeComponent(
+        "plant",
+        {**plain.connectors, **inertia},
+        plain.law,
+        lambda s, i: [*s, INERTIA, INERTIA],
+        np.array([1e-3, 0.1, 0.0, 1.0]),
+    )
+    parts = (plant, brace)
+    system = System(parts, connect(parts, {})[0])
+    with pytest.raises(InputError, match=r"an oscillation about subtalar may grow .* under gauss-seidel"):
+        Master(1e-3, 0.15, scheme="gauss-seidel").run(system.open(), {})
+    result = Master(1e-3, 0.05).run(system.open(), {})
+    assert (result.status, result.scheme) == ("completed", "impedance")
+    assert result.warning.startswith("the device pushes away about talocrural")
+
+
+@pytest.mark.parametrize("scheme", ["jacobi", "gauss-seidel", "gauss-seidel-extrapolated"])
+def test_every_scheme_and_step_that_is_advised_runs_calmly(scheme: str) -> None:
+    brace = device(15_000.0, 0.0)
+    with pytest.raises(InputError) as refusal:
+        guarded(scheme, 1e-3, brace)
+    advice = str(refusal.value).rpartition("; use ")[2].split(" or ")
+    assert {a.split()[0] for a in advice} == {"--scheme", "--step"}
+    for option in advice:
+        word = option.split(" ", 1)[1].strip("'")
+        other, step = (word, 1e-3) if option.startswith("--scheme") else (scheme, 1e-3 * float(word.split()[0]))
+        result = guarded(other, step, brace)
+        assert (result.status, result.warning) == ("completed", "")
+        assert np.abs(result["plant.subtalar_angle"]).max() < 10 * START[0]
+
+
+def test_no_advice_where_nothing_was_found() -> None:
+    """A declared stiffness of the wrong sign under impedance, by a device that cannot repeat a step: no step helps."""
+    lines = verdict("impedance", hopeless(), 5e-4, 300, ["impedance"])
+    assert lines[0] == "refusal"
+    assert lines[1].endswith("no scheme or step was found that would do")
+
+
+def hopeless() -> Linearisation:
+    one, zero = np.ones((1, 1)), np.zeros((1, 1))
+    return Linearisation(("subtalar",), 1e12 * one, zero, -1e12 * one, zero, np.array([INERTIA]), np.zeros(1))
 
 
 @pytest.mark.parametrize("scheme", ["impedance", "iterative"])
