@@ -325,13 +325,25 @@ class Program:
 
 
 def run_program(
-    command: Sequence[str], folder: Path | None = None, limit: float | None = None
+    command: Sequence[str],
+    folder: Path | None = None,
+    limit: float | None = None,
+    environment: Mapping[str, str] | None = None,
 ) -> subprocess.CompletedProcess[str]:
     """Runs a compiler or another tool to its end, in `folder`, for at most `limit` [s] of wall time: exit code, text.
+    `environment` is added to that of this process.
 
     Raises EnvironmentProblem when it overruns the limit; a code other than 0 is the caller's matter."""
     try:
-        return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=limit, check=False)
+        return subprocess.run(
+            command,
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=limit,
+            check=False,
+            env=os.environ | environment if environment else None,
+        )
     except subprocess.TimeoutExpired:
         raise EnvironmentProblem(f"{command[0]} did not end within {limit:g} s") from None
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sprain_cosim.fmu.build import build_fmu
+from sprain_cosim.fmu.build.python import build_fmu
 from sprain_cosim.fmu.element import Capabilities, Connector
 from sprain_cosim.units import unit
 

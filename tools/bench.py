@@ -23,12 +23,13 @@ from numba import njit
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from fmus.brace_bushing.slave import Slave as Brace
 from fmus.plant import kernels
 from fmus.plant.plant import Landing, Plant, sole
 from fmus.plant.slave import Slave
-from fmus.reflex_controller.slave import Slave as Controller
+from sprain_cosim.fmu.build.device import read_device
+from sprain_cosim.fmu.build.interpreter import Interpreted
 from sprain_cosim.scenario import load_scenario
+from sprain_cosim.shipped import SOURCES
 
 STOP, STEP = 0.150, 5e-4
 OPENSIM = 6.3  # s per landing, median, OpenSim 4.6 on the same class of machine
@@ -53,34 +54,38 @@ def direct(plant: Plant, landing: Landing, step: float = STOP) -> None:
 
 
 class InProcess:
-    """The three slaves of incline30_brace, wired by array copies: what co-simulation costs without FMI."""
+    """Plant, controller and brace of incline30_brace, wired by array copies, the devices as plain Python: what
+    co-simulation costs without FMI."""
 
     def __init__(self) -> None:
-        self.plant, self.brace, self.controller = Slave(), Brace(), Controller()
-        p, b, c = self.plant.index, self.brace.index, self.controller.index
-        self.angles = [p[f"rotation_{x}_angle"] for x in "xyz"], slice(b["rotation_x_angle"], b["rotation_z_angle"] + 1)
+        self.plant = Slave()
+        self.brace, self.controller = (
+            Interpreted(read_device(SOURCES / name)) for name in ("brace_bushing", "reflex_controller")
+        )
+        p = self.plant.index
+        self.angles = [p[f"rotation_{x}_angle"] for x in "xyz"]
         self.torques = [p[f"brace_rotation_{x}_{kind}"] for kind in ("torque", "stiffness") for x in "xyz"]
-        self.gives = slice(b["rotation_x_torque"], b["rotation_z_stiffness"] + 1)
-        muscles = [n.removesuffix("_excitation") for n in c if n.endswith("_excitation")]
-        self.stretch = [p[f"{m}_stretch_velocity"] for m in muscles], [c[f"{m}_stretch_velocity"] for m in muscles]
-        self.excitations = [c[f"{m}_excitation"] for m in muscles], [p[f"{m}_excitation"] for m in muscles]
+        muscles = [n.removesuffix("_excitation") for n in p if n.endswith("_excitation")]
+        self.stretch = [p[f"{m}_stretch_velocity"] for m in muscles]
+        self.excitations = [p[f"{m}_excitation"] for m in muscles]
 
     def exchange(self) -> None:
         p, b, c = self.plant.values, self.brace.values, self.controller.values
-        p[self.torques] = b[self.gives]
-        p[self.excitations[1]] = c[self.excitations[0]]
+        p[self.torques] = [*b.torque, *b.stiffness]
+        p[self.excitations] = c.excitation
         self.plant.refresh()
 
     def run(self) -> None:
         p, b, c = self.plant.values, self.brace.values, self.controller.values
         self.brace["angle_scale"] = 2.4
-        for slave in (self.controller, self.plant, self.brace):
-            slave.exit_initialization_mode()
+        self.controller.initialise()
+        self.plant.exit_initialization_mode()
+        self.brace.initialise()
         self.exchange()
         record = np.empty((round(STOP / STEP), len(p)))
         for k in range(len(record)):
             self.plant.step(k * STEP, STEP)
-            b[self.angles[1]], c[self.stretch[1]] = p[self.angles[0]], p[self.stretch[0]]
+            b.angle, c.stretch_velocity = p[self.angles], p[self.stretch]
             self.controller.step(k * STEP, STEP)
             self.brace.step(k * STEP, STEP)
             self.exchange()

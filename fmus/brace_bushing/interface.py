@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 MODEL = "brace_bushing"
 DESCRIPTION = "Idealised ankle brace: the anatomical cubic bushing with its angles scaled"
 
@@ -39,18 +37,3 @@ OUTPUTS = (  # name, unit, description, inputs that change it at once
         ("rotation_x_angle", "rotation_y_angle", "rotation_z_angle"),
     ),
 )
-
-
-def variables() -> list[dict[str, Any]]:
-    """The rows of the three tables, in the order of their value references."""
-    out: list[dict[str, Any]] = []
-    for name, unit, start, least, greatest, text in PARAMETERS:
-        out.append(dict(name=name, causality="parameter", unit=unit, description=text))
-        out[-1].update(variability="fixed", start=start, min=least, max=greatest)
-    for name, unit, text in INPUTS:
-        out.append(dict(name=name, causality="input", unit=unit, description=text))
-        out[-1].update(variability="continuous", start=0.0)
-    for name, unit, text, depends in OUTPUTS:
-        out.append(dict(name=name, causality="output", unit=unit, description=text))
-        out[-1].update(variability="continuous", depends=list(depends))
-    return out

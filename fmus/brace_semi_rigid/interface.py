@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 MODEL = "brace_semi_rigid"
 DESCRIPTION = "Semi-rigid shell: soft liner between hard stops about the subtalar axis, free talocrural hinge"
 
@@ -27,18 +25,3 @@ OUTPUTS = (  # name, unit, description, inputs that change it at once
     ("subtalar_damping", "N.m.s/rad", "-d(torque)/d(velocity)", ("subtalar_angle", "subtalar_velocity")),
     ("stored_energy", "J", "elastic energy", ("subtalar_angle",)),
 )
-
-
-def variables() -> list[dict[str, Any]]:
-    """The rows of the three tables, in the order of their value references."""
-    out: list[dict[str, Any]] = []
-    for name, unit, start, least, greatest, text in PARAMETERS:
-        out.append(dict(name=name, causality="parameter", unit=unit, description=text))
-        out[-1].update(variability="fixed", start=start, min=least, max=greatest)
-    for name, unit, text in INPUTS:
-        out.append(dict(name=name, causality="input", unit=unit, description=text))
-        out[-1].update(variability="continuous", start=0.0)
-    for name, unit, text, depends in OUTPUTS:
-        out.append(dict(name=name, causality="output", unit=unit, description=text))
-        out[-1].update(variability="continuous", depends=list(depends))
-    return out

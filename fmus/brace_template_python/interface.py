@@ -5,8 +5,6 @@ Units of this exporter: 1, rad, rad/s, m, m/s, s, N, N.m, N.m/rad, N.m.s/rad, J.
 
 from __future__ import annotations
 
-from typing import Any
-
 MODEL = "brace_template_python"
 DESCRIPTION = "Linear spring and damper about the subtalar axis"
 
@@ -24,18 +22,3 @@ OUTPUTS = (  # name, unit, description, inputs that change it at once
     ("subtalar_stiffness", "N.m/rad", "-d(torque)/d(angle)", ("subtalar_angle", "subtalar_velocity")),
     ("subtalar_damping", "N.m.s/rad", "-d(torque)/d(velocity)", ("subtalar_angle", "subtalar_velocity")),
 )
-
-
-def variables() -> list[dict[str, Any]]:
-    """The rows of the three tables, in the order of their value references."""
-    out: list[dict[str, Any]] = []
-    for name, unit, start, least, greatest, text in PARAMETERS:
-        out.append(dict(name=name, causality="parameter", unit=unit, description=text))
-        out[-1].update(variability="fixed", start=start, min=least, max=greatest)
-    for name, unit, text in INPUTS:
-        out.append(dict(name=name, causality="input", unit=unit, description=text))
-        out[-1].update(variability="continuous", start=0.0)
-    for name, unit, text, depends in OUTPUTS:
-        out.append(dict(name=name, causality="output", unit=unit, description=text))
-        out[-1].update(variability="continuous", depends=list(depends))
-    return out

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 import re
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,7 @@ from scipy.interpolate import PchipInterpolator
 from ..errors import InputError, nearest, problems_to_error
 from ..files import read_csv, write
 from ..fmu.archive import read
-from ..fmu.build import EPOCH
+from ..fmu.build import CONSTANTS, EPOCH, constants_file
 from ..units import Unit, unit
 
 AXES = ("talocrural", "subtalar")
@@ -34,7 +34,7 @@ NAMES = {
     for kind in ("torque", "resistance")
     for branch in ("", "_loading", "_unloading")
 }
-TABLE = "resources/table.json"
+CAPACITY = 8192  # points of all curves together, as in fmus/brace_table/device.py
 Branches = dict[str, tuple[np.ndarray, np.ndarray]]  # angles [rad] and torques [N.m] of "", loading, unloading
 
 
@@ -50,8 +50,9 @@ def from_csv(table: Path, target: Path, template: Path) -> dict[str, tuple[float
     description = files["modelDescription.xml"].decode()
     old = re.search(r'guid="([^"]*)"', description)
     assert old is not None
-    files[TABLE] = json.dumps(curves, indent=1).encode()
-    guid = hashlib.sha256(b"".join(f"{n}\0".encode() + d for n, d in sorted(files.items()))).hexdigest()
+    constants = _constants(table, curves)
+    guid = hashlib.sha256(old[1].encode() + constants).hexdigest()
+    files[CONSTANTS] = constants_file(guid, constants)
     files["modelDescription.xml"] = description.replace(old[1], guid).encode()
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -61,6 +62,20 @@ def from_csv(table: Path, target: Path, template: Path) -> dict[str, tuple[float
             archive.writestr(entry, data, zipfile.ZIP_DEFLATED)
     write(target, buffer.getvalue(), parents=True)
     return {axis: (c["loading"][0][0], c["loading"][-1][0]) for axis, c in curves.items()}
+
+
+def _constants(path: Path, curves: Mapping[str, Mapping[str, list[list[float]]]]) -> bytes:
+    """The record that fmus/brace_table/device.py describes. Raises InputError for a table that it cannot hold."""
+    record = np.zeros((), [("first", "<i8", (2, 2)), ("count", "<i8", (2, 2)), ("point", "<f8", (CAPACITY, 3))])
+    points: list[list[float]] = []
+    for i, axis in enumerate(AXES):
+        for j, rows in enumerate(curves[axis][b] for b in ("loading", "unloading") if axis in curves):
+            record["first"][i, j], record["count"][i, j] = len(points), len(rows)
+            points += rows
+    if len(points) > CAPACITY:
+        raise InputError(f"{path}: {len(points)} points on its curves; the FMU holds {CAPACITY}; leave some rows out")
+    record["point"][: len(points)] = points
+    return record.tobytes()
 
 
 def read_curves(path: Path) -> dict[str, dict[str, list[list[float]]]]:

@@ -3,7 +3,6 @@ CMake."""
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import platform
 import re
@@ -14,11 +13,12 @@ from pathlib import Path
 
 from ..errors import EnvironmentProblem, InputError
 from ..files import write
-from ..fmu.build import LIBRARIES, build_fmu, pack
+from ..fmu.build import LIBRARIES, build_fmu, headers, pack
 from ..process import run_program
 from ..shipped import template
 
-LANGUAGES = {"python": ("interface.py", "slave.py"), "c": ("brace.c", "modelDescription.xml", "CMakeLists.txt")}
+LANGUAGES = {"python": ("interface.py", "device.py"), "c": ("brace.c", "modelDescription.xml", "CMakeLists.txt")}
+BESIDES = {"python": ("test_device.py", "README.md"), "c": ("README.md",)}
 HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
 COMPILERS = ("cc", "gcc", "clang")
@@ -38,14 +38,14 @@ def new_brace(folder: Path, language: str) -> list[Path]:
     written = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for file in (*LANGUAGES[language], "README.md"):
+        for file in (*LANGUAGES[language], *BESIDES[language]):
             text = (source / file).read_text("utf-8").replace(f"brace_template_{language}", name)
             (folder / file).write_text(text, "utf-8")
             written.append(folder / file)
         if language == "c":
             (folder / "fmi").mkdir()
             for header in HEADERS:
-                shutil.copyfile(_headers() / header, folder / "fmi" / header)
+                shutil.copyfile(headers() / header, folder / "fmi" / header)
     except OSError as problem:
         raise EnvironmentProblem(f"{folder}: cannot be written: {problem.strerror or problem}") from None
     return written
@@ -59,43 +59,15 @@ def build_brace(folder: Path, target: Path | None = None) -> Path:
         raise InputError(f"{folder}: no interface.py and no brace.c, so no project of `sprain-cosim brace new`")
     for file in LANGUAGES[language]:
         if not (folder / file).is_file():
-            raise InputError(f"{folder}: no {file}; a {language} project holds {', '.join(LANGUAGES[language])}")
+            old = "; slave.py is of an earlier version" if (folder / "slave.py").is_file() else ""
+            raise InputError(f"{folder}: no {file}; a {language} project holds {', '.join(LANGUAGES[language])}{old}")
     target = target or Path(f"{folder.resolve().name}.fmu")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        _build_python(folder, target) if language == "python" else _build_c(folder, target)
+        build_fmu(folder, target) if language == "python" else _build_c(folder, target)
     except OSError as problem:
         raise EnvironmentProblem(f"{target}: cannot be written: {problem.strerror or problem}") from None
     return target
-
-
-def _headers() -> Path:
-    found = importlib.util.find_spec("fmpy")
-    assert found is not None and found.submodule_search_locations
-    return Path(found.submodule_search_locations[0]) / "c-code"
-
-
-def _build_python(folder: Path, target: Path) -> None:
-    for file in LANGUAGES["python"]:
-        path = folder / file
-        try:
-            compile(path.read_text("utf-8"), str(path), "exec")
-        except (SyntaxError, ValueError) as problem:
-            raise InputError(
-                f"{path}: {problem.msg} in line {problem.lineno}"
-                if isinstance(problem, SyntaxError)
-                else f"{path}: {problem}"
-            ) from None
-    try:
-        build_fmu(folder, target, template("_fmi.py", "_fmi.py"))
-    except InputError:
-        raise
-    except KeyError as problem:
-        raise InputError(
-            f"{folder / 'interface.py'}: a variable has no {problem}, or that is a unit the exporter does not know"
-        ) from None
-    except Exception as problem:  # interface.py is run
-        raise InputError(f"{folder / 'interface.py'}: {type(problem).__name__}: {problem}") from None
 
 
 def _build_c(folder: Path, target: Path) -> None:

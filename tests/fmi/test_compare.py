@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from fmus.brace_bushing.slave import POLYNOMIALS
+from fmus.brace_bushing.device import POLYNOMIALS
 from sprain_cosim import InputError, SimulationError, load_scenario, load_study
 from sprain_cosim.brace.bench import Bench
 from sprain_cosim.brace.compare import compare_braces, load_source

@@ -3,6 +3,8 @@ one line."""
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import fmpy
@@ -50,7 +52,7 @@ def test_the_commands_of_its_readme(language: str, tmp_path: Path) -> None:
 
 
 def test_one_bushing_three_ways(built: Path) -> None:
-    """The paper's brace as Python FMU, as C FMU from the template, and evaluated inside the plant: the same peak within
+    """The paper's brace as shipped, as C FMU from the template, and evaluated inside the plant: the same peak within
     0.05 degrees."""
     braced = load_scenario("incline30_brace")
     for scale in (1.5, 2.4):
@@ -67,6 +69,21 @@ def test_one_bushing_three_ways(built: Path) -> None:
         assert peaks["inside"] == pytest.approx(peaks["python"], abs=0.05)
         assert np.abs(results["c"]["plant.subtalar_angle"] - results["python"]["plant.subtalar_angle"]).max() < 1e-9
         assert results["c"].scheme == "impedance"
+
+
+def test_the_python_template_s_own_test(built: Path) -> None:
+    outcome = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "python"], cwd=built, capture_output=True
+    )
+    assert outcome.returncode == 0, outcome.stdout
+    assert b"3 passed" in outcome.stdout
+
+
+def test_a_project_of_an_earlier_version(tmp_path: Path) -> None:
+    project.new(tmp_path / "cuff", "python")
+    (tmp_path / "cuff" / "device.py").rename(tmp_path / "cuff" / "slave.py")
+    with pytest.raises(InputError, match=r"no device\.py.*slave\.py is of an earlier version"):
+        project.build(tmp_path / "cuff", tmp_path / "cuff.fmu")
 
 
 def test_law_of_the_python_template(built: Path) -> None:
@@ -120,13 +137,21 @@ def test_cmake_without_a_compiler(built: Path, tmp_path: Path, monkeypatch: pyte
         ("c", "modelDescription.xml", ('modelIdentifier="cuff"', ""), "no modelIdentifier"),
         (
             "python",
-            "slave.py",
-            ("def step(self, time: float", "def step(self time: float"),
-            r"slave\.py: .* in line \d+",
+            "device.py",
+            ("def refresh(values)", "def refresh(values"),
+            r"device\.py: .* in line \d+",
         ),
         ("python", "interface.py", ("N.m/rad", "N.m/deg"), r"interface\.py: .*'N.m/deg'"),
-        ("python", "interface.py", ("import annotations", "import annotation"), r"interface\.py: "),
-        ("python", "interface.py", ("def variables", "def variable"), r"interface\.py: AttributeError"),
+        ("python", "interface.py", ("import annotations", "import annotation"), r"interface\.py: .* in line \d+"),
+        ("python", "interface.py", ("OUTPUTS", "OUTPUT"), r"interface\.py: no OUTPUTS"),
+        ("python", "interface.py", ('"of the angle"', '"of the angle", 0'), r"INPUTS, row 2: 4 entries; its columns"),
+        (
+            "python",
+            "device.py",
+            ("values.stiffness", "values.stifness"),
+            r"line \d+: values has no stifness \(did you mean stiffness\?\).*--lang c",
+        ),
+        ("python", "device.py", ('"""Outputs', 'print(1)\n    """Outputs'), r"line \d+: print cannot be compiled"),
     ],
 )
 def test_a_project_at_fault(language: str, file: str, change: tuple[str, str], message: str, tmp_path: Path) -> None:

@@ -14,7 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from fmus.plant import kernels
 from fmus.plant.plant import Landing, Plant
-from fmus.reflex_controller.slave import Slave as Controller
+from sprain_cosim.fmu.build.device import read_device
+from sprain_cosim.fmu.build.interpreter import Interpreted
+from sprain_cosim.shipped import SOURCES
 from tests.reference import needs_reference
 from tools.direct import COLUMN, plant
 from tools.reference import foot_surface, read
@@ -206,18 +208,19 @@ def test_limit_forces() -> None:
 def test_reflex_law() -> None:
     """From the muscle's lengthening speed to the excitation one delay later, through the controller itself."""
     p = plant()
+    device = read_device(SOURCES / "reflex_controller")
     table = read("elementary/i_delayed_reflex_law.csv.gz")
     for muscle, lopt, top, speed, gain, clamped, raw in table.itertuples(index=False):
         k = p.muscles.names.index(muscle)
         assert p.muscles.optimal_length[k] == pytest.approx(lopt, rel=1e-6)
         assert top == kernels.V_MAX
         name = muscle.removesuffix("_r")
-        controller = Controller()
+        controller = Interpreted(device)
         controller["reflex_gain"] = gain
-        controller.exit_initialization_mode()
+        controller.initialise()
         for step in range(200):
             controller[f"{name}_stretch_velocity"] = speed / (p.muscles.optimal_length[k] * kernels.V_MAX)
-            controller.do_step(step * 1e-3, 1e-3)
+            controller.step(step * 1e-3, 1e-3)
         assert controller[f"{name}_excitation"] == pytest.approx(raw, rel=1e-6, abs=1e-9)
         assert min(max(controller[f"{name}_excitation"], 0.0), 1.0) == pytest.approx(clamped, rel=1e-6, abs=1e-9)
 

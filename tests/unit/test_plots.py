@@ -172,7 +172,7 @@ def test_the_force_of_a_start_inside_the_floor_does_not_hide_the_rest() -> None:
 
 
 def test_the_laws_drawn_are_those_of_the_fmus() -> None:
-    from fmus.brace_bushing.slave import POLYNOMIALS
+    from fmus.brace_bushing.device import POLYNOMIALS
 
     assert tuple(PASSIVE.values()) == tuple(tuple(p) for p in POLYNOMIALS)
     assert resisting("rotation_x", np.array([0.2]))[0] == pytest.approx(

@@ -1,0 +1,195 @@
+"""modelDescription.xml of the FMUs that are built here, from the plain data of `interface.py`."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+from xml.etree import ElementTree as ET
+
+from ...errors import InputError
+
+BASE_UNITS: dict[str, dict[str, int]] = {
+    "1": {},
+    "rad": {"rad": 1},
+    "rad/s": {"rad": 1, "s": -1},
+    "m": {"m": 1},
+    "m/s": {"m": 1, "s": -1},
+    "s": {"s": 1},
+    "s/m": {"s": 1, "m": -1},
+    "Pa/m": {"kg": 1, "m": -2, "s": -2},
+    "N": {"kg": 1, "m": 1, "s": -2},
+    "N.m": {"kg": 1, "m": 2, "s": -2},
+    "N.m/rad": {"kg": 1, "m": 2, "s": -2, "rad": -1},
+    "N.m.s/rad": {"kg": 1, "m": 2, "s": -1, "rad": -1},
+    "kg.m2": {"kg": 1, "m": 2},
+    "J": {"kg": 1, "m": 2, "s": -2},
+}
+GUID_PLACE = "@GUID@"
+STEP = 0.0005  # s, of the default experiment
+
+Variables = list[dict[str, Any]]
+
+
+TABLES = {  # of interface.py: the columns of its rows
+    "PARAMETERS": ("name", "unit", "start", "least", "greatest", "description"),
+    "INPUTS": ("name", "unit", "description"),
+    "OUTPUTS": ("name", "unit", "description", "inputs that change it at once"),
+}
+
+
+def load_interface(path: Path) -> ModuleType:
+    """`interface.py`, run. Raises InputError for what is at fault in it."""
+    try:
+        spec = importlib.util.spec_from_file_location("_interface", path)
+        assert spec is not None and spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    except SyntaxError as problem:
+        raise InputError(f"{path}: {problem.msg} in line {problem.lineno}") from None
+    except Exception as problem:
+        raise InputError(f"{path}: {type(problem).__name__}: {problem}") from None
+    missing = [name for name in ("MODEL", "DESCRIPTION") if not isinstance(getattr(module, name, None), str)]
+    if not hasattr(module, "variables"):
+        missing += [name for name in TABLES if not hasattr(module, name)]
+    if missing:
+        raise InputError(f"{path}: no {', '.join(missing)}")
+    return module
+
+
+def variables_of(interface: ModuleType, path: Path) -> Variables:
+    """The scalar variables in the order of their value references: `variables()` where the module has it, else the
+    rows of its tables. Raises InputError that names all that is at fault in `path`.
+
+    Keys: name, causality, variability, unit, start (absent for outputs), min, max, description, depends (inputs that
+    act on an output at once), and for enumerations items."""
+    try:
+        variables = interface.variables() if hasattr(interface, "variables") else _rows(interface)
+    except InputError as problem:
+        raise InputError(f"{path}: {problem}") from None
+    except Exception as problem:
+        raise InputError(f"{path}: {type(problem).__name__}: {problem}") from None
+    problems = _problems(variables)
+    if problems:
+        raise InputError(f"{path}: {'; '.join(problems)}")
+    return list(variables)
+
+
+def _rows(interface: ModuleType) -> Variables:
+    for table, columns in TABLES.items():
+        for k, row in enumerate(getattr(interface, table)):
+            if len(row) != len(columns):
+                raise InputError(f"{table}, row {k + 1}: {len(row)} entries; its columns are {', '.join(columns)}")
+    out: Variables = []
+    for name, unit, start, least, greatest, text in interface.PARAMETERS:
+        row = dict(name=name, causality="parameter", variability="fixed", unit=unit, description=text)
+        out.append(row | dict(start=start, min=least, max=greatest))
+    for name, unit, text in interface.INPUTS:
+        row = dict(name=name, causality="input", variability="continuous", unit=unit, description=text)
+        out.append(row | dict(start=0.0))
+    for name, unit, text, depends in interface.OUTPUTS:
+        row = dict(name=name, causality="output", variability="continuous", unit=unit, description=text)
+        out.append(row | dict(depends=list(depends)))
+    return out
+
+
+def _problems(variables: Variables) -> list[str]:
+    problems = []
+    names = [v.get("name") for v in variables]
+    inputs = {v.get("name") for v in variables if v.get("causality") in ("input", "parameter")}
+    for k, v in enumerate(variables):
+        name = v.get("name")
+        lacking = [
+            key for key in ("name", "causality", "variability", "description") if not isinstance(v.get(key), str)
+        ]
+        if "items" not in v and "unit" not in v:
+            lacking.append("unit")
+        if lacking:
+            problems.append(f"variable {name or k + 1} has no {', '.join(lacking)}")
+            continue
+        if names.index(name) != k:
+            problems.append(f"two variables named {name}")
+        unit = v.get("unit")
+        if "items" not in v and unit not in BASE_UNITS:
+            problems.append(f"{name}: unit {unit!r} is not one of {', '.join(BASE_UNITS)}")
+        least, greatest = v.get("min", -math.inf), v.get("max", math.inf)
+        if not least <= v.get("start", max(least, min(0.0, greatest))) <= greatest:
+            problems.append(f"{name}: start {v['start']:g} is outside its range {least:g} ... {greatest:g}")
+        unknown = [n for n in v.get("depends", ()) if n not in inputs]
+        if unknown:
+            problems.append(f"{name}: depends on {', '.join(unknown)}, which is no input")
+    return problems
+
+
+def model_description(
+    name: str,
+    description: str,
+    variables: Variables,
+    fixed_step: float | None = None,
+    differentiates: bool = False,
+) -> str:
+    """modelDescription.xml of FMI 2.0 with GUID_PLACE for the GUID; value references are positions in `variables`.
+    `fixed_step` [s] is the model's own step where it cannot take another one; `differentiates`: it gives directional
+    derivatives of its outputs over its inputs."""
+    root = ET.Element(
+        "fmiModelDescription",
+        fmiVersion="2.0",
+        modelName=name,
+        guid=GUID_PLACE,
+        description=description,
+        generationTool="sprain-cosim",
+        variableNamingConvention="flat",
+    )
+    capabilities = {
+        "modelIdentifier": name,
+        "needsExecutionTool": "false",
+        "canHandleVariableCommunicationStepSize": "false" if fixed_step else "true",
+        "canBeInstantiatedOnlyOncePerProcess": "false",
+        "canNotUseMemoryManagementFunctions": "true",
+        "canGetAndSetFMUstate": "true",
+        "canSerializeFMUstate": "true",
+    }
+    if differentiates:
+        capabilities["providesDirectionalDerivative"] = "true"
+    ET.SubElement(root, "CoSimulation", capabilities)
+    units = ET.SubElement(root, "UnitDefinitions")
+    for unit in sorted({v["unit"] for v in variables if "unit" in v}):
+        base = {key: str(exponent) for key, exponent in BASE_UNITS[unit].items()}
+        ET.SubElement(ET.SubElement(units, "Unit", name=unit), "BaseUnit", base)
+    enumerations = [v for v in variables if "items" in v]
+    if enumerations:
+        types = ET.SubElement(root, "TypeDefinitions")
+        for variable in enumerations:
+            kind = ET.SubElement(ET.SubElement(types, "SimpleType", name=variable["name"]), "Enumeration")
+            for item, value in variable["items"].items():
+                ET.SubElement(kind, "Item", name=item, value=str(value))
+    categories = ET.SubElement(root, "LogCategories")
+    ET.SubElement(categories, "Category", name="logAll")
+    ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime="0.15", stepSize=repr(fixed_step or STEP))
+    listed = ET.SubElement(root, "ModelVariables")
+    position = {v["name"]: k + 1 for k, v in enumerate(variables)}
+    for k, variable in enumerate(variables):
+        entry = {key: variable[key] for key in ("name", "causality", "variability", "description")}
+        if variable["causality"] == "output":
+            entry["initial"] = "calculated"
+        elif variable["causality"] == "parameter":
+            entry["initial"] = "exact"
+        if "items" in variable:
+            entry["variability"] = "fixed"
+            tag, detail = "Enumeration", {"declaredType": variable["name"], "start": str(variable["start"])}
+        else:
+            tag, detail = "Real", {"unit": variable["unit"]}
+            detail |= {key: repr(float(variable[key])) for key in ("min", "max", "start") if key in variable}
+        ET.SubElement(ET.SubElement(listed, "ScalarVariable", entry, valueReference=str(k)), tag, detail)
+    structure = ET.SubElement(root, "ModelStructure")
+    outputs = [v for v in variables if v["causality"] == "output"]
+    for section in ("Outputs", "InitialUnknowns"):
+        group = ET.SubElement(structure, section)
+        for variable in outputs:
+            unknown = ET.SubElement(group, "Unknown", index=str(position[variable["name"]]))
+            if section == "Outputs" and "depends" in variable:
+                unknown.set("dependencies", " ".join(str(position[n]) for n in variable["depends"]))
+    ET.indent(root)
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"

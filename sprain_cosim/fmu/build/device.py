@@ -1,0 +1,234 @@
+"""A device as Python source: a folder with `interface.py` (what the FMU shows) and `device.py` (the law).
+
+`device.py` holds plain functions; each takes what it names of
+
+- `values`: one record of all variables by name, and of GROUPS of variables as arrays
+- `state`: one record of what STATE names, at its start values when an instance is made
+- `constants`: one record of what `constants(resources)` returns, at most
+- `time`, `step` [s]: of the communication step; `time` alone outside of one
+
+and returns nothing, or a position in REASONS (0: all is well) when it cannot go on:
+
+- `initialise`: parameters and first inputs are set; leaves consistent outputs (default: `refresh`)
+- `step`: from `time` to `time + step` with the inputs held; leaves consistent outputs (default: `refresh`)
+- `refresh`: inputs were set: the outputs that follow them at once
+- `reveal`: writes the local variables; called when one of them is read
+- `restored`: a saved state came back; what stands in STATE from the field SAVED_BEFORE on did not
+- `differentiate(values, state, seed, result)`: `result` is the derivative of the outputs in the direction `seed` of the
+  inputs, both records like `values`
+
+The same functions run as plain Python on any objects with these attributes; the FMU holds them compiled (compile.py).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import inspect
+import re
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from .description import Variables, variables_of
+
+FUNCTIONS = {
+    "initialise": ("values", "state", "constants", "time", "step"),
+    "step": ("values", "state", "constants", "time", "step"),
+    "refresh": ("values", "state", "constants", "time", "step"),
+    "reveal": ("values", "state", "constants", "time", "step"),
+    "restored": ("values", "state", "constants", "time", "step"),
+    "differentiate": ("values", "state", "constants", "seed", "result"),
+}
+PACKAGE = "_device"  # the name under which a device is imported; what is compiled must not depend on where it lies
+KINDS = (np.dtype("f8"), np.dtype("i8"))
+
+
+@dataclass(frozen=True)
+class Reason:
+    """A text of REASONS: `format` is for printf with one double, the number at `offset` [B] of the state; -1: none."""
+
+    format: str
+    offset: int
+
+
+@dataclass(frozen=True)
+class Device:
+    """What was read from a device's folder.
+
+    - `functions`: those of FUNCTIONS that it has, by name
+    - `modules`: every module of its package, for the compiler
+    - `values`, `state`: layout of the records; (n,) doubles in the order of the value references, and STATE
+    - `first_state`: a record with the start values of STATE
+    - `constants`: a record, or None
+    - `saved`: bytes of the state that belong to a saved state
+    - `constants_in_resources`: the FMU reads its constants when it is instantiated
+    """
+
+    name: str
+    folder: Path
+    variables: Variables
+    functions: Mapping[str, Callable[..., Any]]
+    modules: tuple[ModuleType, ...]
+    values: np.dtype
+    state: np.dtype
+    first_state: np.ndarray
+    constants: np.ndarray | None
+    saved: int
+    reasons: tuple[Reason, ...]
+    constants_in_resources: bool
+
+    def records(self) -> tuple[Any, Any, Any]:
+        """(values, state, constants) of a fresh instance, to run the functions as plain Python."""
+        values = np.recarray(1, dtype=self.values)
+        values.view("f8")[:] = [v.get("start", 0.0) for v in self.variables]
+        constants = None if self.constants is None else self.constants.view(np.recarray)[0]
+        return values[0], self.first_state.copy().view(np.recarray)[0], constants
+
+
+def arguments(function: Callable[..., Any]) -> tuple[str, ...]:
+    return tuple(inspect.signature(function).parameters)
+
+
+def read_device(folder: Path) -> Device:
+    """Runs both files. Raises InputError in one line for what is at fault."""
+    for needed in ("interface.py", "device.py"):
+        if not (folder / needed).is_file():
+            raise InputError(f"{folder}: no {needed}; a device's folder holds interface.py and device.py")
+    with _imported(folder) as (interface, device, modules):
+        variables = variables_of(interface, folder / "interface.py")
+        groups: Mapping[str, Any] = getattr(device, "GROUPS", {})
+        state, first = _state(folder, getattr(device, "STATE", {}))
+        saved_before = getattr(device, "SAVED_BEFORE", None)
+        if saved_before is not None and saved_before not in (state.names or ()):
+            raise InputError(f"{folder / 'device.py'}: SAVED_BEFORE = {saved_before!r} is no field of STATE")
+        saved = int((state.fields or {})[saved_before][1]) if saved_before else state.itemsize
+        constants = _record(folder, "constants", device.constants(folder / "resources")) if _has(device) else None
+        return Device(
+            interface.MODEL,
+            folder,
+            variables,
+            _functions(folder, device),
+            modules,
+            _values(folder, variables, groups),
+            state,
+            first,
+            constants,
+            saved if state.names else 0,
+            tuple(_reason(folder, text, state) for text in getattr(device, "REASONS", ("",))),
+            bool(getattr(device, "CONSTANTS_IN_RESOURCES", False)),
+        )
+
+
+def _has(device: ModuleType) -> bool:
+    return hasattr(device, "constants")
+
+
+@contextlib.contextmanager
+def _imported(folder: Path) -> Iterator[tuple[ModuleType, ModuleType, tuple[ModuleType, ...]]]:
+    """The modules interface and device of the folder, as members of the package it lies in, freshly run and not left
+    in sys.modules."""
+    folder = folder.resolve()
+    inside = (folder.parent / "__init__.py").is_file()
+    top = ModuleType(PACKAGE)
+    top.__path__ = [str(folder.parent if inside else folder)]
+    prefix = f"{PACKAGE}.{folder.name}" if inside else PACKAGE
+    before = sys.dont_write_bytecode
+    _forget()
+    sys.modules[PACKAGE], sys.dont_write_bytecode = top, True
+    try:
+        if inside:
+            middle = ModuleType(prefix)
+            middle.__path__ = [str(folder)]
+            sys.modules[prefix] = middle
+        interface, device = (importlib.import_module(f"{prefix}.{name}") for name in ("interface", "device"))
+        yield interface, device, tuple(m for n, m in sorted(sys.modules.items()) if n.startswith(f"{PACKAGE}."))
+    finally:
+        sys.dont_write_bytecode = before
+        _forget()
+
+
+def _forget() -> None:
+    for name in [n for n in sys.modules if n == PACKAGE or n.startswith(f"{PACKAGE}.")]:
+        del sys.modules[name]
+
+
+def _functions(folder: Path, device: ModuleType) -> dict[str, Callable[..., Any]]:
+    found = {name: getattr(device, name) for name in FUNCTIONS if hasattr(device, name)}
+    if not found:
+        raise InputError(f"{folder / 'device.py'}: none of the functions {', '.join(FUNCTIONS)}")
+    for name in ("initialise", "step"):
+        if name not in found and "refresh" in found:
+            found[name] = found["refresh"]
+    problems = [
+        f"{name} has an argument {argument!r}; it may have {', '.join(FUNCTIONS[name])}"
+        for name, function in found.items()
+        for argument in arguments(function)
+        if argument not in FUNCTIONS[name] or (argument == "constants" and not _has(device))
+    ]
+    if problems:
+        raise InputError(f"{folder / 'device.py'}: {'; '.join(problems)}")
+    return found
+
+
+def _values(folder: Path, variables: Variables, groups: Mapping[str, Any]) -> np.dtype:
+    """Every variable by its name where that is an identifier, and the groups beside them, over the same numbers."""
+    place = {v["name"]: 8 * k for k, v in enumerate(variables)}
+    fields: dict[str, tuple[Any, int]] = {name: ("f8", at) for name, at in place.items() if name.isidentifier()}
+    problems = []
+    for label, members in groups.items():
+        missing = [m for m in members if m not in place]
+        if missing or label in place:
+            problems.append(
+                f"group {label!r}: {', '.join(missing)} is no variable" if missing else f"{label!r} is a variable"
+            )
+        elif [place[m] for m in members] != [place[members[0]] + 8 * k for k in range(len(members))]:
+            problems.append(f"group {label!r}: its variables do not stand next to each other in interface.py")
+        else:
+            fields[label] = (("f8", (len(members),)), place[members[0]])
+    if problems:
+        raise InputError(f"{folder / 'device.py'}: GROUPS: {'; '.join(problems)}")
+    formats, offsets = [f for f, _ in fields.values()], [at for _, at in fields.values()]
+    return np.dtype(dict(names=list(fields), formats=formats, offsets=offsets, itemsize=8 * len(variables)))
+
+
+def _state(folder: Path, given: Any) -> tuple[np.dtype, np.ndarray]:
+    if isinstance(given, np.dtype):
+        return given, np.zeros(1, given)
+    record = _record(folder, "STATE", given)
+    return record.dtype, record
+
+
+def _record(folder: Path, what: str, given: Any) -> np.ndarray:
+    """One record of numbers and arrays of numbers, from a mapping or a structured array."""
+    if isinstance(given, np.ndarray) and given.dtype.names:
+        return np.atleast_1d(given)
+    arrays = {name: np.asarray(value) for name, value in dict(given).items()}
+    arrays = {name: v.astype(KINDS[0] if v.dtype.kind == "f" else KINDS[1]) if v.dtype.kind in "fiub" else v
+              for name, v in arrays.items()}  # fmt: skip
+    wrong = [name for name, value in arrays.items() if value.dtype not in KINDS]
+    if wrong:
+        raise InputError(f"{folder / 'device.py'}: {what}: {', '.join(wrong)}: must be numbers or arrays of numbers")
+    out = np.zeros(1, np.dtype([(name, v.dtype, v.shape) for name, v in arrays.items()], align=True))
+    for name, value in arrays.items():
+        out[name] = value
+    return out
+
+
+def _reason(folder: Path, text: str, state: np.dtype) -> Reason:
+    """A text with at most one `{field}` or `{field:.6f}` of the state."""
+    found = re.findall(r"\{(\w+)(?::(\.\d+[efg]))?\}", text)
+    plain = text.replace("%", "%%") if found else text
+    if not found:
+        return Reason(plain, -1)
+    name, form = found[0]
+    kind = (state.fields or {}).get(name)
+    if len(found) > 1 or kind is None or kind[0] != KINDS[0]:
+        raise InputError(f"{folder / 'device.py'}: REASONS: {text!r} may show one number of STATE")
+    return Reason(re.sub(r"\{[^}]*\}", f"%{form or 'g'}", plain), int(kind[1]))

@@ -1,0 +1,137 @@
+"""The FMU of a model's folder, and all of a clone's.
+
+A folder with `device.py` becomes a native FMU (compile.py, link.py); one with `slave.py` a Python FMU (python.py)."""
+
+from __future__ import annotations
+
+import platform as machine
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...errors import EnvironmentProblem, InputError, nearest
+from ...shipped import FMUS, SOURCES
+from . import python
+from .compile import Compiled, compile_devices
+from .description import GUID_PLACE, Variables, load_interface, model_description, variables_of
+from .link import PLATFORMS, link, shim
+from .packing import digest, tree, write
+
+CONSTANTS = "resources/constants.bin"
+HERE = {("Linux", "x86_64"): "linux64", ("Windows", "AMD64"): "win64"}
+
+
+def build_all(names: Iterable[str] = (), platforms: Sequence[str] = ()) -> list[tuple[Path, str]]:
+    """Builds the models of the clone's fmus/ folder (or those named) to where the package looks for them: (file, GUID)
+    of each.
+
+    Raises InputError outside a clone or for a name that is no model."""
+    models = {
+        p.parent.name: p.parent
+        for p in sorted(SOURCES.glob("*/interface.py"))
+        if not p.parent.name.startswith("brace_template_")
+    }
+    if not models:
+        raise InputError(f"{SOURCES}: no models to build; an installed package ships its FMUs ready")
+    for name in names:
+        if name not in models:
+            raise InputError(f"model {name!r} is not in {SOURCES}{nearest(name, models)}")
+    chosen = [models[n] for n in list(names) or list(models)]
+    faces = {folder: _face(folder) for folder in chosen}
+    native = [folder for folder in chosen if _is_device(folder)]
+    places = platforms or own_platform()
+    compiled = dict(zip(native, compile_devices(native, places) if native else (), strict=True))
+    built = []
+    for folder in chosen:
+        target = FMUS / f"{folder.name}.fmu"
+        if folder in compiled:
+            guid = _write(faces[folder], target, compiled[folder], places)
+        else:
+            guid = python.build_fmu(folder, target)
+        built.append((target, guid))
+    return built
+
+
+def build_fmu(folder: Path, target: Path, platforms: Sequence[str] = ()) -> str:
+    """Writes `target` from the model in `folder`, for `platforms` (default: this machine's). Returns the GUID.
+
+    Raises InputError where the folder is at fault, EnvironmentProblem where something to build with is missing."""
+    face = _face(folder)
+    if not _is_device(folder):
+        return python.build_fmu(folder, target)
+    places = platforms or own_platform()
+    (compiled,) = compile_devices([folder], places)
+    return _write(face, target, compiled, places)
+
+
+@dataclass(frozen=True)
+class Face:
+    """What interface.py of `folder` says; `fixed_step` [s] where the model cannot take another one."""
+
+    folder: Path
+    description: str
+    variables: Variables
+    fixed_step: float | None
+
+
+def _face(folder: Path) -> Face:
+    law = "device.py" if not (folder / "slave.py").is_file() else "slave.py"
+    for needed in ("interface.py", law):
+        if not (folder / needed).is_file():
+            raise InputError(f"{folder}: no {needed}; a model's folder holds interface.py and {law}")
+    path = folder / "interface.py"
+    interface = load_interface(path)
+    return Face(folder, interface.DESCRIPTION, variables_of(interface, path), getattr(interface, "FIXED_STEP", None))
+
+
+def own_platform() -> tuple[str, ...]:
+    """Raises EnvironmentProblem where devices cannot be compiled for this machine."""
+    here = HERE.get((machine.system(), machine.machine()))
+    if here is None:
+        raise EnvironmentProblem(
+            f"devices cannot be compiled for {machine.system()} on {machine.machine()}; "
+            f"known are {', '.join(PLATFORMS)}"
+        )
+    return (here,)
+
+
+def _is_device(folder: Path) -> bool:
+    return (folder / "device.py").is_file()
+
+
+def _write(face: Face, target: Path, compiled: Compiled, platforms: Sequence[str]) -> str:
+    description = model_description(
+        compiled.name, face.description, face.variables, face.fixed_step, "differentiate" in compiled.symbol
+    )
+    guid = _guid(compiled, description)
+    files = {
+        "modelDescription.xml": description.replace(GUID_PLACE, guid).encode(),
+        **{f"resources/{path}": data for path, data in tree(face.folder / "resources").items()},
+        **{f"extra/{path}": data for path, data in tree(face.folder / "extra").items()},
+        **{f"documentation/{path.name}": path.read_bytes() for path in sorted(face.folder.glob("*.md"))},
+    }
+    if compiled.constants_in_resources:
+        files[CONSTANTS] = constants_file(guid, compiled.constants)
+    for platform in platforms:
+        place = PLATFORMS[platform]
+        name = f"binaries/{place.folder2}/{compiled.name}{place.ending}"
+        files[name] = link(compiled, face.variables, guid, platform)
+    write(target, files)
+    return guid
+
+
+def constants_file(guid: str, constants: bytes) -> bytes:
+    """What a device with CONSTANTS_IN_RESOURCES reads: its FMU's GUID and one record (device.c)."""
+    return b"SPRAINC1" + guid.encode() + len(constants).to_bytes(8, "little") + constants
+
+
+def _guid(compiled: Compiled, description: str) -> str:
+    """SHA-256 of what the model is made from: the same on every platform and for every set of platforms."""
+    sources: Mapping[str, bytes] = {
+        "model": compiled.sources.encode(),
+        **{f"shim/{path}": data for path, data in tree(shim()).items()},
+        "constants": compiled.constants,
+        "first_state": compiled.first_state,
+        "description": description.encode(),
+    }
+    return digest(sources)

@@ -1,0 +1,301 @@
+"""The shipped devices as compiled: the law of their Python source, saved states, what they say to their host, and hosts
+that are not Python."""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fmpy import extract, read_model_description
+from fmpy.fmi2 import FMU2Slave
+
+from sprain_cosim.fmu import fmi2
+from sprain_cosim.fmu.build.device import read_device
+from sprain_cosim.fmu.build.interpreter import Interpreted
+from sprain_cosim.fmu.component import Component
+from sprain_cosim.shipped import FMUS, SOURCES
+from tests.native import SOURCES as C_SOURCES
+
+DEVICES = sorted(p.parent.name for p in SOURCES.glob("*/device.py") if "template" not in p.parent.name)
+_count = itertools.count(1)
+
+
+class Host:
+    """An instance driven through fmpy's plain wrapper, with what it logged; values by name."""
+
+    def __init__(self, name: str | Path, folder: Path, guid: str | None = None) -> None:
+        path = FMUS / f"{name}.fmu" if isinstance(name, str) else name
+        self.description = read_model_description(path)
+        self.reference = {v.name: v.valueReference for v in self.description.modelVariables}
+        self.by = {
+            c: [v.name for v in self.description.modelVariables if v.causality == c]
+            for c in ("parameter", "input", "output")
+        }
+        self.folder = extract(path, str(folder / f"unpacked{next(_count)}"))
+        self.messages: list[str] = []
+        label = f"tested{next(_count)}"
+        fmi2._instances[label] = self  # type: ignore[assignment]  # all instances of a process share one logger
+        self.fmu = FMU2Slave(
+            guid=guid or self.description.guid,
+            unzipDirectory=self.folder,
+            modelIdentifier=self.description.coSimulation.modelIdentifier,
+            instanceName=label,
+        )
+        self.fmu.instantiate(callbacks=fmi2.callbacks())
+
+    def log_message(self, message: bytes) -> None:
+        self.messages.append(message.decode())
+
+    def __getitem__(self, names: str | list[str]) -> Any:
+        many = [names] if isinstance(names, str) else names
+        values = self.fmu.getReal([self.reference[n] for n in many])
+        return values[0] if isinstance(names, str) else np.array(values)
+
+    def __setitem__(self, names: str | list[str], values: Any) -> None:
+        many = [names] if isinstance(names, str) else names
+        self.fmu.setReal([self.reference[n] for n in many], list(np.atleast_1d(values)))
+
+    def start(self, **parameters: float) -> None:
+        self.fmu.setupExperiment(startTime=0.0)
+        for name, value in parameters.items():
+            self[name] = value
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+
+
+def random_parameters(host: Host, rng: np.random.Generator) -> dict[str, float]:
+    described = {v.name: v for v in host.description.modelVariables}
+    drawn = {}
+    for name in host.by["parameter"]:
+        start, most = float(described[name].start), float(described[name].max)
+        drawn[name] = min(most, start * (1 + rng.random()) if start else rng.random())
+    return drawn | ({"reflex_delay": 0.013} if "reflex_delay" in drawn else {})
+
+
+def test_there_are_devices() -> None:
+    assert {"brace_bushing", "brace_table", "reflex_controller"} <= set(DEVICES)
+
+
+@pytest.mark.parametrize("name", DEVICES)
+def test_compiled_and_interpreted_are_the_same_law(name: str, tmp_path: Path) -> None:
+    """Random parameters, inputs and steps, with steps that are taken back in between."""
+    if name == "plant":
+        pytest.skip("300 steps of the plant as plain Python take minutes; test_plant_native.py compares single ones")
+    host, device = Host(name, tmp_path), read_device(SOURCES / name)
+    inputs, outputs = host.by["input"], host.by["output"]
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        run = Interpreted(device)
+        host.fmu.reset()
+        parameters, first = random_parameters(host, rng), 0.4 * rng.normal(size=len(inputs))
+        for key, value in [*parameters.items(), *zip(inputs, first, strict=True)]:
+            run[key] = value
+        run.initialise()
+        host[inputs] = first
+        host.start(**parameters)
+        time = 0.0
+        for k in range(150):
+            step, given = 1e-3 * rng.random(), 0.4 * rng.normal(size=len(inputs))
+            for key, value in zip(inputs, given, strict=True):
+                run[key] = value
+            host[inputs] = given
+            run.refresh()
+            expected = np.array([run[n] for n in outputs])
+            assert np.allclose(host[outputs], expected, rtol=1e-14, atol=1e-14)
+            if k % 7 == 3:
+                state = host.fmu.getFMUstate()
+                host.fmu.doStep(time, 2 * step)
+                host[inputs] = -given
+                host.fmu.setFMUstate(state)
+                host.fmu.freeFMUstate(state)
+            host.fmu.doStep(time, step)
+            run.step(time, step)
+            time += step
+            assert np.allclose(host[outputs], [run[n] for n in outputs], rtol=1e-14, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", [n for n in DEVICES if n.startswith("brace_")])
+def test_directional_derivatives_are_difference_quotients(name: str, tmp_path: Path) -> None:
+    host = Host(name, tmp_path)
+    assert host.description.coSimulation.providesDirectionalDerivative
+    inputs, outputs = host.by["input"], host.by["output"]
+    unknowns, knowns = [host.reference[n] for n in outputs], [host.reference[n] for n in inputs]
+    rng = np.random.default_rng(4)
+    host.start(**random_parameters(host, rng))
+    compared = 0
+    for k in range(60):
+        host[inputs] = given = 0.3 * rng.normal(size=len(inputs))
+        host.fmu.doStep(1e-3 * k, 1e-3)
+        way = rng.normal(size=len(inputs))
+        host[inputs] = given = given + 0.01 * rng.normal(size=len(inputs))  # away from where the step ended
+        found = np.array(host.fmu.getDirectionalDerivative(unknowns, knowns, list(way)))
+        sides = []
+        for h in (-1e-6, 0.0, 1e-6):
+            host[inputs] = given + h * way
+            sides.append(host[outputs])
+        left, right = (sides[1] - sides[0]) / 1e-6, (sides[2] - sides[1]) / 1e-6
+        smooth = np.abs(left - right) < 1e-3 * (1 + np.abs(left))  # not over a corner
+        assert np.allclose(found[smooth], 0.5 * (left + right)[smooth], rtol=1e-5, atol=1e-4)
+        compared += smooth.sum()
+    assert compared > 0.8 * 60 * len(outputs)
+    with pytest.raises(Exception, match="fmi2GetDirectionalDerivative failed"):
+        host.fmu.getDirectionalDerivative(knowns[:1], knowns[:1], [1.0])
+    assert "is no output, so it has no derivative" in host.messages[-1]
+
+
+def test_a_state_travels_to_a_fresh_instance_and_to_no_other_model(tmp_path: Path) -> None:
+    one, two, other = Host("brace_active", tmp_path), Host("brace_active", tmp_path), Host("brace_linear", tmp_path)
+    one.start(lag=0.02)
+    for k in range(20):
+        one[one.by["input"]] = [0.4, 9.0]
+        one.fmu.doStep(1e-3 * k, 1e-3)
+    state = one.fmu.getFMUstate()
+    data = one.fmu.serializeFMUstate(state)
+    received = two.fmu.deSerializeFMUstate(data)
+    two.fmu.setFMUstate(received)
+    for host in (one, two):
+        host.fmu.doStep(0.02, 1e-3)
+    assert one["strap_tension"] == two["strap_tension"] > 10.0
+    with pytest.raises(Exception, match="fmi2DeSerializeFMUstate failed"):
+        other.fmu.deSerializeFMUstate(data)
+    assert other.messages[-1] == f"brace_linear: these {len(data)} bytes are no state of this model"
+    with pytest.raises(Exception, match="fmi2SetFMUstate failed"):
+        other.fmu.setFMUstate(state)
+    assert other.messages[-1] == "brace_linear: this is a state of another model"
+
+
+def test_every_parameter_out_of_range_is_named_at_once(tmp_path: Path) -> None:
+    host = Host("brace_bushing", tmp_path)
+    with pytest.raises(Exception, match="fmi2ExitInitializationMode failed"):
+        host.start(angle_scale=-1.0, torque_scale=float("nan"))
+    assert host.messages == [
+        "angle_scale = -1 1: must lie between 0 and 100; torque_scale = nan 1: must lie between 0 and 100"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("doing", "said"),
+    [
+        (lambda h: h.fmu.doStep(0.0, 1e-3), "brace_active: a step before the end of the initialisation"),
+        (lambda h: (h.start(), h.fmu.doStep(0.0, -1e-3)), "brace_active: a step from 0 s over -0.001 s"),
+        (
+            lambda h: (h.start(), h.__setitem__("lag", 0.1)),
+            "brace_active: parameter lag can only be set before initialisation",
+        ),
+        (lambda h: h.__setitem__("strap_tension", 1.0), "brace_active: strap_tension is computed, it cannot be set"),
+        (lambda h: h.fmu.getReal([99]), "brace_active: there is no variable with value reference 99"),
+        (lambda h: h.fmu.getInteger([0]), "brace_active: angle_threshold is a real number"),
+        (lambda h: h.fmu.getBoolean([0]), "brace_active: there are no booleans"),
+        (lambda h: (h.start(), h.start()), "brace_active: a running instance is initialised; reset it first"),
+    ],
+)
+def test_a_host_that_errs_is_told_so(doing: Any, said: str, tmp_path: Path) -> None:
+    host = Host("brace_active", tmp_path)
+    with pytest.raises(Exception, match="failed with status 3"):
+        doing(host)
+    assert host.messages == [said]
+
+
+def test_a_wrong_guid_and_a_wrong_table_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(Exception, match="Failed to instantiate"):
+        Host("brace_linear", tmp_path, guid="0" * 64)
+    archive = {}
+    with zipfile.ZipFile(FMUS / "brace_table.fmu") as packed:
+        archive = {n: packed.read(n) for n in packed.namelist()}
+    for change, text in (
+        (lambda b: b[:-8], "is not a table of this model"),
+        (lambda b: b"X" + b[1:], "is not a table of this model"),
+        (lambda b: b[:8] + b"0" * 64 + b[72:], "is not that of this library, 000"),
+        (None, "constants.bin cannot be read: No such file"),
+    ):
+        member = "resources/constants.bin"
+        other = tmp_path / "other.fmu"
+        with zipfile.ZipFile(other, "w") as packed:
+            for name, data in archive.items():
+                if name != member or change is not None:
+                    packed.writestr(name, change(data) if change and name == member else data)
+        host = Host.__new__(Host)
+        with pytest.raises(Exception, match="Failed to instantiate"):
+            host.__init__(other, tmp_path)  # type: ignore[misc]
+        assert text in host.messages[-1]
+
+
+def test_the_level_of_the_processor_can_be_chosen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = {}
+    for level in ("x86-64-v2", "x86-64-v3"):
+        monkeypatch.setenv("SPRAIN_CPU", level)
+        try:
+            host = Host("brace_semi_rigid", tmp_path)
+        except Exception:
+            pytest.skip(f"this processor has no {level}")
+        host.fmu.dll.sprain_cosim_cpu.restype = ctypes.c_char_p
+        assert host.fmu.dll.sprain_cosim_cpu(ctypes.c_void_p(host.fmu.component)) == level.encode()
+        host[host.by["input"]] = [0.3, 5.0]
+        host.start()
+        seen[level] = host[host.by["output"]]
+    assert np.allclose(seen["x86-64-v2"], seen["x86-64-v3"], rtol=1e-14, atol=0)
+    monkeypatch.setenv("SPRAIN_CPU", "z80")
+    host = Host.__new__(Host)
+    with pytest.raises(Exception, match="Failed to instantiate"):
+        host.__init__("brace_semi_rigid", tmp_path)  # type: ignore[misc]
+    assert host.messages == ["brace_semi_rigid: SPRAIN_CPU is z80; this FMU is compiled for x86-64-v2, x86-64-v3"]
+
+
+def test_a_delay_line_that_is_full_says_so(tmp_path: Path) -> None:
+    host = Host("reflex_controller", tmp_path)
+    host.start(reflex_gain=1.0, reflex_delay=10.0)
+    for k in range(4095):
+        host.fmu.doStep(1e-3 * k, 1e-3)
+    with pytest.raises(Exception, match="fmi2DoStep failed with status 3"):
+        host.fmu.doStep(4.095, 1e-3)
+    assert "the reflex delay spans more than 4096 communication steps; take larger ones" in host.messages[-1]
+    with pytest.raises(Exception, match="failed"):
+        host.fmu.doStep(5.0, 1e-3)
+    assert host.messages[-1].endswith("after an error the instance may only be reset or freed")
+    host.fmu.reset()
+    host.start()
+    host.fmu.doStep(0.0, 1e-3)
+
+
+@pytest.mark.parametrize("name", DEVICES)
+def test_the_library_needs_the_c_library_alone_and_tells_no_path(name: str, tmp_path: Path) -> None:
+    component = Component.read(name, FMUS / f"{name}.fmu")
+    with zipfile.ZipFile(component.fmu) as archive:
+        library = Path(archive.extract(component.library, tmp_path))
+        assert not [n for n in archive.namelist() if n.endswith((".py", ".c", ".o"))]
+        assert all(i.date_time == (1980, 1, 1, 0, 0, 0) for i in archive.infolist())
+    assert library.stat().st_size < 1e6
+    needed = subprocess.run(["readelf", "-dW", library], capture_output=True, text=True).stdout
+    libraries = {line.split("[")[1].rstrip("]\n") for line in needed.splitlines() if "(NEEDED)" in line}
+    assert libraries <= {"libc.so.6", "libm.so.6"}
+    content = library.read_bytes()
+    for path in (str(SOURCES), sys.prefix, "/tmp/", "numba"):
+        assert path.encode() not in content, path
+    stack = subprocess.run(["readelf", "-lW", library], capture_output=True, text=True).stdout
+    assert next(line for line in stack.splitlines() if "GNU_STACK" in line).split()[-2] == "RW"
+
+
+def test_a_host_that_is_not_python_runs_it(tmp_path: Path) -> None:
+    """A C program of a few lines: same torque as the law in Python."""
+    component = Component.read("brace", FMUS / "brace_semi_rigid.fmu")
+    with zipfile.ZipFile(component.fmu) as archive:
+        library = archive.extract(component.library, tmp_path)
+    subprocess.run(["gcc", "-o", tmp_path / "host", C_SOURCES / "step_host.c", "-ldl"], check=True)
+    references = [component.connectors[n].reference for n in ("subtalar_angle", "subtalar_torque")]
+    command = [tmp_path / "host", library, component.guid, *map(str, references), "0.3"]
+    outcome = subprocess.run(command, capture_output=True, text=True)
+    assert outcome.returncode == 0, outcome.stdout
+    run = Interpreted(read_device(SOURCES / "brace_semi_rigid"))
+    run["subtalar_angle"] = 0.3
+    run.initialise()
+    assert float(outcome.stdout) == pytest.approx(run["subtalar_torque"], rel=1e-15)
+    wrong = subprocess.run([*command[:2], "wrong", *command[3:]], capture_output=True, text=True)
+    assert wrong.returncode == 3
+    assert "the GUID wrong is not that of this library" in wrong.stdout
