@@ -365,6 +365,8 @@ def _without_resume(arguments: list[str]) -> list[str]:
 @JSON
 def check_command(fmu: Path, mapping: Path | None, as_json: bool) -> int:
     """Does the device FMU fit the brace contract? Exit code 0 fits, 1 does not, 2 not a usable FMU."""
+    import shlex
+
     from .brace.check import check_brace
 
     report = check_brace(fmu, mapping)
@@ -373,7 +375,8 @@ def check_command(fmu: Path, mapping: Path | None, as_json: bool) -> int:
         try:
             proposed.write_text(report.proposal, "utf-8")
             report.next_step = (
-                f"look at the lines marked review in {proposed}, then sprain-cosim check {fmu} --map {proposed}"
+                f"look at the lines marked review in {proposed}, then sprain-cosim check {shlex.quote(str(fmu))} --map "
+                f"{shlex.quote(str(proposed))}"
             )
         except OSError as problem:
             report.next_step = (

@@ -28,6 +28,12 @@ from .units import Unit, unit
 INSIDE = "extra/sprain-cosim/map.toml"
 SECOND = unit("s")
 SHA256 = re.compile(r"[0-9a-fA-F]{64}")
+UNKNOWN = Unit("?")  # a unit that nobody has stated yet
+READINGS = {  # how a unit may be meant that nobody has stated, by the end of a signal's name
+    "_angle": ("deg", "rad"),
+    "_velocity": ("deg/s", "rad/s"),
+    "_torque": ("N.m", "N.mm"),
+}
 FACTOR = {"type": "number", "not": {"const": 0}}
 
 
@@ -43,6 +49,8 @@ def _unit(value: Any, place: str) -> Unit:
     table = place.rpartition(".")[0]
     if not isinstance(value, str):
         raise InputError(f'{table}: unit must be text such as "deg"')
+    if value == UNKNOWN.name:
+        return UNKNOWN
     try:
         return unit(value)
     except InputError as problem:
@@ -75,7 +83,8 @@ def _signals(link: str, causality: str, known: MappingOf[str, Unit]) -> keys.Nam
             keys.Key(
                 "unit",
                 keys.Value("text", {"type": "string"}, _unit),
-                "the FMU's unit where it declares none or a wrong one, such as deg or N.mm",
+                "the FMU's unit where it declares none or a wrong one, such as deg or N.mm; ? is one still to be "
+                "stated, which no run takes",
                 "as declared",
             ),
         ),
@@ -138,7 +147,7 @@ class Signal:
     variable  of the FMU
     factor    not 0
     offset    in the FMU's unit
-    unit      the FMU's; None: as declared
+    unit      the FMU's; None: as declared; UNKNOWN: still to be stated
     """
 
     variable: str
@@ -171,6 +180,27 @@ class Mapping:
     continuous: bool = False
     allowed: Allowed = NOTHING
     expect_sha256: str = ""
+
+    @property
+    def open_units(self) -> tuple[str, ...]:
+        """The entries whose unit is "?"."""
+        sections = (("inputs", self.inputs), ("outputs", self.outputs))
+        return tuple(f"{k}.{name}" for k, signals in sections for name, s in signals.items() if s.unit == UNKNOWN)
+
+    def read_as(self, angle: str) -> Mapping:
+        """The same with every "?" read with angles in `angle` ("deg" or "rad") and torques in N.m."""
+        units = {"_angle": angle, "_velocity": f"{angle}/s", "_torque": "N.m"}
+
+        def stated(name: str, signal: Signal) -> Signal:
+            if signal.unit != UNKNOWN:
+                return signal
+            return replace(signal, unit=next((unit(u) for end, u in units.items() if name.endswith(end)), None))
+
+        return replace(
+            self,
+            inputs={name: stated(name, signal) for name, signal in self.inputs.items()},
+            outputs={name: stated(name, signal) for name, signal in self.outputs.items()},
+        )
 
     def apply(self, component: Component) -> Component:
         """The component under the contract's names. Raises InputError with all that cannot be honoured."""
@@ -230,6 +260,12 @@ class Mapping:
 
 def _renamed(name: str, found: Connector, signal: Signal, causality: str) -> Connector:
     signal_unit = (INPUTS if causality == "input" else OUTPUTS)[name]
+    if signal.unit == UNKNOWN:
+        readings = next((pair for end, pair in READINGS.items() if name.endswith(end)), (signal_unit.name,))
+        raise InputError(
+            f'unit = "?": {" or ".join(readings)}? the FMU does not say; ask its maker, or let `sprain-cosim check` '
+            "show what each would mean, and write it here"
+        )
     own = signal.unit or found.unit or signal_unit
     if not own.same_dimension(signal_unit):
         raise InputError(

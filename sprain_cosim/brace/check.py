@@ -6,6 +6,7 @@ and 5 physics, measured by probe.py in a child process under a time limit and ju
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import quote
 
 from ..errors import InputError, SprainError
 from ..fmu import archive, cache
@@ -16,6 +17,7 @@ from .fit import FitReport
 from .judge import Measured, judge_dynamics, judge_landing, judge_physics, judge_steps
 from .names import contract_axes
 from .probe import own_step
+from .readings import both_readings
 
 START_LIMIT, PROBE_LIMIT = 60.0, 6.0  # s
 MEMORY = 8 << 30  # bytes
@@ -41,6 +43,11 @@ def check_brace(fmu: Path | str, mapping: Path | str | None = None) -> FitReport
         report.notes.append("allows one instance per process: two of them in one run need --isolate")
     if inside is not None and mapping is not None:
         report.notes.append(f"the mapping inside the FMU is not used, but {mapping} in its place")
+    if found is not None and found.open_units:
+        report.mapping = found.source
+        report.problems.append(both_readings(component, found))
+        report.next_step = _next_step(report, fmu, mapping)
+        return report
     if found is not None:
         component, report.mapping = found.apply(component), found.source
     axes = contract_axes(component, report)
@@ -57,12 +64,12 @@ def check_brace(fmu: Path | str, mapping: Path | str | None = None) -> FitReport
 
 def _next_step(report: FitReport, fmu: Path | str, mapping: Path | str | None) -> str:
     if report.proposal:
-        return f"review the mapping file, then sprain-cosim check {fmu} --map FILE"
+        return f"review the mapping file, then sprain-cosim check {quote(str(fmu))} --map FILE"
     if report.fits:
-        mapped = f" --map brace={mapping}" if mapping is not None else ""
-        return f"sprain-cosim run incline30 --fmu brace={fmu}{mapped}"
-    mapped = f" --map {mapping}" if mapping is not None else ""
-    return report.next_step or f"correct it, then sprain-cosim check {fmu}{mapped}"
+        mapped = f" --map {quote(f'brace={mapping}')}" if mapping is not None else ""
+        return f"sprain-cosim run incline30 --fmu {quote(f'brace={fmu}')}{mapped}"
+    mapped = f" --map {quote(str(mapping))}" if mapping is not None else ""
+    return report.next_step or f"correct it, then sprain-cosim check {quote(str(fmu))}{mapped}"
 
 
 DOING = {  # by probe, in the order in which they run

@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
+import re
+
 from ..contract import INPUTS, OUTPUTS
 from ..fmu.component import Component
 from ..fmu.element import Connector
 
-Words = dict[str, tuple[str, ...]]
-WORDS: Words = {  # parts of vendors' names that mean an anatomic axis
-    "subtalar": ("subtalar", "supin", "inv", "ever", "roll"),
-    "talocrural": ("talocrural", "dorsi", "plantar", "flex", "pitch"),
+Words = dict[str, tuple[tuple[str, ...], tuple[str, ...]]]
+WORDS: Words = {  # beginnings of words in vendors' names: of an anatomic axis, and of the motion against it
+    "subtalar": (("subtalar", "supin", "inv", "roll"), ("ever", "evr", "pron")),
+    "talocrural": (("talocrural", "dorsi", "flex", "pitch"), ("plantar",)),
 }
 WORDS_JCS: Words = {  # the same for the joint coordinate system
-    "internal_rotation": ("internal", "axial", "yaw", "introt"),
-    "inversion": ("inv", "ever", "supin", "roll"),
-    "dorsiflexion": ("dorsi", "plantar", "flex", "pitch"),
+    "internal_rotation": (("internal", "introt", "axial", "yaw"), ("external", "extrot")),
+    "inversion": (("inv", "supin", "roll"), ("ever", "evr", "pron")),
+    "dorsiflexion": (("dorsi", "flex", "pitch"), ("plantar",)),
 }
+LONG = 5  # letters from which it is also looked for inside words and across them
+PARTS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 QUANTITIES = {  # parts of names that mean a quantity, for variables without a unit
     "torque": ("torque", "moment", "tau", "m_"),
     "angle": ("angle", "ang", "phi", "theta", "rot"),
     "velocity": ("vel", "omega", "rate", "speed"),
 }
-UNITS = {"torque": "N.m", "angle": "rad", "velocity": "rad/s"}
+CHOICES = {"torque": "N.m or N.mm", "angle": "deg or rad", "velocity": "deg/s or rad/s"}  # for a unit nobody declared
 
 
 def could_be(connector: Connector, kind: str) -> bool:
@@ -33,7 +37,8 @@ def could_be(connector: Connector, kind: str) -> bool:
 
 def propose(component: Component) -> str:
     """Text of the mapping file; lines that a person must look at end in `# review`."""
-    jcs = any(w in n.lower() for n in (*component.inputs, *component.outputs) for w in WORDS_JCS["internal_rotation"])
+    names = [n for c in ("input", "output") for n, v in component.select(c).items() if v.scalar_number and _kind(v)]
+    jcs = any(_axis(name, WORDS_JCS)[0] == "internal_rotation" for name in names)
     lines = ["# Proposed by sprain-cosim check: look at every line, then delete this one."]
     for section, link, kinds in (("inputs", "to", ("angle", "velocity")), ("outputs", "from", ("torque",))):
         lines.append(f"[{section}]")
@@ -47,15 +52,34 @@ def propose(component: Component) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _kind(connector: Connector) -> bool:
+    return any(could_be(connector, kind) for kind in QUANTITIES)
+
+
+def _axis(name: str, words: Words) -> tuple[str | None, bool]:
+    """The axis that a vendor's name means, and whether it means the motion against it: eversion, plantarflexion,
+    external rotation."""
+    parts = [part.lower() for part in PARTS.findall(name)]
+    for axis, (along, against) in words.items():
+        for motions, turned in ((against, True), (along, False)):
+            if any(any(p.startswith(m) for p in parts) or (len(m) >= LONG and m in "".join(parts)) for m in motions):
+                return axis, turned
+    return None, False
+
+
 def _line(name: str, connector: Connector, kind: str, link: str, words: Words, taken: set[str]) -> str:
-    """One entry; adds its target to `taken`, and is a comment where the target is there already."""
-    axis = next((a for a, parts in words.items() if any(part in name.lower() for part in parts)), None)
-    target = f"{axis or 'subtalar'}_{kind}"
+    """One entry; adds its target to `taken`, and is a comment where the target is there already. A unit that nobody
+    declared stays open, since no guess is safe."""
+    axis, turned = _axis(name, words)
+    target = f"{axis or next(iter(WORDS))}_{kind}"
     declared = connector.unit is not None and not connector.unit.dimensionless
-    unit = "" if declared else f', unit = "{UNITS[kind]}"'
-    line = f'{target} = {{ {link} = "{name}"{unit} }}'
-    second = target in taken
-    taken.add(target)
-    if second:
+    entry = f'{link} = "{name}"' + ("" if declared else ', unit = "?"') + (", factor = -1" if turned else "")
+    line = f"{target} = {{ {entry} }}"
+    if target in taken:
         return f"# {line}   # review: a second candidate"
-    return line if axis is not None and connector.unit is not None else f"{line}   # review"
+    taken.add(target)
+    doubts = [] if declared else [f"unit {CHOICES[kind]}?"]
+    doubts += ["against the axis, hence the factor"] if turned else []
+    if doubts:
+        return f"{line}   # review: {'; '.join(doubts)}"
+    return line if axis is not None else f"{line}   # review"

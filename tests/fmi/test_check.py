@@ -212,6 +212,76 @@ def test_proposal_for_a_joint_coordinate_system() -> None:
     }  # fmt: skip
 
 
+def test_proposal_of_three_axes_the_other_way_round() -> None:
+    """Eversion, plantarflexion and external rotation run against the axes; an undeclared unit stays open."""
+    from sprain_cosim.brace.proposal import propose
+
+    names = [f"{axis}_{k}" for axis in ("eversion", "plantarflexion", "external_rotation") for k in ("angle", "moment")]
+    connectors = {n: connector(n, "output" if n.endswith("moment") else "input", None) for n in names}
+    text = propose(FakeComponent("brace", connectors))  # type: ignore[arg-type]
+    parsed = parse(text, "proposal")
+    vendors = {"inversion": "eversion", "dorsiflexion": "plantarflexion", "internal_rotation": "external_rotation"}
+    assert {k: (s.variable, s.factor) for k, s in parsed.inputs.items()} == {
+        f"{own}_angle": (f"{vendor}_angle", -1.0) for own, vendor in vendors.items()
+    }
+    assert {k: (s.variable, s.factor) for k, s in parsed.outputs.items()} == {
+        f"{own}_torque": (f"{vendor}_moment", -1.0) for own, vendor in vendors.items()
+    }
+    assert len(parsed.open_units) == 6
+    assert "radians" not in text
+    assert "unit deg or rad?; against the axis" in text
+
+
+@pytest.mark.parametrize(
+    ("name", "axis", "turned"),
+    [
+        ("LeverAngle", None, False),
+        ("AnkleEversion", "subtalar", True),
+        ("ankle_pronation_deg", "subtalar", True),
+        ("supinationAngle", "subtalar", False),
+        ("PlantarFlexionAngle", "talocrural", True),
+        ("FlexAngle", "talocrural", False),
+        ("phi", None, False),
+    ],
+)
+def test_axes_of_vendors_names(name: str, axis: str | None, turned: bool) -> None:
+    from sprain_cosim.brace.proposal import WORDS, _axis
+
+    assert _axis(name, WORDS) == (axis, turned)
+
+
+def test_units_that_nobody_declared_are_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither radians nor degrees are guessed: the proposal leaves them open, `check` shows both, `run` takes none."""
+    monkeypatch.chdir(tmp_path)
+    fmu, mapping = Path("my vendor.fmu"), Path("my vendor.map.toml")
+    device(fmu, names=("angle", "torque"), angle="deg", declared=False)
+    ran = CliRunner().invoke(cli, ["check", str(fmu)], standalone_mode=False)
+    assert ran.return_value == 1
+    assert "sprain-cosim check 'my vendor.fmu' --map 'my vendor.map.toml'" in ran.output
+    assert 'subtalar_angle = { to = "angle", unit = "?" }   # review: unit deg or rad?' in mapping.read_text()
+    report = check_brace(fmu, mapping)
+    assert len(report.problems) == 1
+    # 20 N.m/rad and a cubic part, per degree of the angle that it is fed
+    right, wrong = (check_brace(fmu, write_map(unit)) for unit in ("deg", "rad"))
+    at = [r.facts["subtalar"]["torque_Nm"]["20deg"] for r in (right, wrong)]
+    for words, torque in (("as degrees", at[0]), ("as radians", at[1])):
+        assert (
+            f"{words}: {torque:.3g} N.m at 20 deg of subtalar (foot rolled outward (supination))" in report.problems[0]
+        )
+    assert 'in place of "?"' in report.problems[0]
+    with pytest.raises(InputError, match=r"unit = \"\?\": deg or rad\? the FMU does not say"):
+        load_scenario("incline30").replace_fmu("brace", fmu, mapping)
+
+
+def write_map(angle: str) -> Path:
+    path = Path(f"{angle}.toml")
+    path.write_text(
+        f'[inputs]\nsubtalar_angle = {{ to = "angle", unit = "{angle}" }}\n'
+        '[outputs]\nsubtalar_torque = { from = "torque", unit = "N.m" }\n'
+    )
+    return path
+
+
 @pytest.mark.parametrize(("torque", "factor"), [("N.mm", 1e-3), ("N.m", 1e3)])
 def test_a_unit_that_is_declared_wrong(torque: str, factor: float, tmp_path: Path) -> None:
     """Newton metres declared as millimetres, and the other way round: the size gives it away."""
