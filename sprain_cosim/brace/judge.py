@@ -114,6 +114,13 @@ def judge_dynamics(measured: Measured, report: FitReport) -> None:
             "a fresh instance gives other torques than the one before it (by up to "
             f"{measured['repeat']['difference']:.3g} N.m): runs cannot be repeated"
         )
+    every = measured["recorded"]["changes_every"]
+    if every is not None:
+        report.facts["changes_every_s"] = every
+        report.notes.append(
+            f"takes any step, but its torque changes only every {1e3 * every:g} ms: a sampled controller inside; runs "
+            "exchange values with it at the communication step"
+        )
     reset = measured["reset"]
     report.facts["reset_works"] = bool(reset["equal"])
     if not reset["equal"]:

@@ -229,11 +229,26 @@ def finite(bench: Bench, h: float) -> dict[str, Any]:
 
 
 def recorded(bench: Bench, h: float) -> dict[str, Any]:
-    """The landing: peak torque per axis, and the work the device takes from the foot."""
+    """The landing: peak torque per axis, the work the device takes from the foot, and how far apart [s] the calls lie
+    at which its torque changes, where that is regular and not every call."""
     angles, velocities = landing(bench.axes, h)
     bench.begin()
     torques = np.array([bench.step(a, v, h) for a, v in zip(angles, velocities, strict=True)])
-    return {"peak_torque": np.abs(torques).max(0).tolist(), "work_taken": float(-(torques * velocities).sum() * h)}
+    return {
+        "peak_torque": np.abs(torques).max(0).tolist(),
+        "work_taken": float(-(torques * velocities).sum() * h),
+        "changes_every": _regular(torques, h),
+    }
+
+
+def _regular(torques: np.ndarray, h: float) -> float | None:
+    """The time [s] between changes of torques (n, axes) that lie `h` [s] apart; None where they change at every call,
+    or irregularly, or hardly at all."""
+    changes = np.flatnonzero((np.diff(torques, axis=0) != 0.0).any(axis=1))
+    gaps = np.diff(changes)
+    if len(gaps) < 4 or gaps.min() < 2 or gaps.max() - gaps.min() > 1:
+        return None
+    return float(h * round(float(gaps.mean()), 2))
 
 
 def static(bench: Bench, h: float) -> dict[str, Any]:

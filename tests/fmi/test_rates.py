@@ -3,14 +3,17 @@ samples by itself, exchanged every 0.05 ms."""
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from sprain_cosim import check_brace
 from sprain_cosim.cosim.result import Result
 from sprain_cosim.scenario import load_scenario
 from tests.laws import sampled
+from tests.native import device
 
 FIGURES = [  # k [N.m/rad], period [ms], peak [deg]
     (60.0, 10, 33.62),
@@ -82,3 +85,43 @@ def test_half_the_communication_step_leaves_the_device_its_rate(tmp_path: Path) 
     )
     change = scenario.coupling_check(scenario.run())
     assert abs(change["peak_subtalar_angle_deg"]) < 0.05
+
+
+@pytest.mark.parametrize("period", [0.005, 0.002])
+def test_check_names_a_rate_that_no_description_declares(period: float, tmp_path: Path) -> None:
+    """An FMU that takes any step and samples by itself; a declared one is said in words too."""
+    free = check_brace(sampled(tmp_path / "free.fmu", "subtalar", 60.0, 0.0, period, fixed=False))
+    assert free.fits, free.text()
+    assert free.facts["changes_every_s"] == pytest.approx(period)
+    assert f"takes any step, but its torque changes only every {1e3 * period:g} ms" in free.text()
+    fixed = check_brace(sampled(tmp_path / "fixed.fmu", "subtalar", 60.0, 0.0, period, fixed=True))
+    assert fixed.fits, fixed.text()
+    assert f"sampled every {1e3 * period:g} ms: every run calls it at that rate" in fixed.text()
+    assert "--step" not in fixed.next_step
+
+
+KINDS = ((20, "input_tick", '"constant" intervalDecimal="0.01"'), (21, "output_tick", '"triggered"'))
+
+
+def test_check_names_clocks(tmp_path: Path) -> None:
+    """An input clock of FMI 3 is a warning, since nothing ticks it; an output clock is a note."""
+    plain = device(tmp_path / "plain.fmu", fmi=3)
+    clocks = "".join(
+        f'<Clock name="{name}" valueReference="{k}" causality="{name.split("_")[0]}" variability="discrete" '
+        f"intervalVariability={interval}/>"
+        for k, name, interval in (
+            (20, "input_tick", '"constant" intervalDecimal="0.01"'),
+            (21, "output_tick", '"triggered"'),
+        )
+    )
+    with zipfile.ZipFile(plain) as old, zipfile.ZipFile(tmp_path / "clocks.fmu", "w") as new:
+        for name in old.namelist():
+            data = old.read(name)
+            if name == "modelDescription.xml":
+                data = data.replace(b"</ModelVariables>", f"{clocks}</ModelVariables>".encode())
+            new.writestr(name, data)
+    report = check_brace(tmp_path / "clocks.fmu")
+    assert any(w.startswith("has input clocks (input_tick), which no run ticks") for w in report.warnings), (
+        report.text()
+    )
+    assert any(n.startswith("has output clocks (output_tick)") for n in report.notes)
