@@ -80,10 +80,10 @@ def test_the_python_template_s_own_test(built: Path) -> None:
 
 
 def test_a_project_of_an_earlier_version(tmp_path: Path) -> None:
-    project.new(tmp_path / "cuff", "python")
+    project.new_brace(tmp_path / "cuff", "python")
     (tmp_path / "cuff" / "device.py").rename(tmp_path / "cuff" / "slave.py")
     with pytest.raises(InputError, match=r"no device\.py.*slave\.py is of an earlier version"):
-        project.build(tmp_path / "cuff", tmp_path / "cuff.fmu")
+        project.build_brace(tmp_path / "cuff", tmp_path / "cuff.fmu")
 
 
 def test_law_of_the_python_template(built: Path) -> None:
