@@ -63,7 +63,7 @@ class Value:
         return dict(self.form)
 
 
-def plain(
+def simple(
     words: str,
     form: Mapping[str, Any],
     fits: Callable[[Any], bool],
@@ -83,34 +83,34 @@ def plain(
 
 
 def text(says: str = "{at}: must be text", **form: Any) -> Value:
-    return plain("text", {"type": "string", **form}, lambda value: isinstance(value, str), says)
+    return simple("text", {"type": "string", **form}, lambda value: isinstance(value, str), says)
 
 
 def flag() -> Value:
-    return plain(
+    return simple(
         "true or false", {"type": "boolean"}, lambda value: isinstance(value, bool), "{at}: must be true or false"
     )
 
 
 def whole(least: int = 0, says: str = "{at} = {value}: must be a whole number, not negative") -> Value:
-    return plain(
+    return simple(
         "whole number", {"type": "integer", "minimum": least}, lambda value: is_whole(value) and value >= least, says
     )
 
 
 def positive(says: str = "{at} = {value}: must be a positive number") -> Value:
     form = {"type": "number", "exclusiveMinimum": 0}
-    return plain("number", form, lambda value: is_number(value) and value > 0, says)
+    return simple("number", form, lambda value: is_number(value) and value > 0, says)
 
 
 def number(says: str = "{at}: must be a finite number") -> Value:
-    return plain("number", {"type": "number"}, is_number, says, float)
+    return simple("number", {"type": "number"}, is_number, says, float)
 
 
 def choice(names: Sequence[str]) -> Value:
     """One of few names."""
     words = " or ".join(names)
-    return plain(words, {"enum": list(names)}, lambda value: value in names, f"{{at}} = {{value}}: must be {words}")
+    return simple(words, {"enum": list(names)}, lambda value: value in names, f"{{at}} = {{value}}: must be {words}")
 
 
 def measured(unit: Unit, above_zero: bool = False) -> Value:

@@ -123,7 +123,7 @@ FILE = keys.File(
             ),
             keys.Key(
                 "expect_sha256",
-                keys.plain(
+                keys.simple(
                     "text",
                     {"type": "string", "pattern": f"^{SHA256.pattern}$"},
                     lambda value: isinstance(value, str) and SHA256.fullmatch(value) is not None,

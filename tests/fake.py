@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sprain_cosim.fmu.build.python import build_fmu
+from sprain_cosim.fmu.build.python import build_python_fmu
 from sprain_cosim.fmu.element import Capabilities, Connector
 from sprain_cosim.units import unit
 
@@ -132,7 +132,7 @@ def make_fmu(folder: Path, name: str, variables: str, slave: str, extra: str = "
         f"= variables()\n\n{body}\n"
     )
     target = folder / f"{name}.fmu"
-    build_fmu(model, target, MODELS / "_fmi.py")
+    build_python_fmu(model, target, MODELS / "_fmi.py")
     return target
 
 

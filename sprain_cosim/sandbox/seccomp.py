@@ -19,7 +19,7 @@ SET_FILTER, WITHOUT_SLOWING, LISTENER = 1, 1 << 2, 1 << 3
 Instruction = tuple[int, int, int, int]  # code, jump if true, jump if false, value
 
 
-class Program(ctypes.Structure):
+class FilterProgram(ctypes.Structure):
     _fields_ = (("length", ctypes.c_ushort), ("filter", ctypes.c_void_p))
 
 
@@ -86,7 +86,7 @@ def install(program: bytes, listener: bool = False) -> int:
     """Holds for this thread and what it starts, for good. Returns the descriptor of the listener, or 0. Raises
     OSError."""
     buffer = ctypes.create_string_buffer(program, len(program))
-    filtered = Program(len(program) // 8, ctypes.cast(buffer, ctypes.c_void_p))
+    filtered = FilterProgram(len(program) // 8, ctypes.cast(buffer, ctypes.c_void_p))
     flags = WITHOUT_SLOWING | (LISTENER if listener else 0)
     number = COLUMNS[platform.machine()]["seccomp"]
     return checked(call(number, SET_FILTER, flags, ctypes.byref(filtered)), "seccomp")

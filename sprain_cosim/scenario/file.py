@@ -129,7 +129,7 @@ FILE = keys.File(
                 "connections",
                 keys.Named(
                     '"component.input"',
-                    keys.plain(
+                    keys.simple(
                         "text",
                         {"type": "string", "pattern": VARIABLE},
                         lambda value: isinstance(value, str),

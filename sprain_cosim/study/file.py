@@ -46,7 +46,7 @@ SETTINGS = keys.Table(
     (
         keys.Key(
             "method",
-            keys.plain("name", {"enum": list(METHODS)}, lambda v: isinstance(v, str), "{at} = {value}: must be text"),
+            keys.simple("name", {"enum": list(METHODS)}, lambda v: isinstance(v, str), "{at} = {value}: must be text"),
             f"how the trials are chosen: {', '.join(METHODS)}",
             "monte-carlo",
         ),
@@ -54,7 +54,7 @@ SETTINGS = keys.Table(
         keys.Key("seed", keys.whole(), "of everything random", "0"),
         keys.Key(
             "responses",
-            keys.plain(
+            keys.simple(
                 "names",
                 {"type": "array", "items": {"type": "string"}, "minItems": 1},
                 _names,
@@ -72,7 +72,7 @@ SETTINGS = keys.Table(
         keys.Key("replicates", keys.whole(), "scrambled sequences of methods sobol and sobol-indices", "8"),
         keys.Key(
             "levels",
-            keys.plain(
+            keys.simple(
                 "probabilities",
                 {
                     "type": "array",

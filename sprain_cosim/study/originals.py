@@ -11,7 +11,7 @@ from ..fmu import cache
 from ..scenario import Scenario
 
 
-def kept(scenario: Scenario) -> Scenario:
+def with_kept_files(scenario: Scenario) -> Scenario:
     """The same scenario from copies of its FMUs and mapping files. Raises InputError, EnvironmentProblem."""
     fmus, maps = (
         {name: cache.kept(path)[0] for name, path in files.items()} for files in (scenario.fmus, scenario.maps)
@@ -19,7 +19,7 @@ def kept(scenario: Scenario) -> Scenario:
     return replace(scenario, fmus=fmus, maps=maps)
 
 
-def changes(scenario: Scenario, copies: Scenario) -> list[str]:
+def changed_files(scenario: Scenario, copies: Scenario) -> list[str]:
     """What has become of the files meanwhile, one warning each."""
     found = []
     for files, kept_files in ((scenario.fmus, copies.fmus), (scenario.maps, copies.maps)):

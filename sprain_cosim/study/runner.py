@@ -84,7 +84,7 @@ def run(
     folder = None if out is None else Path(out)
     _check_options(study, folder, resume, shard, parquet)
     began = perf_counter()
-    held = replace(study, scenario=originals.kept(study.scenario))
+    held = replace(study, scenario=originals.with_kept_files(study.scenario))
     first = ALL if study.method in SEARCHES and study.method != "sobol-indices" else trajectories
     numbers = None if study.method in SEARCHES else trial_numbers(study, shard)
     ledger: Ledger | None = None
@@ -110,7 +110,7 @@ def run(
             finish_folder(folder, *tables, summary, parquet)
             seal(folder, ledger, request, recorded)
         notes = (adopted,) if adopted else ()
-        warnings = (*notes, *_mended(ledger), *originals.changes(study.scenario, held.scenario))
+        warnings = (*notes, *_mended(ledger), *originals.changed_files(study.scenario, held.scenario))
         return Campaign(study, summary, folder, at_hand(tables), warnings)
     finally:
         if ledger is not None:

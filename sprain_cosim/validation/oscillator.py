@@ -124,7 +124,8 @@ def _transition(k: float, c: float, step: float) -> np.ndarray:
         TERMS, 0, -1
     ):  # the exponential's series; a library's general one takes a hundred times as long for so small a matrix
         total = UNIT + matrix @ total / n
-    return total[:2]
+    rows: np.ndarray = total[:2]
+    return rows
 
 
 def _foot(damping: float) -> Part:
@@ -133,7 +134,8 @@ def _foot(damping: float) -> Part:
     def advance(state: np.ndarray, inputs: Numbers, step: float) -> np.ndarray:
         k, c = inputs["brace_subtalar_stiffness"], inputs["brace_subtalar_damping"]
         force = inputs["brace_subtalar_torque"] + k * state[0] + c * state[1]
-        return _transition(k, c + damping, step) @ np.array([*state, force])
+        after: np.ndarray = _transition(k, c + damping, step) @ np.array([*state, force])
+        return after
 
     inputs = [f"brace_subtalar_{kind}" for kind in ("torque", "stiffness", "damping")]
     return _part("plant", inputs, ["subtalar_angle", "subtalar_velocity"], False, advance=advance)
@@ -172,7 +174,7 @@ def exact(times: np.ndarray, device: Device, damping: float = DAMPING) -> np.nda
             state = onward @ state
             angles.append(state[0])
         return np.array(angles)
-    return solve_ivp(
+    angle: np.ndarray = solve_ivp(
         lambda t, y: [y[1], (device.torque(y[0], y[1]) - damping * y[1]) / INERTIA],
         (0, times[-1]),
         START,
@@ -180,6 +182,7 @@ def exact(times: np.ndarray, device: Device, damping: float = DAMPING) -> np.nda
         rtol=1e-11,
         atol=1e-13,
     ).y[0]
+    return angle
 
 
 def order(scheme: str, steps: np.ndarray, device: Device) -> float:

@@ -60,7 +60,7 @@ def suite(folder: Path | None = None) -> list[Check]:
     """All checks in the order of their ids' groups; those of a user's `folder` last. Raises InputError for the folder's
     files."""
     found = [*coupling.CHECKS, *plant.CHECKS, *uncertainty.CHECKS, *fmi.CHECKS, *report_page.CHECKS, *paper.CHECKS]
-    return found + (user_files.read(folder) if folder is not None else [])
+    return found + (user_files.read_checks(folder) if folder is not None else [])
 
 
 def select(checks: Sequence[Check], only: Sequence[str]) -> list[Check]:

@@ -91,6 +91,11 @@ def test_every_floor_exists() -> None:
     assert set(floors()) == rooms - {"__init__", "__main__"}
 
 
+def test_types_ship() -> None:
+    """PEP 561: without this file the annotations of an installed package do not count."""
+    assert (PACKAGE / "py.typed").is_file()
+
+
 def test_an_init_only_re_exports() -> None:
     for path in PACKAGE.glob("*/**/__init__.py"):
         assert all(

@@ -18,7 +18,7 @@ from sprain_cosim.shipped import PACKAGE, scenario_folder, shipped_studies
 from sprain_cosim.study.file import FILE as STUDY
 from sprain_cosim.units import unit
 from sprain_cosim.validation.checks.user_files import FILE as CHECK
-from sprain_cosim.validation.checks.user_files import read as read_checks
+from sprain_cosim.validation.checks.user_files import read_checks
 from tools.schemas import FILES, text
 
 INNER = Table(

@@ -183,7 +183,7 @@ def test_a_users_own_checks(tmp_path: Path) -> None:
     scenarios.mkdir()
     (scenarios / "mine.toml").write_text('base = "incline30"\n[master]\nstop = "10 ms"\n')
     (tmp_path / "mine.toml").write_text(MINE.replace('"mine.toml"', '"scenarios/mine.toml"'))
-    (found,) = custom.read(tmp_path)
+    (found,) = custom.read_checks(tmp_path)
     assert found.id == "custom-short"
     report = suite.run_checks([found], Laboratory())
     assert report.outcomes[0].status == "pass"
@@ -208,13 +208,13 @@ def test_mistakes_in_a_users_own_checks(change: tuple[str, str], message: str, t
     text = MINE.replace(*change).replace('"mine.toml"', '"incline30"')
     (tmp_path / "mine.toml").write_text(text)
     with pytest.raises(InputError, match=message) as problem:
-        custom.read(tmp_path)
+        custom.read_checks(tmp_path)
     assert "\n" not in str(problem.value)
 
 
 def test_two_checks_of_one_id_and_an_empty_folder(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no"):
-        custom.read(tmp_path)
+        custom.read_checks(tmp_path)
     (tmp_path / "mine.toml").write_text(MINE.replace("mine.toml", "incline30") * 2)
     with pytest.raises(InputError, match="'custom-short' is used twice"):
-        custom.read(tmp_path)
+        custom.read_checks(tmp_path)

@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from .compile import main
+from .compile import compile_all
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2].split(","), [Path(p) for p in sys.argv[3:]])
+    compile_all(Path(sys.argv[1]), sys.argv[2].split(","), [Path(p) for p in sys.argv[3:]])

@@ -132,7 +132,7 @@ def _read(folder: Path, entry: dict[str, Any]) -> Compiled:
 # ---- the process that compiles
 
 
-def main(work: Path, platforms: Sequence[str], folders: Sequence[Path]) -> None:
+def compile_all(work: Path, platforms: Sequence[str], folders: Sequence[Path]) -> None:
     """Writes outcome.json and a folder for each device into `work`."""
     outcome: dict[str, Any]
     try:
@@ -313,11 +313,13 @@ def _ahead_of_time() -> Any:
     class AheadOfTime(Compiler):
         def __init__(self, typing_context, target_context, library, args, return_type, flags, variables):  # type: ignore[no-untyped-def]
             flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
-            super().__init__(typing_context, target_context, library, args, return_type, flags, variables)
+            super().__init__(  # type: ignore[no-untyped-call]
+                typing_context, target_context, library, args, return_type, flags, variables
+            )
 
         def compile_extra(self, function):  # type: ignore[no-untyped-def]
-            compiled = super().compile_extra(function)
-            key = [].append  # the dispatcher wants a built-in function of its own as the key of this overload
+            compiled = super().compile_extra(function)  # type: ignore[no-untyped-call]
+            key: Any = [].append  # the dispatcher wants a built-in function of its own as the key of this overload
             self.state.targetctx.insert_user_function(key, compiled.fndesc, [compiled.library])
             return compiled._replace(entry_point=key)
 

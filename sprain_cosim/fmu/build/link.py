@@ -101,7 +101,7 @@ def link(compiled: Compiled, variables: Variables, guid: str, platform: str) -> 
     levels = TARGETS[platform].levels
     with tempfile.TemporaryDirectory() as work:
         folder = Path(work)
-        (folder / "table.c").write_text(table(compiled, variables, guid, levels), "utf-8")
+        (folder / "table.c").write_text(c_table(compiled, variables, guid, levels), "utf-8")
         for name in (*SHIM, "device.h"):
             shutil.copyfile(shim() / name, folder / name)
         for level in levels:
@@ -123,7 +123,7 @@ def link(compiled: Compiled, variables: Variables, guid: str, platform: str) -> 
         return (folder / "library").read_bytes()
 
 
-def table(compiled: Compiled, variables: Variables, guid: str, levels: Sequence[str]) -> str:
+def c_table(compiled: Compiled, variables: Variables, guid: str, levels: Sequence[str]) -> str:
     """The C source of `model` (device.h)."""
     rows = []
     for v in variables:

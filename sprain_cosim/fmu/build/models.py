@@ -15,7 +15,7 @@ from . import python
 from .compile import Compiled, compile_devices
 from .description import GUID_PLACE, Variables, load_interface, model_description, variables_of
 from .link import PLATFORMS, link, shim
-from .packing import digest, tree, write
+from .packing import digest, tree, write_fmu
 
 CONSTANTS = "resources/constants.bin"
 HERE = {("Linux", "x86_64"): "linux64", ("Windows", "AMD64"): "win64"}
@@ -47,7 +47,7 @@ def build_all(names: Iterable[str] = (), platforms: Sequence[str] = ()) -> list[
         if folder in compiled:
             guid = _write(faces[folder], target, compiled[folder], places)
         else:
-            guid = python.build_fmu(folder, target)
+            guid = python.build_python_fmu(folder, target)
         built.append((target, guid))
     return built
 
@@ -58,7 +58,7 @@ def build_fmu(folder: Path, target: Path, platforms: Sequence[str] = ()) -> str:
     Raises InputError where the folder is at fault, EnvironmentProblem where something to build with is missing."""
     face = _face(folder)
     if not _is_device(folder):
-        return python.build_fmu(folder, target)
+        return python.build_python_fmu(folder, target)
     places = platforms or own_platform()
     (compiled,) = compile_devices([folder], places)
     return _write(face, target, compiled, places)
@@ -116,7 +116,7 @@ def _write(face: Face, target: Path, compiled: Compiled, platforms: Sequence[str
         place = PLATFORMS[platform]
         name = f"binaries/{place.folder2}/{compiled.name}{place.ending}"
         files[name] = link(compiled, face.variables, guid, platform)
-    write(target, files)
+    write_fmu(target, files)
     return guid
 
 

@@ -42,6 +42,6 @@ def digest(members: Mapping[str, bytes]) -> str:
     return whole.hexdigest()
 
 
-def write(target: Path, content: Mapping[str, bytes]) -> None:
+def write_fmu(target: Path, content: Mapping[str, bytes]) -> None:
     """The FMU at `target`, whole or not at all."""
     files.write(target, pack(content), parents=True)

@@ -23,7 +23,7 @@ from ...errors import EnvironmentProblem, InputError
 from ...process import run_program
 from .description import GUID_PLACE, load_interface, model_description, variables_of
 from .link import LIBRARIES
-from .packing import digest, tree, write
+from .packing import digest, tree, write_fmu
 
 SKIPPED = ("resources", "extra")
 
@@ -78,7 +78,7 @@ if _folder not in sys.path:
 """
 
 
-def build_fmu(folder: Path, target: Path, support: Path | None = None) -> str:
+def build_python_fmu(folder: Path, target: Path, support: Path | None = None) -> str:
     """Writes `target` from the model in `folder`; `support` is the slave base class (default: `_fmi.py` beside the
     folder).
 
@@ -112,7 +112,7 @@ def build_fmu(folder: Path, target: Path, support: Path | None = None) -> str:
     )
     guid = digest({**files, "modelDescription.xml": description.replace(GUID_PLACE, "").encode()})
     files["modelDescription.xml"] = description.replace(GUID_PLACE, guid).encode()
-    write(target, files)
+    write_fmu(target, files)
     return guid
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from ..distributions import JointDistribution, Marginal
 from .points import Array, Function, PointLedger
 
-__all__ = ["Difference", "Slopes", "check_differences", "differences", "standard_gradient", "step_noise", "unit"]
+__all__ = ["Difference", "Slopes", "check_differences", "differences", "standard_gradient", "step_noise", "unit_vector"]
 
 Difference = Literal["forward", "backward", "central"]
 
@@ -68,7 +68,7 @@ def differences(ledger: PointLedger, joint: JointDistribution, x: Array, step: f
     return Slopes(float(centre), gradient, curvature, moved, _resolution(values))
 
 
-def unit(vector: Array) -> Array:
+def unit_vector(vector: Array) -> Array:
     """The vector divided by its norm; zeros stay zeros."""
     norm = float(np.linalg.norm(vector))
     return vector / norm if norm > 0 else np.zeros_like(vector)

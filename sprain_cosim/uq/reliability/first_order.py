@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
 from ..distributions import JointDistribution, Marginal
-from .differences import Difference, check_differences, differences, standard_gradient, unit
+from .differences import Difference, check_differences, differences, standard_gradient, unit_vector
 from .limit_state import Event, LimitState
 from .points import DEFAULT_BUDGET, Array, BudgetSpent, Evaluations, Function, PointLedger, Status
 
@@ -134,7 +134,7 @@ def search(
     if state is None:
         raise ValueError(f"a budget of {ledger.budget} evaluations does not even allow one gradient")
     beta = math.copysign(float(np.linalg.norm(u)), origin_value)
-    alpha = -unit(state[1])
+    alpha = -unit_vector(state[1])
     return FormResult(
         beta=beta,
         probability=float(ndtr(-beta)),

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import ndtri
 
-from .differences import unit
+from .differences import unit_vector
 from .linearisation import Linearisation, Setting
 from .points import Array, Status
 
@@ -97,7 +97,7 @@ class Gate:
                 )
 
     def look_at_turn(self, level: float, gradient_u: Array) -> None:
-        cosine = float(unit(gradient_u) @ self.linear.importance)
+        cosine = float(unit_vector(gradient_u) @ self.linear.importance)
         if ndtri(level) and cosine < math.cos(_TURN_LIMIT):
             self.suspicions.append(
                 f"level {level:g}: the gradient at the design point is turned by "

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
 from ..distributions import JointDistribution, Marginal
-from .differences import Difference, Slopes, check_differences, differences, standard_gradient, unit
+from .differences import Difference, Slopes, check_differences, differences, standard_gradient, unit_vector
 from .points import Array, PointLedger
 
 __all__ = ["DEFAULT_LEVELS", "Linearisation", "Setting", "Space", "linear_extreme"]
@@ -39,7 +39,7 @@ def linear_extreme(joint: JointDistribution, gradient: Array, radius: float, sig
             slope[:, i] = weights[i] * joint.marginals[i].slope(z[:, i])
         return value, slope @ lower
 
-    centre = unit(value_and_slope(np.zeros((1, len(joint))))[1][0])
+    centre = unit_vector(value_and_slope(np.zeros((1, len(joint))))[1][0])
     axes = np.eye(len(joint))[joint.active]
     starts = np.array([centre, *axes, *-axes])
     directions = starts[np.linalg.norm(starts, axis=1) > 0]
@@ -102,11 +102,11 @@ class Setting:
             return np.zeros(len(self.joint))
         if self.space == "x":
             return linear_extreme(self.joint, gradient, abs(beta), math.copysign(1.0, beta))
-        return beta * unit(standard_gradient(self.joint, gradient, at))
+        return beta * unit_vector(standard_gradient(self.joint, gradient, at))
 
     def importance(self, gradient: Array, level: float, u: Array) -> Array:
         beta = float(ndtri(level))
-        return u / beta if beta else unit(standard_gradient(self.joint, gradient, u))
+        return u / beta if beta else unit_vector(standard_gradient(self.joint, gradient, u))
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class Linearisation:
         slopes = differences(ledger, joint, joint.means, setting.step, setting.difference)
         u = joint.to_standard(joint.means)
         sd = math.sqrt(float(slopes.gradient @ joint.covariance @ slopes.gradient))
-        importance = unit(standard_gradient(joint, slopes.gradient, u))
+        importance = unit_vector(standard_gradient(joint, slopes.gradient, u))
         return cls(slopes, joint.means, u, sd, importance)
 
     def value(self, level: float) -> float:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
 from ..distributions import Marginal
-from .differences import Difference, Slopes, differences, standard_gradient, unit
+from .differences import Difference, Slopes, differences, standard_gradient, unit_vector
 from .gate import Gate
 from .linearisation import DEFAULT_LEVELS, Linearisation, Setting, Space
 from .mean_value_family import LevelResult, level_result
@@ -77,7 +77,7 @@ def _relinearise(
     for p, search in searches.items():
         beta = float(ndtri(p))
         gradient_u = linear.importance if search.gradient_u is None else search.gradient_u
-        importance[p] = search.u / beta if beta else unit(gradient_u)
+        importance[p] = search.u / beta if beta else unit_vector(gradient_u)
     return level_result(
         method,
         setting,
@@ -155,7 +155,7 @@ def _climb_hybrid(ledger: PointLedger, setting: Setting, level: float, search: _
     radius, sign = abs(beta), math.copysign(1.0, beta)
     recent: list[Array] = []
     for _ in range(_HMV_ITERATIONS):
-        steepest = sign * unit(search.gradient_u)
+        steepest = sign * unit_vector(search.gradient_u)
         here = search.u / radius
         gain = float(np.linalg.norm(search.gradient_u)) * radius * (1.0 - float(steepest @ here))
         if gain < small:
@@ -163,7 +163,7 @@ def _climb_hybrid(ledger: PointLedger, setting: Setting, level: float, search: _
         recent = [*recent[-2:], steepest]
         direction = steepest
         if len(recent) == 3 and (recent[2] - recent[1]) @ (recent[1] - recent[0]) <= 0:
-            direction = unit(recent[0] + recent[1] + recent[2])
+            direction = unit_vector(recent[0] + recent[1] + recent[2])
         moved = _improved(ledger, setting, search, here, [direction, *_arc(here, steepest)], sign, radius)
         if not moved:
             if gain > math.sqrt(small):
@@ -177,7 +177,7 @@ def _climb_hybrid(ledger: PointLedger, setting: Setting, level: float, search: _
 def _arc(start: Array, end: Array) -> list[Array]:
     """Unit vectors on the great circle from `start` towards `end`, each half as far as the one before."""
     angle = math.acos(float(np.clip(start @ end, -1.0, 1.0)))
-    across = unit(end - (start @ end) * start)
+    across = unit_vector(end - (start @ end) * start)
     turns = [angle * 0.5**k for k in range(1, _ARC_HALVINGS + 1)]
     return [math.cos(turn) * start + math.sin(turn) * across for turn in turns]
 

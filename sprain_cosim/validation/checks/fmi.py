@@ -30,8 +30,8 @@ def braces() -> list[str]:
     return [name for name in shipped_fmus() if name.startswith("brace_")]
 
 
-class Bench:
-    """One instance alone, fed with the same moving inputs at every step."""
+class LoneInstance:
+    """One instance without a system, with inputs that move in the same way in every run."""
 
     def __init__(self, chosen: Component) -> None:
         self.instance = chosen.open()
@@ -78,7 +78,7 @@ def reset_instances(_: Laboratory) -> list[CheckRow]:
     rows = []
     for name in shipped_fmus():
         chosen = component(name)
-        bench = Bench(chosen)
+        bench = LoneInstance(chosen)
         first = np.array([bench.step(k) for k in range(20)])
         bench.instance.reset()
         bench.begin()
@@ -111,7 +111,7 @@ def saved_states(_: Laboratory) -> list[CheckRow]:
         chosen = component(name)
         if not chosen.capabilities.state:
             continue
-        bench = Bench(chosen)
+        bench = LoneInstance(chosen)
         for k in range(10):
             bench.step(k)
         state = bench.instance.save_state()

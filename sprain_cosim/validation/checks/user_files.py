@@ -44,7 +44,7 @@ def _needed(key: str, meaning: str) -> keys.Key:
     """A text that every check has."""
     says = f"{key}: needed, as text"
     form = {"type": "string", "pattern": r"\S"}
-    return keys.Key(key, keys.plain("text", form, _is_text, says), meaning, needs=says)
+    return keys.Key(key, keys.simple("text", form, _is_text, says), meaning, needs=says)
 
 
 def _is_text(value: Any) -> bool:
@@ -100,7 +100,7 @@ ENTRY = keys.Table(
         keys.Key("trials", keys.whole(1, "{at}: must be a positive whole number"), "of a study", "the study's"),
         keys.Key(
             "statistic",
-            keys.plain(
+            keys.simple(
                 "name", {"type": "string", "pattern": f"^({STATISTIC.pattern})$"}, _statistic_name, NEEDS_STATISTIC
             ),
             "of a study: mean, sd or a percentile such as p95",
@@ -143,7 +143,7 @@ FILE = keys.File(
 )
 
 
-def read(folder: Path) -> list[Check]:
+def read_checks(folder: Path) -> list[Check]:
     """Raises InputError with the problems of all files."""
     if not folder.is_dir():
         raise InputError(f"--checks {folder}: no such folder")
