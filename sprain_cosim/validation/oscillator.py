@@ -30,7 +30,7 @@ UNIT, TERMS = np.eye(3), 40  # terms for a step times rates below 10
 
 
 @dataclass(frozen=True)
-class Device:
+class SpringDevice:
     """k [N·m/rad], c [N·m·s/rad], kappa [N·m/rad³]."""
 
     stiffness: float
@@ -141,7 +141,7 @@ def _foot(damping: float) -> Part:
     return _part("plant", inputs, ["subtalar_angle", "subtalar_velocity"], False, advance=advance)
 
 
-def _device(device: Device) -> Part:
+def _device(device: SpringDevice) -> Part:
     def output(state: np.ndarray, inputs: Numbers) -> Sequence[float]:
         x, w = inputs["subtalar_angle"], inputs["subtalar_velocity"]
         return [device.torque(x, w), device.stiffness + 3 * device.cubic * x * x, device.damping]
@@ -150,7 +150,7 @@ def _device(device: Device) -> Part:
     return _part("brace", ["subtalar_angle", "subtalar_velocity"], outputs, True, output=output)
 
 
-def swing(scheme: str, step: float, device: Device, damping: float = DAMPING, stop: float = 0.1) -> Result:
+def swing(scheme: str, step: float, device: SpringDevice, damping: float = DAMPING, stop: float = 0.1) -> Result:
     """The coupled motion. Raises SimulationError when the run fails."""
     parts = (_foot(damping), _device(device))
     result = Master(communication_step=step, stop=stop, scheme=scheme).run(
@@ -161,7 +161,7 @@ def swing(scheme: str, step: float, device: Device, damping: float = DAMPING, st
     return result
 
 
-def exact(times: np.ndarray, device: Device, damping: float = DAMPING) -> np.ndarray:
+def exact(times: np.ndarray, device: SpringDevice, damping: float = DAMPING) -> np.ndarray:
     """(n,) angle [rad] at the evenly spaced `times`: matrix exponential for a linear device, else an integration with
     tolerance 1e-11."""
     if not device.cubic:
@@ -185,7 +185,7 @@ def exact(times: np.ndarray, device: Device, damping: float = DAMPING) -> np.nda
     return angle
 
 
-def order(scheme: str, steps: np.ndarray, device: Device) -> float:
+def order(scheme: str, steps: np.ndarray, device: SpringDevice) -> float:
     """Order of convergence of the angle's RMS error over `steps` [s]."""
     errors = []
     for h in steps:

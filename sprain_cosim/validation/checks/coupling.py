@@ -9,7 +9,7 @@ import numpy as np
 
 from ..check import Check, CheckRow
 from ..laboratory import Laboratory, scenario
-from ..oscillator import DAMPING, INERTIA, Device, exact, order, swing
+from ..oscillator import DAMPING, INERTIA, SpringDevice, exact, order, swing
 
 STEPS = 2e-4 * 0.5 ** np.arange(4)
 ORDERS = {"jacobi": 1, "gauss-seidel": 1, "gauss-seidel-extrapolated": 2, "iterative": 2}
@@ -18,17 +18,19 @@ PEAK = "peak_subtalar_angle_deg"
 
 
 def orders(_: Laboratory) -> list[CheckRow]:
-    linear = Device(100.0, 0.1)
+    linear = SpringDevice(100.0, 0.1)
     return [CheckRow(name, order(name, STEPS, linear), expected, 0.15) for name, expected in ORDERS.items()]
 
 
 def order_of_impedance(_: Laboratory) -> list[CheckRow]:
-    return [CheckRow("impedance, cubic device", order("impedance", 2 * STEPS[:3], Device(50.0, 0.1, 2e4)), 2.0, 0.15)]
+    return [
+        CheckRow("impedance, cubic device", order("impedance", 2 * STEPS[:3], SpringDevice(50.0, 0.1, 2e4)), 2.0, 0.15)
+    ]
 
 
 def impedance_is_exact(_: Laboratory) -> list[CheckRow]:
     rows = []
-    for device in (Device(100.0, 0.1), Device(2000.0, 0.5), Device(50.0, 20.0)):
+    for device in (SpringDevice(100.0, 0.1), SpringDevice(2000.0, 0.5), SpringDevice(50.0, 20.0)):
         result = swing("impedance", 1e-3, device)
         miss = np.abs(result["plant.subtalar_angle"] - exact(result.time, device)).max()
         rows.append(
@@ -40,7 +42,7 @@ def impedance_is_exact(_: Laboratory) -> list[CheckRow]:
 
 
 def held_torque_grows(_: Laboratory) -> list[CheckRow]:
-    rows, device, h = [], Device(100.0), 2e-5
+    rows, device, h = [], SpringDevice(100.0), 2e-5
     for name, share in (("gauss-seidel", 0.5), ("jacobi", 1.5)):
         result = swing(name, h, device, damping=0.0, stop=0.2)
         angle, velocity = result["plant.subtalar_angle"], result["plant.subtalar_velocity"]
@@ -53,7 +55,7 @@ def held_torque_grows(_: Laboratory) -> list[CheckRow]:
 
 def energy_of_an_undamped_pair(_: Laboratory) -> list[CheckRow]:
     """Nothing takes energy away: what is missing at the end was lost by the coupling."""
-    device = Device(100.0)
+    device = SpringDevice(100.0)
     result = swing("impedance", 5e-4, device, damping=0.0, stop=0.2)
     angle, velocity = result["plant.subtalar_angle"], result["plant.subtalar_velocity"]
     energy = 0.5 * INERTIA * velocity**2 + 0.5 * device.stiffness * angle**2
@@ -62,7 +64,7 @@ def energy_of_an_undamped_pair(_: Laboratory) -> list[CheckRow]:
 
 def stated_error(_: Laboratory) -> list[CheckRow]:
     """The coupling error that a run states falls with the step at the scheme's own order."""
-    rows, device = [], Device(50.0, 0.05, 2e4)
+    rows, device = [], SpringDevice(50.0, 0.05, 2e4)
     for name, expected in (("jacobi", 1), ("gauss-seidel", 1), ("gauss-seidel-extrapolated", 2), ("impedance", 2)):
         coarse, fine = (swing(name, h, device, DAMPING).coupling_error or math.nan for h in (4e-4, 1e-4))
         rows.append(CheckRow(name, math.log(coarse / fine) / math.log(4), expected, 0.25))
