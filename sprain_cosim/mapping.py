@@ -26,7 +26,8 @@ from .sandbox.allowed import PATTERN as ALLOW
 from .units import Unit, unit
 
 INSIDE = "extra/sprain-cosim/map.toml"
-SECOND = unit("s")
+SECOND, METRE = unit("s"), unit("m")
+LEVERED = {"_torque": unit("N"), "_angle": METRE, "_velocity": unit("m/s")}  # at the end of an arm, by signal
 SHA256 = re.compile(r"[0-9a-fA-F]{64}")
 UNKNOWN = Unit("?")  # a unit that nobody has stated yet
 READINGS = {  # how a unit may be meant that nobody has stated, by the end of a signal's name
@@ -87,6 +88,12 @@ def _signals(link: str, causality: str, known: MappingOf[str, Unit]) -> keys.Nam
                 "stated, which no run takes",
                 "as declared",
             ),
+            keys.Key(
+                "arm",
+                keys.measured(METRE, above_zero=True),
+                "lever of a cable or a strap, where the FMU has a force, a travel or a speed in place of a torque, an "
+                "angle or a velocity",
+            ),
         ),
         says=f"{{at}}: {needs}",
     )
@@ -146,6 +153,7 @@ class Signal:
 
     variable  of the FMU
     factor    not 0
+    arm       [m] of the lever between the FMU's force, travel or speed and the signal; None: there is none
     offset    in the FMU's unit
     unit      the FMU's; None: as declared; UNKNOWN: still to be stated
     """
@@ -154,6 +162,7 @@ class Signal:
     factor: float = 1.0
     offset: float = 0.0
     unit: Unit | None = None
+    arm: float | None = None
 
 
 @dataclass(frozen=True)
@@ -266,11 +275,13 @@ def _renamed(name: str, found: Connector, signal: Signal, causality: str) -> Con
             f'unit = "?": {" or ".join(readings)}? the FMU does not say; ask its maker, or let `sprain-cosim check` '
             "show what each would mean, and write it here"
         )
-    own = signal.unit or found.unit or signal_unit
-    if not own.same_dimension(signal_unit):
+    expected = signal_unit if signal.arm is None else _levered(name)
+    own = signal.unit or found.unit or expected
+    if not own.same_dimension(expected):
+        force = name.endswith("_torque") and own.same_dimension(LEVERED["_torque"])
         raise InputError(
-            f"its unit {own.name} has the dimension {own.dimension()}, expected {signal_unit.dimension()}; state the "
-            "true one with unit = ..."
+            f"its unit {own.name} has the dimension {own.dimension()}, expected {expected.dimension()}; state the "
+            + ('lever of the force with arm = "40 mm"' if force else "true one with unit = ...")
         )
     if causality == "input":
         factor = own.factor / signal.factor
@@ -278,8 +289,18 @@ def _renamed(name: str, found: Connector, signal: Signal, causality: str) -> Con
     else:
         factor = own.factor * signal.factor
         offset = own.offset + signal.offset * own.factor
+    lever = 1.0 if signal.arm is None else signal.arm if causality == "output" else 1.0 / signal.arm
     low, high = sorted((found.minimum, found.maximum))
-    return replace(found, name=name, unit=Unit(own.name, own.exponents, factor, offset), minimum=low, maximum=high)
+    levered = Unit(own.name, signal_unit.exponents, lever * factor, lever * offset)
+    return replace(found, name=name, unit=levered, minimum=low, maximum=high)
+
+
+def _levered(name: str) -> Unit:
+    """The unit of what a signal is at the end of a lever. Raises InputError for a signal that has no lever."""
+    for end, at_the_end in LEVERED.items():
+        if name.endswith(end):
+            return at_the_end
+    raise InputError("arm belongs to an angle, a velocity or a torque")
 
 
 def read_component(name: str, fmu: Path, mapping: Path | None = None) -> Component:
@@ -336,4 +357,4 @@ def parse(text: str, source: str) -> Mapping:
 
 
 def _signal(entry: MappingOf[str, Any], link: str) -> Signal:
-    return Signal(entry[link], entry.get("factor", 1.0), entry.get("offset", 0.0), entry.get("unit"))
+    return Signal(entry[link], entry.get("factor", 1.0), entry.get("offset", 0.0), entry.get("unit"), entry.get("arm"))

@@ -74,7 +74,8 @@ def check_brace(fmu: Path | str, mapping: Path | str | None = None) -> FitReport
 
 def _next_step(report: FitReport, fmu: Path | str, mapping: Path | str | None) -> str:
     if report.proposal:
-        return f"review the mapping file, then sprain-cosim check {quote(str(fmu))} --map FILE"
+        other = f"; or {report.next_step}" if report.next_step else ""
+        return f"review the mapping file, then sprain-cosim check {quote(str(fmu))} --map FILE{other}"
     if report.fits:
         mapped = f" --map {quote(f'brace={mapping}')}" if mapping is not None else ""
         return f"sprain-cosim run incline30 --fmu {quote(f'brace={fmu}')}{mapped}"

@@ -58,8 +58,10 @@ def _judge_missing_torque(component: Component, report: FitReport) -> None:
             f"no output is named A_torque for an axis A ({', '.join(AXES)}); candidates: {', '.join(candidates)}"
         )
         return
+    report.proposal = propose(component)
     report.problems.append(
-        "no output in N.m, declared or named as a torque: this is no brace in the sense of the contract"
+        "no output in N.m, declared or named as a torque: this is no brace in the sense of the contract, unless a "
+        "mapping file says which of its outputs is one"
     )
     report.next_step = (
         "sprain-cosim brace new DIR for a brace to start from, or sprain-cosim brace from-csv "

@@ -7,6 +7,7 @@ import re
 from ..contract import INPUTS, OUTPUTS
 from ..fmu.component import Component
 from ..fmu.element import Connector
+from ..units import unit
 
 Words = dict[str, tuple[tuple[str, ...], tuple[str, ...]]]
 WORDS: Words = {  # beginnings of words in vendors' names: of an anatomic axis, and of the motion against it
@@ -18,6 +19,8 @@ WORDS_JCS: Words = {  # the same for the joint coordinate system
     "inversion": (("inv", "supin", "roll"), ("ever", "evr", "pron")),
     "dorsiflexion": (("dorsi", "flex", "pitch"), ("plantar",)),
 }
+FORCE = unit("N")
+LISTED = 40  # variables that are listed for a person to choose from
 LONG = 5  # letters from which it is also looked for inside words and across them
 PARTS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 QUANTITIES = {  # parts of names that mean a quantity, for variables without a unit
@@ -48,8 +51,34 @@ def propose(component: Component) -> str:
                 if connector.scalar_number and could_be(connector, kind):
                     lines.append(_line(name, connector, kind, link, WORDS_JCS if jcs else WORDS, taken))
         if not taken:
+            lines += [_lever_line(n, jcs) for n, c in component.outputs.items() if link == "from" and _is_force(c)]
             lines.append("# no candidate found")
+    shown = "\n".join(lines)
+    rest = [
+        f"#   {causality} {name} [{connector.unit.name if connector.unit else 'no unit'}]"
+        for causality in ("input", "output")
+        for name, connector in component.select(causality).items()
+        if connector.scalar_number and f'"{name}"' not in shown
+    ]
+    if rest:
+        lines += ["# Not used above; an entry may name any of these:", *rest[:LISTED]]
+        lines += [f"#   and {len(rest) - LISTED} more"] if len(rest) > LISTED else []
     return "\n".join(lines) + "\n"
+
+
+def _is_force(connector: Connector) -> bool:
+    """Whether it may be the pull of a cable or a strap."""
+    if not connector.scalar_number:
+        return False
+    if connector.unit is not None and not connector.unit.dimensionless:
+        return connector.unit.same_dimension(FORCE)
+    return any(word in connector.name.lower() for word in ("force", "tension", "pull"))
+
+
+def _lever_line(name: str, jcs: bool) -> str:
+    axis = _axis(name, WORDS_JCS if jcs else WORDS)[0] or next(iter(WORDS))
+    entry = f'{axis}_torque = {{ from = "{name}", arm = "40 mm" }}'
+    return f"# {entry}   # review: a force; state its lever arm and take the first # away"
 
 
 def _kind(connector: Connector) -> bool:

@@ -232,6 +232,18 @@ def test_proposal_of_three_axes_the_other_way_round() -> None:
     assert "unit deg or rad?; against the axis" in text
 
 
+def test_proposal_for_a_cable() -> None:
+    """A force is offered with a lever arm; whatever else could be mapped is listed with its unit."""
+    from sprain_cosim.brace.proposal import propose
+
+    kinds = {"lever": ("input", "m"), "angle": ("input", "deg"), "medial": ("output", "N"), "y": ("output", None)}
+    text = propose(FakeComponent("brace", {n: connector(n, *kind) for n, kind in kinds.items()}))  # type: ignore[arg-type]
+    assert '# subtalar_torque = { from = "medial", arm = "40 mm" }   # review: a force; state its lever arm' in text
+    assert "#   input lever [m]\n#   output y [no unit]\n" in text
+    taken = text.replace('# subtalar_torque = { from = "medial"', 'subtalar_torque = { from = "medial"')
+    assert parse(taken, "proposal").outputs["subtalar_torque"].arm == 0.04
+
+
 @pytest.mark.parametrize(
     ("name", "axis", "turned"),
     [

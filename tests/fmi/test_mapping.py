@@ -200,6 +200,36 @@ def test_a_study_takes_device_and_mapping_as_a_run_does(tmp_path: Path) -> None:
     assert chosen.digest != before
 
 
+def test_a_cable_pulls_at_its_lever(baseline: np.ndarray, tmp_path: Path) -> None:  # noqa: F811
+    """A force on an arm is a torque, its travel the angle times the arm: 25 times both on 40 mm gives the landing of
+    the SI brace."""
+    fmu = device(tmp_path / "vendor.fmu", names=NAMES, declared=False)
+    (tmp_path / "vendor.map.toml").write_text(
+        '[inputs]\nsubtalar_angle = { to = "In1_InvAngle", factor = 25, unit = "m", arm = "40 mm" }\n'
+        '[outputs]\nsubtalar_torque = { from = "M_out", factor = 25, unit = "N", arm = "4 cm" }\n'
+    )
+    scenario = load_scenario("incline30").replace_fmu("brace", fmu, tmp_path / "vendor.map.toml")
+    result = scenario.with_master("gauss-seidel").run()
+    assert result.status == "completed", result.message
+    assert np.abs(np.asarray(result.signals["plant.subtalar_angle"]) - baseline).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ('unit = "N"', 'state the lever of the force with arm = "40 mm"'),
+        ('arm = "40 mm"', "expected kg.m/s2"),
+        ('unit = "N", arm = "0 mm"', "outputs.subtalar_torque.arm = '0 mm': must be positive"),
+        ('unit = "N", arm = 40', "needs a unit"),
+    ],
+)
+def test_an_arm_belongs_to_a_force(entry: str, message: str, tmp_path: Path) -> None:
+    fmu = device(tmp_path / "vendor.fmu", names=NAMES)
+    (tmp_path / "m.toml").write_text(f'[outputs]\nsubtalar_torque = {{ from = "M_out", {entry} }}')
+    with pytest.raises(InputError, match=re.escape(message)):
+        read_component("brace", fmu, tmp_path / "m.toml")
+
+
 SCHEMA = json.loads((PACKAGE / "mapping.schema.json").read_text())
 
 
