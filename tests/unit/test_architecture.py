@@ -91,6 +91,33 @@ def test_every_floor_exists() -> None:
     assert set(floors()) == rooms - {"__init__", "__main__"}
 
 
+# what lives as long as its module, beside constants and caches of pure functions, and who ends it
+OWNED = {
+    "fmu/fmi2.py": {"_instances"},  # the logger's senders, held weakly: each instance takes its entry with it
+    "study/backends/dask.py": {"_workers"},  # the children of a Dask worker, by thread; `_release` ends them
+}
+
+
+def test_state_of_a_module_has_an_owner() -> None:
+    """A module-level name bound to an empty container is state that grows."""
+    found: dict[str, set[str]] = {}
+    for path in sources(PACKAGE):
+        for node in ast.parse(path.read_text("utf-8")).body:
+            if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None:
+                continue
+            value = node.value
+            called = isinstance(value, ast.Call) and not value.args and not value.keywords
+            kind = ast.unparse(value.func).split(".")[-1] if isinstance(value, ast.Call) and called else ""
+            empty = ast.unparse(value) in ("{}", "[]") or kind.split("[")[0] in (
+                *("dict", "list", "set", "deque", "defaultdict"),
+                *("WeakValueDictionary", "WeakKeyDictionary", "WeakSet", "local"),
+            )
+            if empty:
+                targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+                found.setdefault(path.relative_to(PACKAGE).as_posix(), set()).update(map(ast.unparse, targets))
+    assert found == OWNED
+
+
 def test_types_ship() -> None:
     """PEP 561: without this file the annotations of an installed package do not count."""
     assert (PACKAGE / "py.typed").is_file()
