@@ -21,6 +21,7 @@ Modules, each with its sources:
     gate               cheap signals against the mean value methods
     mean_value_family  MV and AMV
     relinearised       AMV+ and HMV
+    level_check        levels of all these tested on random evaluations
     first_order        FORM
     multistart         FORM from several starts, with a test of the sphere
     second_order       SORM
@@ -31,6 +32,7 @@ Modules, each with its sources:
 from .differences import Difference, step_noise
 from .first_order import FormResult, form, form_exceedance
 from .importance import ImportanceSampling, importance_sampling
+from .level_check import LevelCheck, check_levels
 from .linearisation import DEFAULT_LEVELS, Space
 from .mean_value_family import LevelResult, amv, mean_value
 from .multistart import DesignPoints, design_points
@@ -48,6 +50,7 @@ __all__ = [
     "FormResult",
     "Function",
     "ImportanceSampling",
+    "LevelCheck",
     "LevelResult",
     "RareEvent",
     "SormResult",
@@ -55,6 +58,7 @@ __all__ = [
     "Status",
     "amv",
     "amv_plus",
+    "check_levels",
     "design_points",
     "form",
     "form_exceedance",
