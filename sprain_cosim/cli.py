@@ -128,7 +128,7 @@ def run_command(
 
 
 def _print_table(title: str, pose: str | None, result: Result) -> None:
-    from .metrics import table
+    from .metrics import THROWN_TEXT, pose_artefacts, table
 
     click.echo(
         f"{title}  ·  {f'pose {pose}, ' if pose else ''}{result.scheme}, {len(result.time) - 1} steps, "
@@ -139,6 +139,8 @@ def _print_table(title: str, pose: str | None, result: Result) -> None:
         click.echo(f"{'':32}{'value':>10}  {'unit':7}{'time [ms]':>10}")
     for label, value, unit, time in rows:
         click.echo(f"{label:32}{value:10.2f}  {unit:7}{1e3 * time:10.1f}")
+    if pose_artefacts(result.metrics, pose):
+        click.echo(THROWN_TEXT)
     if result.coupling_error is not None:
         click.echo(f"{'coupling error':32}{100 * result.coupling_error:10.2f}  % of the energy exchanged")
     for name, held in result.held.items():

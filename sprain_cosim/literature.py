@@ -13,11 +13,24 @@ PASSIVE = {
 PASSIVE_SOURCE = "DeMers et al. 2017; Yoder et al. 2021"
 BRACES = {"150 % brace": 1.5, "240 % brace": 2.4}  # angle scale f of Yoder et al. 2021
 
-# Inversion at which ankles of cadavers failed, mean and standard deviation [deg], from the neutral pose; the range
-# Yoder et al. 2021 compare with.
+# Inversion at which ankles of cadavers failed, mean and standard deviation [deg], from the neutral pose; and the moment
+# that the passive ankle bears about the inversion axis at injury, ends of a range [N·m]. What Yoder et al. 2021 compare
+# with.
 INJURY_INVERSION = (35.0, 6.0)
+INJURY_MOMENT = (2.7, 4.3)
+INJURY_INVERSION_TEXT = f"{INJURY_INVERSION[0]:g} ± {INJURY_INVERSION[1]:g}"
+INJURY_MOMENT_TEXT = f"{INJURY_MOMENT[0]:g} ... {INJURY_MOMENT[1]:g}"
+
+# How deep the foot starts inside the platform in the paper's records, which the initial pose `published` repeats [mm]:
+# in the reference posture on level ground and on the 30° slope; over talocrural angles of -24 ... -44 deg.
+DEPTH, DEPTHS = (28, 35), (8, 58)
+DEPTH_TEXT = (
+    f"{DEPTH[0]} mm (level) to {DEPTH[1]} mm (30° slope) inside the platform in the reference posture, {DEPTHS[0]} to "
+    f"{DEPTHS[1]} mm over the postures of the studies"
+)
 
 # Li, Ko, Zhang, Brown & Simpson 2018, "Biomechanics of ankle giving way", J. Sport Health Sci.: two people landing on a
-# plate tilted by 25 deg. Peak inversion [deg] and peak inversion velocity [deg/s], in that laboratory's own zero.
-LI_SAFE, LI_SPRAIN, LI_VELOCITY = (35.0, 43.0), 55.0, (600.0, 900.0)
+# plate tilted by 25 deg. Peak inversion [deg] of landings without injury, for which no velocity is stated; peak
+# inversion [deg] and peak inversion velocity [deg/s] of the trials that ended in a sprain. The laboratory's own zero.
+LI_SAFE, LI_SPRAIN, LI_SPRAIN_VELOCITY = (35.0, 43.0), 55.0, (600.0, 900.0)
 LI_SOURCE = "Li et al. 2018, 25° slope"

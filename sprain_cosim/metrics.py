@@ -4,14 +4,27 @@ of a peak."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Protocol
 
 import numpy as np
 
 IMPACT = 0.005
+# what a foot that starts inside the floor gives in the first millisecond, whatever the landing
+THROWN = ("peak_vertical_grf_N", "peak_talocrural_velocity_deg_s", "peak_jcs_dorsiflexion_velocity_deg_s")
+THROWN_TEXT = (
+    "the published pose starts inside the floor: the ground reaction, and the talocrural velocity, of the first "
+    "millisecond are those of the pose, not of a landing"
+)
 JCS = ("dorsiflexion", "inversion", "internal_rotation")
 ANATOMIC = ("subtalar", "talocrural")
+NEEDED = (
+    *(f"{axis}_angle" for axis in ANATOMIC),
+    *(f"jcs_{axis}_raw_angle" for axis in JCS),
+    *(f"{axis}_velocity" for axis in (*ANATOMIC, *JCS)),
+    *(f"anatomy_{axis}_moment" for axis in (*ANATOMIC, *JCS)),
+    "ground_force_y",
+)
 UNITS = {"_deg": "deg", "_deg_s": "deg/s", "_Nm": "N·m", "_N": "N", "_s": "s", "_J": "J"}
 
 
@@ -40,8 +53,8 @@ def metrics(run: Signals) -> dict[str, float]:
     brace's largest resistance to supination at any time; `brace_subtalar_work_to_peak_J` the energy it took from the
     rolling foot until the subtalar peak, `brace_work_J` that from all axes over the whole landing (negative where it
     gave: an elastic brace tensed by plantarflexion before contact). Without a brace on the plant these and the `brace_`
-    keys are absent; without a plant there are none."""
-    if "plant.subtalar_angle" not in run.index:
+    keys are absent; without a plant that gives all the signals there are none."""
+    if any(f"plant.{signal}" not in run.index for signal in NEEDED):
         return {}
     degrees = math.degrees(1.0)
     angle = {a: f"plant.{a}_angle" for a in ANATOMIC} | {a: f"plant.jcs_{a}_raw_angle" for a in JCS}
@@ -59,6 +72,7 @@ def metrics(run: Signals) -> dict[str, float]:
         out[f"peak_{label[axis]}_velocity_deg_s"] = degrees * float(run[f"plant.{axis}_velocity"].max())
     if "plant.inversion_angle" in run.index:
         out["peak_inversion_from_neutral_deg"] = degrees * float(run["plant.inversion_angle"].max())
+    torques = torques if all(f"plant.brace_{axis}_moment" in run.index for axis in peak) else {}
     for who in ("anatomy", "brace") if torques else ("anatomy",):
         for axis, k in peak.items():
             out[f"{who}_{label[axis]}_moment_Nm"] = float(run[f"plant.{who}_{axis}_moment"][k])
@@ -85,6 +99,12 @@ def unit_of(key: str) -> str:
     return next(
         (unit for suffix, unit in sorted(UNITS.items(), key=lambda item: -len(item[0])) if key.endswith(suffix)), ""
     )
+
+
+def pose_artefacts(keys: Iterable[str], pose: str | None) -> list[str]:
+    """Those of the metrics that the initial pose alone gives: in the pose `published` the foot starts inside the floor,
+    and is thrown out of it."""
+    return [key for key in keys if key in THROWN] if pose == "published" else []
 
 
 def table(run: Signals) -> list[tuple[str, float, str, float]]:

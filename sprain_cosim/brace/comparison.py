@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from ..folders.comparison import NONE, BraceSummary, ComparisonSummary, Estimates, MeanEstimate
+from ..literature import INJURY_INVERSION_TEXT
 from ..records import finite
 from ..scenario import Scenario
 from ..study.evaluation import QUESTIONS
@@ -38,7 +39,7 @@ LINES: tuple[tuple[str, str, float], ...] = (  # label, metric, factor
     ("peak supination [deg]", "peak_subtalar_angle_deg", 1.0),
     ("peak inversion from neutral [deg]", INVERSION, 1.0),
     ("peak inversion, raw angle [deg]", "peak_jcs_inversion_deg", 1.0),
-    ("P(inversion from neutral > 35 ± 6 deg) [%]", INJURY, 100.0),
+    (f"P(inversion from neutral > {INJURY_INVERSION_TEXT} deg) [%]", INJURY, 100.0),
     ("largest moment of the brace [N·m]", "peak_brace_subtalar_moment_Nm", 1.0),
     ("work it takes from the roll, to the peak [J]", "brace_subtalar_work_to_peak_J", 1.0),
     ("work it takes, all axes, whole landing [J]", "brace_work_J", 1.0),

@@ -22,7 +22,17 @@ from ..metrics import brace_torques
 from ..study.summary import LevelSearch
 from .records import published_records
 from .samples import Sample
-from .selection import FEWEST, named_folders, pearson_intervals, pose_note, response_label, sample_of, spread_intervals
+from .selection import (
+    FEWEST,
+    named_folders,
+    pearson_intervals,
+    pose_note,
+    response_label,
+    same_question,
+    sample_of,
+    spread_intervals,
+    study_devices,
+)
 
 FAN = 20  # trajectories for a fan
 
@@ -162,7 +172,7 @@ def _tornado(name: str, study: StudyFolder, end: str) -> Drawn:
 
 def _poses(chosen: Studies, samples: Mapping[str, Sample], text: str, suffix: str) -> Iterator[Drawn]:
     """Studies with the same marginals that start in different poses."""
-    for k, group in enumerate(_groups(chosen, lambda s: (s.file.scenario, s.file.marginals, _devices(s)))):
+    for k, group in enumerate(_groups(chosen, lambda s: (s.file.scenario, s.file.marginals, study_devices(s)))):
         pairs = {study.pose: samples[name] for name, study in group if study.pose}
         if len(pairs) > 1:
             caption = (
@@ -184,7 +194,7 @@ def _searches(
     found = [(name, study, study.summary.amv) for name, study in studies]
     searches = [(name, study, amv) for name, study, amv in found if amv is not None and amv.levels]
     for name, study, amv in searches:
-        beside = next((samples[n] for n, s in distributions if _same_question(s, study)), None)
+        beside = next((samples[n] for n, s in distributions if same_question(s, study)), None)
         note = f"{pose_note([(name, study)])} Gate of the method: {amv.status}."
         caption = (
             "Levels of the response found with few landings, on the distribution of the Monte Carlo study if "
@@ -200,18 +210,6 @@ def _importance(amv: LevelSearch) -> dict[str, dict[str, float]]:
         level: {name: value for name, value in found.importance.items() if value is not None}
         for level, found in amv.levels.items()
     }
-
-
-def _same_question(one: StudyFolder, other: StudyFolder) -> bool:
-    return (
-        (one.pose, one.response) == (other.pose, other.response)
-        and _devices(one) == _devices(other)
-        and (one.file.scenario, one.file.marginals) == (other.file.scenario, other.file.marginals)
-    )
-
-
-def _devices(study: StudyFolder) -> dict[str, str | None]:
-    return {name: fmu.sha256 for name, fmu in study.manifest.fmus.items()}
 
 
 def _groups(chosen: Studies, key: Callable[[StudyFolder], K]) -> list[list[tuple[str, StudyFolder]]]:
@@ -304,8 +302,8 @@ def _phase(runs: Runs, studies: Studies) -> Iterator[Drawn]:
             "lower: raw angles). Ankles of cadavers "
             "failed in the grey range. Li et al. measured two people on a 25° slope, with their laboratory's zero, "
             "which may differ by some degrees; the model "
-            "lands on the slope of its scenario. A study's line is its median trial. The threshold of a living ankle "
-            "is not known."
+            "lands on the slope of its scenario; they state the velocity of the sprains alone. A study's line is its "
+            "median trial. The threshold of a living ankle is not known."
         )
         yield Drawn(
             "phase",

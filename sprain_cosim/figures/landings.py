@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from ..literature import INJURY_INVERSION, LI_SAFE, LI_SOURCE, LI_SPRAIN, LI_VELOCITY
+from ..literature import INJURY_INVERSION, LI_SAFE, LI_SOURCE, LI_SPRAIN, LI_SPRAIN_VELOCITY
 from ..metrics import IMPACT, Signals, brace_torques
 from .style import (
     ANATOMY,
@@ -176,17 +176,18 @@ def _draw_tracks_and_points(
 
 
 def _draw_measured_trials(axis: Axes) -> list[tuple[Any, str]]:
-    """The measured trials without injury and the measured sprain; returns the entries of the legend."""
-    (mean, sd), (low, high) = INJURY_INVERSION, LI_VELOCITY
+    """The angles measured without injury, whose velocity is not stated: a column over all velocities; and the measured
+    sprain. Returns the entries of the legend."""
+    (mean, sd), column = INJURY_INVERSION, axis.get_xaxis_transform()
     frame: Any = dict(fill=False, edgecolor=INK, linestyle=LINES[1])
-    axis.add_patch(Rectangle((LI_SAFE[0], low), LI_SAFE[1] - LI_SAFE[0], high - low, linewidth=0.9, **frame))
-    axis.plot([LI_SPRAIN, LI_SPRAIN], [low, high], color=INK, linewidth=1.8, solid_capstyle="butt")
+    axis.add_patch(Rectangle((LI_SAFE[0], 0), LI_SAFE[1] - LI_SAFE[0], 1, linewidth=0.9, transform=column, **frame))
+    axis.plot([LI_SPRAIN, LI_SPRAIN], LI_SPRAIN_VELOCITY, color=INK, linewidth=1.8, solid_capstyle="butt")
     return [
         (
             Rectangle((0, 0), 1, 1, color=FAINT, alpha=0.28, linewidth=0),
             f"{mean:g} ± {sd:g}°: inversion at injury of cadaver ankles",
         ),
-        (Rectangle((0, 0), 1, 1, **frame), f"measured, not injured ({LI_SOURCE})"),
+        (Rectangle((0, 0), 1, 1, **frame), f"angles measured without injury, velocity not stated ({LI_SOURCE})"),
         (legend_line(INK, linewidth=1.8), f"measured sprain ({LI_SOURCE})"),
     ]
 
@@ -197,7 +198,7 @@ def _limit_velocity(
     """Leaves out the few trials far above the others, and says how many they are."""
     velocities = np.concatenate([v for _, _, v in (*points, *tracks)])
     top = max(
-        1.1 * LI_VELOCITY[1],
+        1.1 * LI_SPRAIN_VELOCITY[1],
         *(1.3 * float(np.percentile(v, 95)) for _, _, v in points),
         *(1.1 * float(v.max()) for _, _, v in tracks),
         0.0,

@@ -85,6 +85,20 @@ def spread_intervals(study: StudyFolder, response: str) -> dict[str, Interval]:
     }
 
 
+def same_question(one: StudyFolder, other: StudyFolder) -> bool:
+    """Whether two studies ask for the same response of the same landings: pose, devices, scenario and marginals."""
+    return (
+        (one.pose, one.response) == (other.pose, other.response)
+        and study_devices(one) == study_devices(other)
+        and (one.file.scenario, one.file.marginals) == (other.file.scenario, other.file.marginals)
+    )
+
+
+def study_devices(study: StudyFolder) -> dict[str, str | None]:
+    """{component: SHA-256 of its FMU}."""
+    return {name: fmu.sha256 for name, fmu in study.manifest.fmus.items()}
+
+
 def response_label(response: str) -> str:
     """ "peak subtalar angle [deg], + supination"."""
     name, _, sign = label(response).partition(", ")

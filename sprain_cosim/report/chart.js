@@ -67,6 +67,7 @@
       const W = Math.max(320, Math.min(860, svg.clientWidth || 860)), H = Math.max(250, Math.min(400, 0.62 * W));
       const left = 58, right = 12, top = 12, bottom = 46;
       svg.textContent = "";
+      readout.textContent = chart.hint; // a value read off before belongs to other curves
       svg.setAttribute("viewBox", `0 0 ${W} ${H}`);
       svg.setAttribute("font-size", "13");
       scale = null;

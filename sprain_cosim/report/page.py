@@ -18,6 +18,7 @@ from ..folders.comparison import ComparisonFolder
 from ..folders.read import Folder
 from ..folders.run import RunFolder
 from ..folders.study import StudyFolder
+from ..literature import DEPTH_TEXT, INJURY_INVERSION_TEXT
 from . import tables
 from .blocks import Block, Bullets, Chart, PageSection, Picture, Pictures
 from .charts import charts, script_data
@@ -28,9 +29,10 @@ NAME = "report.html"
 ANIMATION = ("animation.webp", 2_000_000)  # shown when no larger [bytes]
 LIMITS = (
     Markup(
-        "<b>The published pose starts inside the floor.</b> In the paper's records the foot starts 8 to 58 mm inside "
-        "the platform, and is thrown out by tens of kilonewtons in the first millisecond. The touching pose starts "
-        "with the foot just touching. Read which pose a figure has before you compare it."
+        "<b>The published pose starts inside the floor.</b> In the paper's records the foot starts "
+        f"{DEPTH_TEXT}, and is thrown out by tens of kilonewtons in the first millisecond: 41 kN in the reference "
+        "posture, more where it starts deeper. The touching pose starts with the foot just touching. Read which pose a "
+        "figure has before you compare it."
     ),
     Markup(
         "<b>The ground reaction is not human.</b> About ten body weights at 35 to 50 ms after contact, far more than "
@@ -42,8 +44,8 @@ LIMITS = (
         "landing, the ankle's stiffness and its muscles, not the person."
     ),
     Markup(
-        "<b>No injury threshold is known.</b> 35 ± 6° of inversion is where ankles of cadavers failed. A probability "
-        "of exceeding it compares braces; it is not the risk of a patient."
+        f"<b>No injury threshold is known.</b> {INJURY_INVERSION_TEXT}° of inversion is where ankles of cadavers "
+        "failed. A probability of exceeding it compares braces; it is not the risk of a patient."
     ),
     Markup(
         "<b>The brace is an idea.</b> A device acts as torques between shank and foot: no strap slips, no skin moves, "
@@ -84,7 +86,7 @@ def report_page(folders: Sequence[Folder]) -> str:
     return render(
         "report.html",
         title=_title(folders, items),
-        about=_about(items),
+        about=_about(folders, items),
         sections=[section for section in sections if section.blocks],
         data=script_data(content),
         script=asset("chart.js"),
@@ -101,7 +103,15 @@ def _title(folders: Sequence[Folder], items: Sequence[Named]) -> str:
     return f"{len(items)} {word} side by side"
 
 
-def _about(items: Sequence[Named]) -> str:
+def _method(study: StudyFolder, folders: Sequence[Folder]) -> str:
+    """How the landings were drawn; those of a comparison are one sample, handed to each brace as rows."""
+    for folder in folders:
+        if isinstance(folder, ComparisonFolder) and any(member is study for member in folder.members.values()):
+            return folder.summary.method or study.summary.method
+    return "rows of a table" if study.summary.method == "table" else study.summary.method
+
+
+def _about(folders: Sequence[Folder], items: Sequence[Named]) -> str:
     """Pose, numbers of landings, methods, dates and version."""
     poses = list(dict.fromkeys(item.pose for _, item in items if item.pose))
     parts = [f"Initial pose {' and '.join(poses)}"] if poses else []
@@ -109,7 +119,7 @@ def _about(items: Sequence[Named]) -> str:
     if studies:
         counts = list(dict.fromkeys(str(s.summary.n_requested) for s in studies))
         each = " each" if len(counts) == 1 and len(studies) > 1 else ""
-        methods = dict.fromkeys("given rows" if s.summary.method == "table" else s.summary.method for s in studies)
+        methods = dict.fromkeys(_method(study, folders) for study in studies)
         parts.append(f"{' and '.join(counts)} landings{each} ({', '.join(methods)})")
         dates = sorted({s.manifest.created[:10] for s in studies if s.manifest.created})
         parts += [" to ".join(dict.fromkeys([dates[0], dates[-1]]))] if dates else []

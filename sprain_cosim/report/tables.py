@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from .. import __version__
 from .. import figures as plots
-from ..brace.comparison import CHANGED, LINES, postures
+from ..brace.comparison import CHANGED, INJURY, LINES, postures
 from ..figures.selection import Named, response_label
 from ..figures.style import PARAMETERS
 from ..folders.comparison import NONE, BraceSummary, ComparisonFolder, MeanEstimate
 from ..folders.read import Folder
 from ..folders.run import RunFolder, RunSummary
 from ..folders.study import StudyFolder
-from ..metrics import table, unit_of
+from ..metrics import pose_artefacts, table, unit_of
 from ..study.manifest import FmuFile
 from ..study.summary import FormSearch, LevelSearch, Percentile, Response, SobolSearch
 from .blocks import Block, Cell, Folded, Heading, PageTable, Paragraph, Row
-from .words import ends, percent, rounded, signed
+from .words import ends, percent, percentage, percentage_ends, rounded, signed
 
 FAILURES = 20  # rows of the table of failed trials
 SOURCES = (
@@ -81,7 +81,7 @@ def _levels_of(study: StudyFolder) -> dict[str, str | Cell]:
         cells[f"{name}: mean ± SD"] = _mean_sd(found)
     for key, q in summary.questions.items():
         label = f"P({plots.label(key).partition(', +')[0]} {q.event})"
-        cells[label] = Cell(percent(q.probability), ends(q.ci_low, q.ci_high, 100))
+        cells[label] = Cell(percent(q.probability), percentage_ends(q.ci_low, q.ci_high))
     return cells
 
 
@@ -105,7 +105,8 @@ def _comparison(folder: ComparisonFolder) -> PageTable:
     for label, key, factor in LINES:
         found = [b.metrics.get(key) for b in braces.values()]
         if any(e and e.value is not None for e in found):
-            rows.append([label.strip(), *(_estimate(e, factor) for e in found)])
+            cells = (_share(e) if key == INJURY else _estimate(e, factor) for e in found)
+            rows.append([label.strip(), *cells])
         changes = [b.difference_to_none.get(key) for b in braces.values()]
         if key in CHANGED and any(changes):
             rows.append(["\u00a0 change against none", *(_estimate(e, factor, True) for e in changes)])
@@ -124,6 +125,13 @@ def _estimate(e: MeanEstimate | None, factor: float, sign: bool = False) -> str 
         return ""
     value = factor * e.value
     return Cell(signed(value, 2) if sign else rounded(value), ends(e.ci_low, e.ci_high, factor))
+
+
+def _share(e: MeanEstimate | None) -> str | Cell:
+    """A probability in percent."""
+    if e is None or e.value is None:
+        return ""
+    return Cell(percentage(e.value), percentage_ends(e.ci_low, e.ci_high))
 
 
 def _held(brace: BraceSummary, motion: str) -> str:
@@ -210,7 +218,8 @@ def metrics_tables(items: Sequence[Named]) -> list[Block]:
     parts: Parts = []
     for name, item in items:
         if isinstance(item, RunFolder):
-            rows = [[plots.label(k), rounded(v), unit_of(k)] for k, v in item.summary.metrics.items()]
+            thrown = pose_artefacts(item.summary.metrics, item.pose)
+            rows = [[_metric(k, thrown), rounded(v), unit_of(k)] for k, v in item.summary.metrics.items()]
             parts.append((name, PageTable(["response", "value", "unit"], rows)))
         elif item.summary.responses:
             parts.append((name, _responses(item)))
@@ -218,17 +227,22 @@ def metrics_tables(items: Sequence[Named]) -> list[Block]:
 
 
 def _responses(study: StudyFolder) -> PageTable:
-    table3 = study.published.get("metrics", {})
-    rows = []
+    table3, rows = study.published.get("metrics", {}), list[list[str | Cell]]()
+    thrown = pose_artefacts(study.summary.responses, study.pose)
     for key, r in study.summary.responses.items():
         there = f"{table3[key][0]:g}\u00a0±\u00a0{table3[key][1]:g}" if key in table3 else ""
         levels = [rounded(r.percentiles[p].value if p in r.percentiles else None) for p in ("5", "50", "95")]
-        rows.append([plots.label(key), unit_of(key), _mean_sd(r), there, *levels])
+        rows.append([_metric(key, thrown), unit_of(key), _mean_sd(r), there, *levels])
     heads = ["response", "unit", "mean ± SD", "published", "5 %", "50 %", "95 %"]
     if not any(row[3] for row in rows):
         heads.pop(3)
         rows = [row[:3] + row[4:] for row in rows]
     return PageTable(heads, rows)
+
+
+def _metric(key: str, thrown: Collection[str]) -> str | Cell:
+    """The name of a metric; with a remark where the initial pose alone gives it."""
+    return Cell(plots.label(key), ("of the published pose, not of a landing",)) if key in thrown else plots.label(key)
 
 
 def inputs_tables(items: Sequence[Named]) -> list[Block]:

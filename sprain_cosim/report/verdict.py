@@ -9,15 +9,15 @@ from markupsafe import Markup
 
 from .. import figures as plots
 from ..brace.comparison import INJURY, INVERSION
-from ..figures.selection import Named, response_label
+from ..figures.selection import Named, response_label, same_question
 from ..folders.comparison import NONE, ComparisonFolder
 from ..folders.read import Folder
 from ..folders.run import RunFolder
 from ..folders.study import PEAK, StudyFolder
 from ..literature import INJURY_INVERSION
-from ..study.summary import FormSearch, LevelSearch, Percentile, Threshold
+from ..study.summary import FormSearch, Level, LevelSearch, Percentile, Threshold
 from .blocks import Block, Paragraph, Verdict, rich
-from .words import interval, percent, rounded, signed, unit_after
+from .words import interval, percent, percent_interval, rounded, signed, unit_after
 
 MEAN, SD = INJURY_INVERSION
 EXCEEDS = f"Probability that inversion exceeds the injury range ({MEAN:g} ± {SD:g}° from neutral)"
@@ -37,16 +37,42 @@ def verdicts(folders: Sequence[Folder], items: Sequence[Named]) -> list[Block]:
             if id(item) not in compared:
                 found.append(Verdict(_of_run(item), shown))
         elif item.summary.n_failed or id(item) not in compared:
-            found.append(_of_trials(item, shown))
+            found.append(_of_trials(item, shown, items))
     return [*(v for v in found if v is not None), Paragraph(LIMITED)]
 
 
-def _of_trials(study: StudyFolder, name: str) -> Verdict:
+def _of_trials(study: StudyFolder, name: str, items: Sequence[Named]) -> Verdict:
     search = study.summary.search
     failed = study.summary.n_failed > 0
     if search is None:
         return Verdict(_of_study(study), name, failed)
-    return Verdict(_of_search(study, search), name, failed or search.status != "ok")
+    missed = _beside_sample(study, search, items)
+    text = _of_search(study, search) + missed
+    return Verdict(text, name, failed or search.status != "ok" or "outside" in missed)
+
+
+def _beside_sample(study: StudyFolder, search: LevelSearch | FormSearch, items: Sequence[Named]) -> Markup:
+    """Where the levels lie beside the first sample of the same landings among the `items`."""
+    if not isinstance(search, LevelSearch):
+        return Markup("")
+    for name, other in items:
+        if not isinstance(other, StudyFolder) or not other.is_sample or not same_question(other, study):
+            continue
+        found = other.summary.responses.get(study.response)
+        levels = [] if found is None else [(k, v, found.percentiles.get(k)) for k, v in search.levels.items()]
+        words = [_level_beside(level, value, p, unit_after(study.response)) for level, value, p in levels if p]
+        if any(words):
+            return rich(" Beside {name}: {words}.", name=name, words="; ".join(w for w in words if w))
+    return Markup("")
+
+
+def _level_beside(level: str, found: Level, sampled: Percentile, unit: str) -> str:
+    """A level against the interval of the sampled percentile; nothing where there is none."""
+    if found.value is None or sampled.value is None or sampled.ci_low is None or sampled.ci_high is None:
+        return ""
+    where = "inside" if sampled.ci_low <= found.value <= sampled.ci_high else "outside"
+    ends = f"{rounded(sampled.ci_low)} … {rounded(sampled.ci_high)}{unit}"
+    return f"the {level} % level lies {where} the 95 % interval of {ends}"
 
 
 def _of_comparison(folder: ComparisonFolder) -> Verdict | None:
@@ -86,10 +112,10 @@ def _injuries(folder: ComparisonFolder, best: str) -> Markup:
         " {exceeds}: <b>{without}</b> without a brace{about}, <b>{best}</b> with {name}{about_best}.",
         exceeds=EXCEEDS,
         without=percent(without.value),
-        about=interval(without, 100, " %"),
+        about=percent_interval(without),
         best=percent(with_best.value),
         name=best,
-        about_best=interval(with_best, 100, " %"),
+        about_best=percent_interval(with_best),
     )
 
 
@@ -120,7 +146,7 @@ def _of_study(study: StudyFolder) -> Markup:
     text = _distribution(study)
     question = summary.questions.get(INVERSION)
     if question is not None:
-        p, about = percent(question.probability), interval(question, 100, " %")
+        p, about = percent(question.probability), percent_interval(question)
         text += rich(" {exceeds}: <b>{p}</b>{about}.", exceeds=EXCEEDS, p=p, about=about)
     if failed:
         kinds = ", ".join(f"{count} {status}" for status, count in summary.failures.items())
@@ -193,7 +219,8 @@ def _of_search(study: StudyFolder, found: LevelSearch | FormSearch) -> Markup:
         )
     reasons = "; ".join(found.reasons)
     return text + rich(
-        " The method's own check says <b>{status}</b>{reasons}.",
+        " The method's own check of slopes, curvature and order says <b>{status}</b>{reasons}; it does not measure how "
+        "far a level is off.",
         status=found.status,
         reasons=f": {reasons}" if reasons else "",
     )

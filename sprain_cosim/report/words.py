@@ -9,6 +9,7 @@ from typing import Any, Protocol
 from ..metrics import unit_of
 
 UNKNOWN = "–"
+FINEST, SURE = 0.01, 0.5  # percent
 SIGNS: Mapping[str, str] = {"deg": "°", "deg/s": "°/s"}
 
 
@@ -38,9 +39,27 @@ def signed(value: float | None, digits: int = 1) -> str:
 
 def percent(p: float | None) -> str:
     """A probability 0 ... 1 in percent."""
-    if p is None:
-        return UNKNOWN
-    return f"{100 * p:.2g} %" if p < 0.1 else f"{100 * p:.0f} %"
+    return UNKNOWN if p is None else f"{percentage(p)} %"
+
+
+def percentage(p: float) -> str:
+    """Two figures, none of them finer than a hundredth of a percent: no sample of landings knows that."""
+    share = 100 * p
+    if 0 < share < FINEST:
+        return f"< {FINEST:g}"
+    if 100 - SURE < share < 100:
+        return f"> {100 - SURE:g}"
+    return f"{share:.0f}" if share >= 10 or share == 0 else f"{share:.2g}"
+
+
+def percentage_ends(low: float | None, high: float | None) -> tuple[str, ...]:
+    """The interval of a probability as the small line of a table's cell, without its unit; none where there is none."""
+    return () if low is None or high is None else (f"{percentage(low)} … {percentage(high)}",)
+
+
+def percent_interval(entry: WithInterval) -> str:
+    """ " (95 % interval 1.2 … 2 %)" of a probability; nothing where there is none."""
+    return "".join(f" (95 % interval {ends} %)" for ends in percentage_ends(entry.ci_low, entry.ci_high))
 
 
 def interval(entry: WithInterval, factor: float, unit: str, negate: bool = False) -> str:

@@ -6,6 +6,7 @@ description of what runs: slope, body, brace, muscles."""
 
 from __future__ import annotations
 
+import filecmp
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -138,5 +139,9 @@ def _short(value: float | int | str | bool) -> str:
 
 
 def _shipped(path: Path) -> str:
-    """The name of a shipped FMU; empty for any other file."""
-    return path.stem if path.parent.resolve() == FMUS.resolve() else ""
+    """The name of a shipped FMU, or of a copy of one under its own name; empty for any other file."""
+    built = FMUS / path.name
+    try:
+        return path.stem if path.samefile(built) or filecmp.cmp(path, built, shallow=False) else ""
+    except OSError:
+        return ""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from ..literature import DEPTH_TEXT
 from .check import FAIL, GAP, NOT_RUN, PASS, CheckOutcome
 from .suite import Report
 
@@ -99,8 +100,7 @@ EVIDENCE = (
         ("plant",),
         missing=(
             "this compares one implementation of the model with another; it is no comparison with people",
-            "the published pose starts 28 to 35 mm inside the floor; its first milliseconds are an artefact of "
-            "the records",
+            f"the published pose starts {DEPTH_TEXT}; its first milliseconds are an artefact of the records",
         ),
     ),
     Evidence(

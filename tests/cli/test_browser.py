@@ -41,6 +41,7 @@ frame.onload = () => setTimeout(() => {
   tick.click();
   const select = page.querySelector(".explore select");
   select.value = "1"; select.dispatchEvent(new frame.contentWindow.Event("change"));
+  out.cleared = page.querySelector(".readout").textContent;
   out.other = [...page.querySelectorAll(".explore text")].map((t) => t.textContent).join("|");
   document.getElementById("found").textContent = JSON.stringify(out);
 }, 300);
@@ -88,6 +89,7 @@ def test_it_draws_and_fits_without_a_complaint(page: Path, width: int) -> None:
     assert found["after"] == 2, "a series can be switched off"
     assert re.match(r"At \d+\.\d+ °: \d+\.\d % of published pose", found["readout"])
     assert "peak inversion from neutral [deg]" in found["other"]
+    assert found["cleared"].startswith("Point at the curves"), "what was read off before is of other curves"
 
 
 @pytest.mark.parametrize("width", [500, 1280])

@@ -17,7 +17,7 @@ from sprain_cosim.folders.study import StudyFile, StudyFolder, read_study
 from sprain_cosim.report.page import report_page
 from sprain_cosim.study.summary import FORMAT
 
-BEFORE = Path(__file__).parent.parent / "folders_0_1"  # folders of version 0.1.0, signals with fewer columns
+BEFORE = Path(__file__).parent.parent / "folders_0_1"  # folders of version 0.1.0, signals with fewer rows and columns
 PEAK = "peak_subtalar_angle_deg"
 
 

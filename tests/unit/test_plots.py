@@ -11,13 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 
 from sprain_cosim import figures as plots
 from sprain_cosim.cosim.result import Result
 from sprain_cosim.figures import Sample
 from sprain_cosim.figures.law import resisting
-from sprain_cosim.literature import BRACES, PASSIVE
+from sprain_cosim.literature import BRACES, LI_SAFE, LI_SPRAIN, LI_SPRAIN_VELOCITY, PASSIVE
 
 TIME = np.linspace(0, 0.15, 61)
 NAMES = (
@@ -188,3 +189,14 @@ def test_the_laws_drawn_are_those_of_the_fmus() -> None:
 def test_names_of_files_are_no_formulas() -> None:
     figure = plots.cdf([sample(1, "$\\frac{a}{ & <b>")], QUANTITY)
     assert b"&lt;b&gt;" in plots.picture(figure, "svg")
+
+
+def test_a_measured_angle_without_a_velocity_is_drawn_at_none() -> None:
+    """Li et al. 2018 state the velocity of the sprains alone."""
+    track = ("a", np.linspace(0.0, 30.0, 20), np.linspace(0.0, 500.0, 20))
+    axis = plots.phase([track], []).axes[0]
+    (safe,) = (p for p in axis.patches if isinstance(p, Rectangle) and not p.get_fill())
+    assert (safe.get_x(), safe.get_x() + safe.get_width()) == LI_SAFE
+    assert safe.get_transform() == safe.get_patch_transform() + axis.get_xaxis_transform(), "a column, at no velocity"
+    sprain = next(line for line in axis.lines if tuple(line.get_xdata()) == (LI_SPRAIN, LI_SPRAIN))
+    assert tuple(sprain.get_ydata()) == LI_SPRAIN_VELOCITY

@@ -11,7 +11,7 @@ import pytest
 from sprain_cosim.errors import InputError
 from sprain_cosim.study.summary import FORMAT, FormSearch, LevelSearch, StudySummary, Threshold, read_summary
 
-BEFORE = Path(__file__).parent.parent / "folders_0_1"  # folders of version 0.1.0, signals with fewer columns
+BEFORE = Path(__file__).parent.parent / "folders_0_1"  # folders of version 0.1.0, signals with fewer rows and columns
 PEAK = "peak_subtalar_angle_deg"
 
 

@@ -1,0 +1,45 @@
+"""Numbers in sentences: neither finer nor surer than what is known."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from sprain_cosim.report.words import ends, interval, percent, percent_interval, rounded, signed
+from sprain_cosim.study.summary import Question
+
+
+@pytest.mark.parametrize(
+    ("p", "text"),
+    [
+        (None, "–"),
+        (0.0, "0 %"),
+        (4.5e-7, "< 0.01 %"),
+        (9.9e-5, "< 0.01 %"),
+        (1e-4, "0.01 %"),
+        (0.0158, "1.6 %"),
+        (0.0996, "10 %"),
+        (0.824, "82 %"),
+        (0.9949, "99 %"),
+        (0.9999997, "> 99.5 %"),
+        (1.0, "100 %"),
+    ],
+)
+def test_probabilities(p: float | None, text: str) -> None:
+    assert percent(p) == text
+
+
+def test_the_interval_of_a_small_probability_is_as_fine_as_the_probability() -> None:
+    assert percent_interval(Question("e", 4.5e-7, 1e-8, 3e-3)) == " (95 % interval < 0.01 … 0.3 %)"
+    assert percent_interval(Question("e", 0.5)) == ""
+
+
+def test_numbers() -> None:
+    assert [rounded(v) for v in (12345.6, -12.34, 1.234, 0.0123, 1e-9, -1e-9, math.nan, None, "x")] == [
+        "12346", "−12.3", "1.23", "0.012", "0.00", "0.00", "–", "–", "–",
+    ]  # fmt: skip
+    assert [signed(v, 2) for v in (0.001, -1.0, None)] == ["+0.00", "−1.00", "–"]
+    assert ends(0.5, None) == ()
+    assert ends(0.5, 0.75, 10) == ("5.00 … 7.50",)
+    assert interval(Question("e", 0.5, -0.2, -0.1), 10, "°", negate=True) == " (95 % interval 1.00 … 2.00°)"
