@@ -99,3 +99,16 @@ def test_headings_never_raise(tmp_path: Path) -> None:
     bare = Scenario("", {"device": tmp_path / "x.fmu"}, {}, {}, odd.master, "some/file.toml")
     assert bare.heading == "File"
     assert heading("a {b} {ran}", "r", ["c = 1"], {"c"}) == "A {b} r"
+
+
+def test_a_copy_of_a_shipped_fmu_is_described_as_what_it_is(tmp_path: Path) -> None:
+    """A study runs from copies of its files by content; their place says nothing about what they are."""
+    study = sc.load_study("study6")
+    copies = {name: Path(shutil.copy(path, tmp_path)) for name, path in study.scenario.fmus.items()}
+    assert replace(study, scenario=replace(study.scenario, fmus=copies)).heading == study.heading
+    campaign = replace(study, trials=2).run(workers=1)
+    assert campaign.summary.title == study.heading
+    shutil.copy(fmu_path("brace_linear", tmp_path, ""), copies["brace"])
+    assert "brace_bushing.fmu" in replace(study, scenario=replace(study.scenario, fmus=copies)).heading, (
+        "the name of a shipped FMU with another content is no shipped FMU"
+    )
