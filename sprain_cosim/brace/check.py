@@ -15,7 +15,7 @@ from ..mapping import carried, load_mapping
 from ..process import Child, Limits, ProcessEnded
 from .fit import FitReport
 from .judge import Measured, judge_dynamics, judge_landing, judge_physics, judge_steps
-from .names import contract_axes
+from .names import contract_axes, contradicting_units
 from .probe import own_step
 from .readings import both_readings
 
@@ -53,6 +53,8 @@ def check_brace(fmu: Path | str, mapping: Path | str | None = None) -> FitReport
         report.notes.append("allows one instance per process: two of them in one run need --isolate")
     if inside is not None and mapping is not None:
         report.notes.append(f"the mapping inside the FMU is not used, but {mapping} in its place")
+    signals = () if found is None else (*found.inputs.values(), *found.outputs.values())
+    report.problems += contradicting_units(component, {s.variable: s.unit is not None for s in signals})
     if found is not None and found.open_units:
         report.mapping = found.source
         report.problems.append(both_readings(component, found))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Mapping
 
 from ..contract import AXES, INPUTS, OUTPUTS, plain, profile
+from ..errors import InputError
 from ..fmu.component import Component
 from ..fmu.element import Connector
-from ..units import Unit
+from ..units import Unit, unit
 from .fit import FitReport
 from .proposal import could_be, propose
 
@@ -38,6 +40,29 @@ def contract_axes(component: Component, report: FitReport) -> tuple[str, ...]:
             f"{', '.join(extra[:SHOWN])}{' ...' if len(extra) > SHOWN else ''}"
         )
     return axes
+
+
+def contradicting_units(component: Component, mapped: Mapping[str, bool]) -> list[str]:
+    """Variables that the contract uses whose unit has a factor that its name does not have, such as N.mm with factor 1:
+    one line each. `component` as the FMU describes it; `mapped` {variable: whether the mapping file states its
+    unit}."""
+    known = {plain(name) for name in (*INPUTS, *OUTPUTS)}
+    found = []
+    for name, connector in (*component.inputs.items(), *component.outputs.items()):
+        declared = connector.unit
+        if declared is None or mapped.get(name, plain(name) not in known):
+            continue
+        try:
+            named = unit(declared.name)
+        except InputError:
+            continue
+        if named.exponents[:-1] == declared.exponents[:-1] and abs(named.factor / declared.factor - 1.0) > 1e-6:
+            found.append(
+                f"{name}: its unit {declared.name} is declared with the factor {declared.factor:g}, but "
+                f"{declared.name} is {named.factor:g} {named.dimension()}; correct the description, or state the true "
+                "unit in a mapping file"
+            )
+    return found
 
 
 def _judge_duplicates(component: Component, report: FitReport) -> None:

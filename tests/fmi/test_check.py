@@ -306,6 +306,21 @@ def test_a_unit_that_is_declared_wrong(torque: str, factor: float, tmp_path: Pat
     assert "are its units right" in report.warnings[0]
 
 
+def test_a_unit_whose_factor_contradicts_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """N.mm declared as 1 N.m: nobody can know which of the two is meant, until a mapping file says so."""
+    from tests import native
+
+    monkeypatch.setitem(native.UNITS, "N.mm", (1.0, native.UNITS["N.mm"][1]))
+    fmu = device(tmp_path / "device.fmu", torque="N.mm")
+    report = check_brace(fmu)
+    assert report.problems == [
+        "subtalar_torque: its unit N.mm is declared with the factor 1, but N.mm is 0.001 kg.m2/s2; correct the "
+        "description, or state the true unit in a mapping file"
+    ]
+    (tmp_path / "map.toml").write_text('[outputs]\nsubtalar_torque = { from = "subtalar_torque", unit = "N.m" }\n')
+    assert check_brace(fmu, tmp_path / "map.toml").fits
+
+
 def test_a_folder_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The proposal is printed instead; the verdict stands."""
     device(tmp_path / "vendor.fmu", names=("In1_InvAngle", "M_out"))
