@@ -23,5 +23,5 @@ def variables() -> list[dict]:
                         description="lengthening speed of the muscle over 10 optimal fibre lengths per second"))  # fmt: skip
     for muscle in MUSCLES:
         out.append(dict(name=f"{muscle}_excitation", causality="output", variability="continuous", unit="1",
-                        description="not clamped; for the coming communication step"))  # fmt: skip
+                        description="not clamped; mean over the coming communication step"))  # fmt: skip
     return out

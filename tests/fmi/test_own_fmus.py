@@ -242,8 +242,8 @@ def test_a_run_whose_every_step_is_taken_twice_is_the_same_to_the_bit(scheme: st
 @pytest.mark.parametrize("h", [1e-4, 5e-4, 7e-4, 1e-3])
 @pytest.mark.parametrize("delay", [0.0101, 0.06])
 def test_reflex_is_the_stretch_one_delay_ago(h: float, delay: float) -> None:
-    """excitation = c + gain * max(0, stretch velocity one delay before the middle of the coming step); exact for a
-    signal linear in time."""
+    """excitation = c + gain * the mean of max(0, stretch velocity) over the coming step, one delay before; exact for a
+    signal linear in time, the start of the run included."""
     gain, ratio, c = 2.0, 0.9322, 0.1
     bench = Bench(component("reflex_controller"), coactivation=c, reflex_gain=gain, reflex_delay=delay)
     assert bench[f"{EVERTOR}_excitation"] == pytest.approx(c)
@@ -251,9 +251,25 @@ def test_reflex_is_the_stretch_one_delay_ago(h: float, delay: float) -> None:
     for k in range(200):
         t = (k + 1) * h
         bench.step(k * h, h, **{f"{EVERTOR}_stretch_velocity": 3.0 * t, f"{INVERTOR}_stretch_velocity": -t})
-        past = t + 0.5 * h - delay
-        assert bench[f"{EVERTOR}_excitation"] == pytest.approx(c + gain * 3.0 * max(0.0, past), abs=1e-12)
+        begin, end = max(0.0, t - delay), max(0.0, t + h - delay)
+        mean = 3.0 * (end**2 - begin**2) / (2.0 * h)
+        assert bench[f"{EVERTOR}_excitation"] == pytest.approx(c + gain * mean, abs=1e-12)
         assert bench[f"{INVERTOR}_excitation"] == pytest.approx(ratio * c, abs=1e-12)
+
+
+def test_a_stretch_that_ends_within_a_step_counts_for_its_part() -> None:
+    """From 2 to -1 over a step: the muscle lengthens for two thirds of it, at 1 on average."""
+    h, delay = 5e-4, 0.010
+    bench = Bench(component("reflex_controller"), reflex_gain=2.0, reflex_delay=delay)
+    signal = [0.0] * 10 + [2.0, -1.0] + [-1.0] * 40
+    found = []
+    for k, value in enumerate(signal):
+        bench.step(k * h, h, **{f"{EVERTOR}_stretch_velocity": value})
+        found.append(bench[f"{EVERTOR}_excitation"])
+    answer = 2.0 * np.array([0.5 * 2.0, 2.0 / 3.0 * 0.5 * 2.0])  # rising from 0 to 2 over one step, then falling
+    lag = 20  # the delay in steps; after it follow the two steps that lead to the samples 10 and 11
+    assert found[9 + lag : 11 + lag] == pytest.approx(answer, abs=1e-12)
+    assert found[8 + lag] == found[11 + lag] == 0.0
 
 
 def test_bushing_brace_torque_stiffness_and_energy() -> None:

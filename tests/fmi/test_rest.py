@@ -57,3 +57,24 @@ def test_a_session_starts_every_run_alike(tmp_path: Path) -> None:
     with scenario.with_master(stop="20 ms").open() as session:
         first, second = session.run(), session.run()
     assert (first.values == second.values).all()
+
+
+def test_a_reflex_whose_first_stretch_ends_within_a_step() -> None:
+    """A corner of study 6: 15.573 deg by OpenSim 4.6, at the default step."""
+    scenario = load_scenario("incline30_mixed")
+    corner = {
+        "plant.drop_height": "0.486 m",
+        "plant.contact_modulus": "37 MPa/m",
+        "plant.contact_dissipation": "2.7 s/m",
+        "plant.passive_angle_scale": 1.19,
+        "plant.ankle_strength_scale": 1.15,
+        "plant.talocrural_angle_at_contact": "-49 deg",
+        "plant.subtalar_angle_at_contact": "15 deg",
+        "controller.coactivation": 0.42,
+        "controller.reflex_gain": 5.0,
+        "brace.angle_scale": 2.21,
+    }
+    for name, value in corner.items():
+        scenario = scenario.override(name, value)
+    assert peak(scenario) == pytest.approx(15.573, abs=0.1)
+    assert peak(scenario.with_master(communication_step="0.1 ms")) == pytest.approx(15.573, abs=0.1)

@@ -1,5 +1,5 @@
 """Gauss-Seidel with the devices' torques extrapolated linearly to the middle of the coming step, which makes it second
-order. Excitations are left alone: the controller reads its delay line half a step ahead. Unstable for strongly damped
+order. Excitations are left alone: the controller gives the mean over the coming step. Unstable for strongly damped
 devices: needs damping * step < effective inertia."""
 
 from __future__ import annotations
