@@ -10,6 +10,7 @@ with the end slope (fmus/brace_table/README.md)."""
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 import io
 import re
@@ -20,6 +21,7 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from ..contract import PROFILES
 from ..errors import InputError, nearest, problems_to_error
 from ..files import read_csv, write
 from ..fmu.archive import read
@@ -170,7 +172,7 @@ def _header(path: Path, cells: list[str]) -> tuple[dict[int, tuple[str, Unit]], 
         if k == 0 and name != "angle":
             problems.append(f"column 1 {cell.strip()!r}: must be angle [deg] or angle [rad]")
         if k > 0 and name not in NAMES:
-            problems.append(f"column {k + 1} {name!r}: is no torque of an axis{nearest(name, NAMES)}")
+            problems.append(f"column {k + 1} {name!r}: is no torque of an axis{_hint(name)}")
             continue
         try:
             own = unit(text)
@@ -206,3 +208,16 @@ def _numbers(path: Path, header: list[str], lines: list[tuple[int, list[str]]]) 
                 problems.append(f"{place} is not finite")
     problems_to_error(str(path), problems[:5])
     return numbers
+
+
+def _hint(name: str) -> str:
+    """What the column may have been meant to be: never another axis than the one that its name begins with."""
+    axis = next((a for a in PROFILES["jcs"] if name.startswith(a)), None)
+    if axis is not None:
+        return (
+            f" of such a table: {axis} is an axis of the joint coordinate system, another rotation than "
+            f"{' and '.join(AXES)}; measure about one of these, or write the law in a project of its own "
+            "(sprain-cosim brace new DIR)"
+        )
+    close = difflib.get_close_matches(name.partition("_")[0], AXES, 1, 0.7)
+    return nearest(name, [n for n in NAMES if n.startswith(close[0])]) if close else f" (known: {', '.join(AXES)})"

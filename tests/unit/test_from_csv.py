@@ -1,0 +1,33 @@
+"""Measured tables of a brace: what a column may have been meant to be."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from sprain_cosim.brace.from_csv import from_csv
+from sprain_cosim.errors import InputError
+from sprain_cosim.shipped import fmu_path
+
+
+@pytest.mark.parametrize(
+    ("column", "words"),
+    [
+        ("inversion_resistance", "inversion is an axis of the joint coordinate system, another rotation than"),
+        ("internal_rotation_torque", "internal_rotation is an axis of the joint coordinate system"),
+        ("subtlar_torque", "did you mean subtalar_torque?"),
+        ("subtalar_moment", "did you mean subtalar_torque?"),
+        ("knee_torque", "known: talocrural, subtalar"),
+    ],
+)
+def test_another_axis_is_never_offered(column: str, words: str, tmp_path: Path) -> None:
+    """A near name of another axis would be another brace."""
+    table = tmp_path / "table.csv"
+    table.write_text(f"angle [deg],{column} [N.m]\n-20,-5\n0,0\n10,1.5\n")
+    with pytest.raises(InputError) as refused:
+        from_csv(table, tmp_path / "table.fmu", fmu_path("brace_table", Path.cwd(), ""))
+    message = str(refused.value)
+    assert words in message
+    axis = column.partition("_")[0]
+    assert axis in ("subtlar", "subtalar") or "did you mean" not in message
