@@ -30,10 +30,12 @@ __all__ = [
     "Correlation",
     "GivenDataIndices",
     "Importance",
+    "PhysicalImportance",
     "SensitivityFactors",
     "SobolIndices",
     "given_data_indices",
     "importance",
+    "importance_x",
     "pearson",
     "sensitivity_factors",
     "sobol_indices",
@@ -458,3 +460,54 @@ def _products(table: Array, powers: list[tuple[int, ...]]) -> Array:
             if power:
                 basis[:, term] *= table[power, :, variable]
     return basis
+
+
+@dataclass(frozen=True)
+class PhysicalImportance:
+    """Importance of dependent inputs in physical space, from a sample; all (d,), 0 for fixed inputs.
+
+    alone           unit vector of the response's slopes along each input's own z (its standard score through its own
+                    marginal), all other inputs held: what an input does by itself
+    alone_error     its standard error
+    with_companions correlation of each z with the linear response: what goes along when an input is seen to be large,
+                    its correlated companions included; not a unit vector
+    r2              share of the variance that the linear fit explains
+    """
+
+    alone: Array
+    alone_error: Array
+    with_companions: Array
+    r2: float
+
+
+def importance_x(
+    x: ArrayLike, y: ArrayLike, marginals: Sequence[Marginal], correlation: ArrayLike | None = None
+) -> PhysicalImportance:
+    """Importance of inputs that depend on each other, the same whatever the order in which they are listed.
+
+    `importance` refers to independent variables u = L⁻¹z, in which the first of two correlated inputs takes what they
+    share; here the least-squares slopes are along z itself. For independent inputs `alone` is `importance`. Definition:
+    the importance vector γ of A. Der Kiureghian (Engineering Design Reliability Handbook, CRC Press 2005, ch. 14), with
+    the slopes of the sample in place of those at a design point. Raises ValueError for a choice among the inputs.
+    """
+    xs, ys = _paired(x, y)
+    joint = JointDistribution(marginals, correlation)
+    joint.require_slopes()
+    active = joint.active
+    if len(ys) <= len(active) + 1:
+        raise ValueError(f"{len(ys)} rows cannot determine the slopes of {len(active)} inputs")
+    design = np.column_stack([np.ones(len(ys)), joint.to_normal(xs)[:, active]])
+    slopes, *_ = np.linalg.lstsq(design, ys, rcond=None)
+    residual, inverse = ys - design @ slopes, np.linalg.inv(design.T @ design)
+    covariance = (inverse @ (design.T @ (design * (residual**2)[:, np.newaxis])) @ inverse)[1:, 1:]
+    own, variance = slopes[1:], float(np.sum((ys - ys.mean()) ** 2))
+    alone, error, companions = np.zeros(len(joint)), np.zeros(len(joint)), np.zeros(len(joint))
+    norm = float(np.linalg.norm(own))
+    if norm > 0:
+        normal = joint.normal_correlation[np.ix_(active, active)]
+        unit = own / norm
+        project = (np.eye(len(active)) - np.outer(unit, unit)) / norm
+        alone[active], error[active] = unit, np.sqrt(np.diag(project @ covariance @ project))
+        companions[active] = normal @ own / math.sqrt(float(own @ normal @ own))
+    explained = 1.0 - float(residual @ residual) / variance if variance > 0 else math.nan
+    return PhysicalImportance(alone, error, companions, explained)

@@ -29,6 +29,7 @@ Modules, each with its sources:
     rare               the best estimate of all these
 """
 
+from ..sensitivity import importance_x
 from .differences import Difference, step_noise
 from .first_order import FormResult, form, form_exceedance
 from .importance import ImportanceSampling, importance_sampling
@@ -64,6 +65,7 @@ __all__ = [
     "form_exceedance",
     "hmv",
     "importance_sampling",
+    "importance_x",
     "mean_value",
     "rare_event",
     "sorm",
