@@ -230,7 +230,7 @@ def test_a_run_whose_every_step_is_taken_twice_is_the_same_to_the_bit(scheme: st
                 for member, state in states:
                     member.instance.restore_state(state)
                     member.instance.free_state(state)
-                    member.sent = False
+                    member.inputs_set = False
                 assembly.bus[:] = bus
             chosen.step(assembly, k * 5e-4, 5e-4)
             record.append(assembly.record.copy())
