@@ -39,16 +39,7 @@ def check_brace(fmu: Path | str, mapping: Path | str | None = None) -> FitReport
     report = FitReport(str(fmu), component.capabilities.interface, component.capabilities.tool)
     if component.capabilities.shared_modules:
         report.notes.append("its Python modules could clash with another FMU's: a run gives it a process of its own")
-    for causality in ("input", "output"):
-        clocks = [name for name, c in component.select(causality).items() if c.kind == "clock"]
-        few = f"{', '.join(clocks[:4])}{' ...' if len(clocks) > 4 else ''}"
-        if clocks and causality == "input":
-            report.warnings.append(
-                f"has input clocks ({few}), which no run ticks: what they trigger does not happen; export it with a "
-                "sampling of its own, as a fixed step"
-            )
-        elif clocks:
-            report.notes.append(f"has output clocks ({few}), which no run reads")
+    _name_clocks(component, report)
     if component.capabilities.single:
         report.notes.append("allows one instance per process: two of them in one run need --isolate")
     if inside is not None and mapping is not None:
@@ -72,6 +63,20 @@ def check_brace(fmu: Path | str, mapping: Path | str | None = None) -> FitReport
             raise
     report.next_step = _next_step(report, fmu, mapping)
     return report
+
+
+def _name_clocks(component: Component, report: FitReport) -> None:
+    """No run ticks an input clock, none reads an output clock."""
+    for causality in ("input", "output"):
+        clocks = [name for name, c in component.select(causality).items() if c.kind == "clock"]
+        few = f"{', '.join(clocks[:4])}{' ...' if len(clocks) > 4 else ''}"
+        if clocks and causality == "input":
+            report.warnings.append(
+                f"has input clocks ({few}), which no run ticks: what they trigger does not happen; export it with a "
+                "sampling of its own, as a fixed step"
+            )
+        elif clocks:
+            report.notes.append(f"has output clocks ({few}), which no run reads")
 
 
 def _next_step(report: FitReport, fmu: Path | str, mapping: Path | str | None) -> str:
