@@ -21,6 +21,8 @@ _HOME = {
     "compare_braces": "brace.compare",
     "System": "cosim.system",
     "Component": "fmu.component",
+    "Driver": "fmu.driver",
+    "PythonComponent": "fmu.python",
     "Master": "cosim.master",
     "Result": "cosim.result",
     "SprainError": "errors",
@@ -41,6 +43,8 @@ if TYPE_CHECKING:
     from .errors import SimulationError as SimulationError
     from .errors import SprainError as SprainError
     from .fmu.component import Component as Component
+    from .fmu.driver import Driver as Driver
+    from .fmu.python import PythonComponent as PythonComponent
     from .scenario import Scenario as Scenario
     from .scenario import load_scenario as load_scenario
     from .study.file import load_study as load_study

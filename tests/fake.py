@@ -1,18 +1,15 @@
-"""Components without FMUs: a few lines of Python behind the protocol that the master drives, and small FMUs built from
-source text."""
+"""Components without FMUs that note what is asked of them, and small FMUs built from source text."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from sprain_cosim.fmu.build.python import build_python_fmu
-from sprain_cosim.fmu.element import Capabilities, Connector
+from sprain_cosim.fmu.element import Connector
+from sprain_cosim.fmu.python import PythonComponent, PythonInstance
 from sprain_cosim.units import unit
 
 MODELS = Path(__file__).parent.parent / "fmus"
@@ -23,100 +20,41 @@ def connector(name: str, causality: str, in_unit: str | None = "1", **more: Any)
 
 
 @dataclass(frozen=True)
-class FakeComponent:
-    """`law(state, inputs, time, step)` returns the new state; `outputs(state, inputs)` the outputs."""
+class FakeComponent(PythonComponent):
+    """A law in Python that keeps a journal of the calls that it gets. Its state is 0 at the start."""
 
-    name: str
-    connectors: Mapping[str, Connector]
-    law: Callable[..., Any] = lambda state, inputs, time, step: state
-    output: Callable[..., Sequence[float]] = lambda state, inputs: ()
     initial: Any = 0.0
-    capabilities: Capabilities = field(default_factory=lambda: Capabilities("2.0", state=True, reusable=True))
     journal: list[str] = field(default_factory=list)
-
-    def select(self, causality: str) -> dict[str, Connector]:
-        return {n: c for n, c in self.connectors.items() if c.causality == causality}
-
-    @property
-    def inputs(self) -> dict[str, Connector]:
-        return self.select("input")
-
-    @property
-    def outputs(self) -> dict[str, Connector]:
-        return self.select("output")
-
-    @property
-    def parameters(self) -> dict[str, Connector]:
-        return self.select("parameter")
 
     def open(self) -> FakeInstance:
         return FakeInstance(self)
 
 
-class FakeInstance:
-    def __init__(self, component: FakeComponent) -> None:
-        self.component, self.parameters = component, {}
-        self.reset()
+class FakeInstance(PythonInstance):
+    """Implements Instance; `component.journal` grows with its calls."""
 
-    def bind(
-        self,
-        bus: np.ndarray,
-        inputs: Sequence[str],
-        first_input: int,
-        outputs: Sequence[str],
-        first_output: int,
-        feedthrough: int,
-    ) -> None:
-        self.bus, self.names = bus, list(inputs)
-        self.place, self.out = (
-            slice(first_input, first_input + len(inputs)),
-            slice(first_output, first_output + len(outputs)),
-        )
-        self.inputs = dict.fromkeys(self.component.inputs, 0.0)
-
-    def note(self, what: str) -> None:
-        self.component.journal.append(what)
-
-    def set_parameters(self, values: Mapping[str, float]) -> None:
-        self.parameters.update(values)
+    component: FakeComponent
 
     def enter_initialization(self, time: float, stop: float) -> None:
-        self.note("enter_initialization")
-        self.state = self.component.initial
+        self.component.journal.append("enter_initialization")
+        super().enter_initialization(time, stop)
 
     def exit_initialization(self) -> None:
-        self.note("exit_initialization")
-
-    def set_inputs(self) -> None:
-        self.inputs.update(zip(self.names, self.bus[self.place].tolist(), strict=True))
-
-    def get_outputs(self) -> None:
-        self.bus[self.out] = self.component.output(self.state, self.inputs)
-
-    get_outputs_without_feedthrough = get_feedthrough_outputs = get_outputs
+        self.component.journal.append("exit_initialization")
 
     def do_step(self, time: float, step: float) -> None:
-        self.note(f"do_step {time!r}")
-        self.state = self.component.law(self.state, self.inputs, time, step)
+        self.component.journal.append(f"do_step {time!r}")
+        super().do_step(time, step)
 
     def save_before_steps(self) -> None:
-        self.note("save_before_steps")
+        self.component.journal.append("save_before_steps")
 
     def save_state(self) -> Any:
         assert self.component.capabilities.state
-        return self.state
-
-    def restore_state(self, state: Any) -> None:
-        self.state = state
-
-    def free_state(self, state: Any) -> None:
-        pass
-
-    def reset(self) -> None:
-        self.state = self.component.initial
+        return super().save_state()
 
     def close(self) -> None:
-        self.note("close")
+        self.component.journal.append("close")
 
 
 def make_fmu(folder: Path, name: str, variables: str, slave: str, extra: str = "") -> Path:

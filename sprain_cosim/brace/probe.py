@@ -8,19 +8,20 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..contract import MAX_VELOCITY_DEG_S, RANGE_DEG, plain
 from ..errors import SimulationError
 from ..fmu.component import Component
+from ..fmu.driver import Driver
 from ..fmu.element import Element
-from ..fmu.instance import Instance
 from ..process import Handlers, serve
 from ..units import Unit
 
@@ -32,81 +33,85 @@ SWEEP_DEG_S = 200.0
 CYCLE = 0.2  # s
 CYCLE_SPEED = 2 * math.pi / CYCLE  # rad/s
 SI = Unit("1")
+Array = NDArray[np.float64]
 
 
-class Bench:
-    """One instance of the device with its contract signals on a small bus."""
+class Rig:
+    """One device on a test rig: moved by the angles and velocities of its axes, under the contract's names and in SI.
 
-    def __init__(self, component: Component, axes: tuple[str, ...]) -> None:
-        self.component, self.axes = component, axes
+    component   the device
+    axes        names of the axes, in the order of all arrays
+    moved       (angle or velocity, place in `axes`, the device's own input) of each input that the rig feeds
+    named       {contract name: the device's own output} of torques, stiffness and damping
+    driver      drives the device; reads all its outputs
+    """
+
+    def __init__(
+        self, component: Component, axes: tuple[str, ...], parameters: Mapping[str, float] | None = None
+    ) -> None:
+        """`parameters`: other values than the device's own, in its units. Raises SimulationError or EnvironmentProblem
+        when the device cannot be opened."""
+        self.component, self.axes, self._parameters = component, axes, dict(parameters or {})
         inputs = {plain(n): n for n in component.inputs}
         outputs = {plain(n): n for n in component.outputs}
-        self.given = [
+        self.moved = [
             (kind, k, inputs[plain(f"{a}_{kind}")])
             for kind in ("angle", "velocity")
             for k, a in enumerate(axes)
             if plain(f"{a}_{kind}") in inputs
         ]
-        wanted = [f"{a}_{kind}" for kind in ("torque", "stiffness", "damping") for a in axes]
-        self.found = {name: outputs[plain(name)] for name in wanted if plain(name) in outputs}
-        self.read = [n for n, c in component.outputs.items() if c.scalar_number]
-        n = len(self.given)
-        self.bus = np.zeros(n + len(self.read))
-        self.instance: Instance = component.open()
-        self.instance.bind(self.bus, [name for _, _, name in self.given], 0, self.read, n, 0)
-        self.time, self.used = 0.0, False
+        names = [f"{a}_{kind}" for kind in ("torque", "stiffness", "damping") for a in axes]
+        self.named = {name: outputs[plain(name)] for name in names if plain(name) in outputs}
+        self.driver = Driver(component, [name for _, _, name in self.moved])
 
-    def begin(self, angles: np.ndarray | None = None) -> None:
+    def begin(self, angles: Array | None = None) -> None:
         """A new run that starts at `angles` at rest."""
-        if self.used:
-            self.instance.reset()
-        self.used, self.time = True, 0.0
-        self._place(np.zeros(len(self.axes)) if angles is None else angles, np.zeros(len(self.axes)))
-        self.instance.enter_initialization(0.0, 10.0)
-        self.instance.set_inputs()
-        self.instance.get_outputs()
-        self.instance.exit_initialization()
-        self.instance.get_outputs()
+        still = np.zeros(len(self.axes))
+        self.driver.start(self._parameters, self._inputs(still if angles is None else angles, still))
 
-    def step(self, angles: np.ndarray, velocities: np.ndarray, h: float) -> np.ndarray:
-        self._place(angles, velocities)
-        self.instance.set_inputs()
-        self.instance.do_step(self.time, h)
-        self.time += h
-        self.instance.get_outputs()
+    def step(self, angles: Array, velocities: Array, h: float) -> Array:
+        """The torques after a step of `h` [s] at these angles and velocities."""
+        self.driver.step(h, self._inputs(angles, velocities))
         return self.torques()
 
-    def _place(self, angles: np.ndarray, velocities: np.ndarray) -> None:
-        for slot, (kind, k, name) in enumerate(self.given):
-            self.bus[slot] = self._unit(name).from_base((angles if kind == "angle" else velocities)[k])
+    def place(self, angles: Array, velocities: Array) -> Array:
+        """The torques at these angles and velocities within the same instant: what follows them directly."""
+        self.driver.set_inputs(self._inputs(angles, velocities))
+        self.driver.get_outputs()
+        return self.torques()
+
+    def _inputs(self, angles: Array, velocities: Array) -> dict[str, float]:
+        return {
+            name: self._unit(name).from_base(float((angles if kind == "angle" else velocities)[k]))
+            for kind, k, name in self.moved
+        }
 
     def _unit(self, name: str) -> Unit:
         return self.component.connectors[name].unit or SI
 
     def outputs(self) -> dict[str, float]:
-        values = dict(zip(self.read, self.bus[len(self.given) :].tolist(), strict=True))
-        return {name: self._unit(own).to_base(values[own]) for name, own in self.found.items()}
+        """{contract name: value} of torques, stiffness and damping."""
+        return {name: self._unit(own).to_base(self.driver[own]) for name, own in self.named.items()}
 
-    def torques(self) -> np.ndarray:
+    def torques(self) -> Array:
         """Raises SimulationError when an output, of the contract or not, is not finite."""
-        if not np.isfinite(self.bus[len(self.given) :]).all():
-            name, value = next(
-                (n, v) for n, v in zip(self.read, self.bus[len(self.given) :], strict=True) if not math.isfinite(v)
-            )
-            place = ", ".join(
-                f"{own} = {self._unit(own).to_base(v):.4g} {'rad' if kind == 'angle' else 'rad/s'}"
-                for (kind, _, own), v in zip(self.given, self.bus, strict=False)
-            )
-            raise SimulationError(f"{name} is {value} at {place}")
+        for name, value in zip(self.driver.outputs, self.driver.output_values.tolist(), strict=True):
+            if not math.isfinite(value):
+                place = ", ".join(
+                    f"{own} = {self._unit(own).to_base(self.driver[own]):.4g} {'rad' if kind == 'angle' else 'rad/s'}"
+                    for kind, _, own in self.moved
+                )
+                raise SimulationError(f"{name} is {value} at {place}")
         values = self.outputs()
         return np.array([values[f"{a}_torque"] for a in self.axes])
 
-    def along(self, axis: int, value: float) -> np.ndarray:
+    def along(self, axis: int, value: float) -> Array:
+        """`value` about one axis, 0 about the others."""
         out = np.zeros(len(self.axes))
         out[axis] = value
         return out
 
-    def hold(self, angles: np.ndarray, h: float = STEP) -> np.ndarray:
+    def hold(self, angles: Array, h: float = STEP) -> Array:
         """Static torque at `angles`, reached in one jump."""
         self.begin()
         still = np.zeros(len(self.axes))
@@ -116,7 +121,8 @@ class Bench:
         return torque
 
     def close(self) -> None:
-        self.instance.close()
+        """Frees the device."""
+        self.driver.close()
 
 
 def own_step(component: Element) -> float:
@@ -125,7 +131,7 @@ def own_step(component: Element) -> float:
     return STEP if own is None else own * max(1, math.ceil(STEP / own - 1e-9))
 
 
-def landing(axes: tuple[str, ...], h: float) -> tuple[np.ndarray, np.ndarray]:
+def landing(axes: tuple[str, ...], h: float) -> tuple[Array, Array]:
     """Angles and velocities (n, axes) every h over 150 ms: the landing on the 30 degree slope of this project's plant,
     without a brace."""
     from scipy.interpolate import PchipInterpolator  # costs every child 0.9 s
@@ -138,28 +144,26 @@ def landing(axes: tuple[str, ...], h: float) -> tuple[np.ndarray, np.ndarray]:
     return np.stack([c(at) for c in curves], 1), np.stack([c.derivative()(at) for c in curves], 1)
 
 
-# ---- the experiments: each gets a fresh bench and returns numbers
+# ---- the experiments: each gets a fresh rig and returns numbers
 
 
-def start(bench: Bench, h: float) -> dict[str, Any]:
+def start(rig: Rig, h: float) -> dict[str, Any]:
     """Instantiated twice; outputs at the start values."""
-    second = None if bench.component.capabilities.single else Bench(bench.component, bench.axes)
-    bench.begin()
-    torques = bench.torques()
+    second = None if rig.component.capabilities.single else Rig(rig.component, rig.axes)
+    rig.begin()
+    torques = rig.torques()
     if second is not None:
         second.begin()
         second.close()
     return {"torque": torques.tolist()}
 
 
-def reset(bench: Bench, h: float) -> dict[str, Any]:
+def reset(rig: Rig, h: float) -> dict[str, Any]:
     """The device's own reset against a fresh instance, to the bit."""
-    angles, velocities = landing(bench.axes, h)
+    angles, velocities = landing(rig.axes, h)
     runs = []
-    bench.close()
-    other = Bench(
-        replace(bench.component, capabilities=replace(bench.component.capabilities, reusable=True)), bench.axes
-    )
+    rig.close()
+    other = Rig(replace(rig.component, capabilities=replace(rig.component.capabilities, reusable=True)), rig.axes)
     for _ in range(2):
         other.begin()
         runs.append(np.array([other.step(a, v, h) for a, v in zip(angles, velocities, strict=True)]))
@@ -167,73 +171,72 @@ def reset(bench: Bench, h: float) -> dict[str, Any]:
     return {"equal": bool(np.array_equal(runs[0], runs[1])), "difference": float(np.abs(runs[0] - runs[1]).max())}
 
 
-def repeat(bench: Bench, h: float) -> dict[str, Any]:
+def repeat(rig: Rig, h: float) -> dict[str, Any]:
     """A fresh instance against the first, to the bit."""
-    angles, velocities = landing(bench.axes, h)
+    angles, velocities = landing(rig.axes, h)
     runs = []
     for _ in range(2):
-        bench.begin()
-        runs.append(np.array([bench.step(a, v, h) for a, v in zip(angles, velocities, strict=True)]))
+        rig.begin()
+        runs.append(np.array([rig.step(a, v, h) for a, v in zip(angles, velocities, strict=True)]))
     return {"equal": bool(np.array_equal(runs[0], runs[1])), "difference": float(np.abs(runs[0] - runs[1]).max())}
 
 
-def steps(bench: Bench, h: float) -> dict[str, Any]:
+def steps(rig: Rig, h: float) -> dict[str, Any]:
     """Which communication steps it takes, its own alone where it has one; its torques call by call for 10 ms of each
     size, the angle held."""
-    own = bench.component.capabilities.fixed_step
+    own = rig.component.capabilities.fixed_step
     sizes = STEPS if own is None else (own,)
     taken: dict[str, list[float] | str] = {}
-    angles = np.deg2rad([10.0 if k == 0 else 0.0 for k in range(len(bench.axes))])
-    still = np.zeros(len(bench.axes))
+    angles = np.deg2rad([10.0 if k == 0 else 0.0 for k in range(len(rig.axes))])
+    still = np.zeros(len(rig.axes))
     span = 10e-3 if own is None else 10 * own
     for size in sizes:
         try:
-            bench.begin()
-            taken[f"{size:.9g}"] = [float(bench.step(angles, still, size)[0]) for _ in range(round(span / size))]
+            rig.begin()
+            taken[f"{size:.9g}"] = [float(rig.step(angles, still, size)[0]) for _ in range(round(span / size))]
         except SimulationError as problem:
             taken[f"{size:.9g}"] = str(problem)
-            bench.close()
-            bench = Bench(bench.component, bench.axes)
-    bench.close()
+            rig.close()
+            rig = Rig(rig.component, rig.axes)
+    rig.close()
     return {"taken": taken}
 
 
-def state(bench: Bench, h: float) -> dict[str, Any]:
+def state(rig: Rig, h: float) -> dict[str, Any]:
     """Saved in the middle of a landing, restored, replayed: to the bit."""
-    angles, velocities = landing(bench.axes, h)
+    angles, velocities = landing(rig.axes, h)
     middle = len(angles) // 2
-    bench.begin()
+    rig.begin()
     for a, v in zip(angles[:middle], velocities[:middle], strict=True):
-        bench.step(a, v, h)
-    saved, time = bench.instance.save_state(), bench.time
-    first = np.array([bench.step(a, v, h) for a, v in zip(angles[middle:], velocities[middle:], strict=True)])
-    bench.instance.restore_state(saved)
-    bench.time = time
-    second = np.array([bench.step(a, v, h) for a, v in zip(angles[middle:], velocities[middle:], strict=True)])
-    bench.instance.free_state(saved)
+        rig.step(a, v, h)
+    saved = rig.driver.save_state()
+    first = np.array([rig.step(a, v, h) for a, v in zip(angles[middle:], velocities[middle:], strict=True)])
+    rig.driver.restore_state(saved)
+    second = np.array([rig.step(a, v, h) for a, v in zip(angles[middle:], velocities[middle:], strict=True)])
+    rig.driver.free_state(saved)
     return {"equal": bool(np.array_equal(first, second)), "difference": float(np.abs(first - second).max())}
 
 
-def finite(bench: Bench, h: float) -> dict[str, Any]:
+def finite(rig: Rig, h: float) -> dict[str, Any]:
     """Outputs over the physiological range of every axis, at every velocity up to the fastest; the largest torque
     met."""
     most = 0.0
-    for k, axis in enumerate(bench.axes):
+    for k, axis in enumerate(rig.axes):
         low, high = RANGE_DEG[axis]
-        bench.begin()
+        rig.begin()
         for velocity in (0.0, MAX_VELOCITY_DEG_S, -MAX_VELOCITY_DEG_S):
             for angle in np.linspace(low, high, 23):
-                torque = bench.step(bench.along(k, math.radians(angle)), bench.along(k, math.radians(velocity)), h)
+                torque = rig.step(rig.along(k, math.radians(angle)), rig.along(k, math.radians(velocity)), h)
                 most = max(most, float(np.abs(torque).max()))
     return {"largest_torque": most}
 
 
-def recorded(bench: Bench, h: float) -> dict[str, Any]:
+def recorded(rig: Rig, h: float) -> dict[str, Any]:
     """The landing: peak torque per axis, the work the device takes from the foot, and how far apart [s] the calls lie
     at which its torque changes, where that is regular and not every call."""
-    angles, velocities = landing(bench.axes, h)
-    bench.begin()
-    torques = np.array([bench.step(a, v, h) for a, v in zip(angles, velocities, strict=True)])
+    angles, velocities = landing(rig.axes, h)
+    rig.begin()
+    torques = np.array([rig.step(a, v, h) for a, v in zip(angles, velocities, strict=True)])
     return {
         "peak_torque": np.abs(torques).max(0).tolist(),
         "work_taken": float(-(torques * velocities).sum() * h),
@@ -241,7 +244,7 @@ def recorded(bench: Bench, h: float) -> dict[str, Any]:
     }
 
 
-def _regular(torques: np.ndarray, h: float) -> float | None:
+def _regular(torques: Array, h: float) -> float | None:
     """The time [s] between changes of torques (n, axes) that lie `h` [s] apart; None where they change at every call,
     or irregularly, or hardly at all."""
     changes = np.flatnonzero((np.diff(torques, axis=0) != 0.0).any(axis=1))
@@ -251,64 +254,62 @@ def _regular(torques: np.ndarray, h: float) -> float | None:
     return float(h * round(float(gaps.mean()), 2))
 
 
-def static(bench: Bench, h: float) -> dict[str, Any]:
+def static(rig: Rig, h: float) -> dict[str, Any]:
     """Torque of each axis at held angles, the others at zero; declared stiffness at zero beside the difference
     quotient."""
-    bench.begin()
-    out: dict[str, Any] = {"rest": bench.torques().tolist(), "torque": {}, "declared": {}}
-    for k, axis in enumerate(bench.axes):
+    rig.begin()
+    out: dict[str, Any] = {"rest": rig.torques().tolist(), "torque": {}, "declared": {}}
+    for k, axis in enumerate(rig.axes):
         low, high = RANGE_DEG[axis]
         pairs = []
         for d in (d for d in STATIC_DEG if low <= -d and d <= high):
             pairs.append(
                 [
                     d,
-                    float(bench.hold(bench.along(k, math.radians(d)), h)[k]),
-                    float(bench.hold(bench.along(k, -math.radians(d)), h)[k]),
+                    float(rig.hold(rig.along(k, math.radians(d)), h)[k]),
+                    float(rig.hold(rig.along(k, -math.radians(d)), h)[k]),
                 ]
             )
         out["torque"][axis] = pairs
-        if f"{axis}_stiffness" in bench.found:
+        if f"{axis}_stiffness" in rig.named:
             middle = math.radians(5.0)
-            bench.hold(bench.along(k, middle), h)
-            said = bench.outputs()[f"{axis}_stiffness"]
-            near = [bench.hold(bench.along(k, middle + e), h)[k] for e in (-1e-4, 1e-4)]
-            out["declared"][axis] = [said, float(-(near[1] - near[0]) / 2e-4)]
+            rig.hold(rig.along(k, middle), h)
+            declared = rig.outputs()[f"{axis}_stiffness"]
+            near = [rig.hold(rig.along(k, middle + e), h)[k] for e in (-1e-4, 1e-4)]
+            out["declared"][axis] = [declared, float(-(near[1] - near[0]) / 2e-4)]
     return out
 
 
-def moving(bench: Bench, h: float) -> dict[str, Any]:
+def moving(rig: Rig, h: float) -> dict[str, Any]:
     """Damping of each axis: torque at zero angle when passing it fast in either direction [N.m.s/rad]."""
     out = {}
     speed = math.radians(SWEEP_DEG_S)
     count = max(2, round(5e-3 / h))
-    for k, axis in enumerate(bench.axes):
+    for k, axis in enumerate(rig.axes):
         at_zero = []
         for sign in (1.0, -1.0):
-            bench.begin(bench.along(k, -sign * speed * count * h))
+            rig.begin(rig.along(k, -sign * speed * count * h))
             for i in range(count + 1):
-                torque = bench.step(bench.along(k, sign * speed * h * (i - count)), bench.along(k, sign * speed), h)
+                torque = rig.step(rig.along(k, sign * speed * h * (i - count)), rig.along(k, sign * speed), h)
             at_zero.append(float(torque[k]))
         out[axis] = -(at_zero[0] - at_zero[1]) / (2 * speed)
     return {"damping": out}
 
 
-def cycle(bench: Bench, h: float) -> dict[str, Any]:
+def cycle(rig: Rig, h: float) -> dict[str, Any]:
     """Energy taken from the foot in one closed cycle of +-15 degrees in 200 ms [J], after one to settle; and the most
     that is stored meanwhile."""
     amplitude = math.radians(15.0)
     n = max(8, round(CYCLE / h))
     out = {}
-    for k, axis in enumerate(bench.axes):
-        bench.begin()
+    for k, axis in enumerate(rig.axes):
+        rig.begin()
         taken, stored, most = 0.0, 0.0, 0.0
         before, torque_before = 0.0, 0.0
         for i in range(1, 2 * n + 1):
             phase = 2 * math.pi * i / n
             angle = amplitude * math.sin(phase)
-            torque = float(
-                bench.step(bench.along(k, angle), bench.along(k, amplitude * CYCLE_SPEED * math.cos(phase)), h)[k]
-            )
+            torque = float(rig.step(rig.along(k, angle), rig.along(k, amplitude * CYCLE_SPEED * math.cos(phase)), h)[k])
             if i > n:
                 work = -0.5 * (torque + torque_before) * (angle - before)
                 taken += work
@@ -319,7 +320,7 @@ def cycle(bench: Bench, h: float) -> dict[str, Any]:
     return {"cycle": out}
 
 
-PROBES: dict[str, Callable[[Bench, float], dict[str, Any]]] = {
+PROBES: dict[str, Callable[[Rig, float], dict[str, Any]]] = {
     f.__name__: f for f in (start, steps, repeat, reset, state, finite, recorded, static, moving, cycle)
 }
 
@@ -328,12 +329,12 @@ PROBES: dict[str, Callable[[Bench, float], dict[str, Any]]] = {
 def handlers(subject: tuple[Component, tuple[str, ...]]) -> Iterator[Handlers]:
     """The child: opens the device once, then runs the experiments."""
     component, axes = subject
-    Bench(component, axes).close()
+    Rig(component, axes).close()
 
     def run(name: str, h: float) -> dict[str, Any]:
-        bench = Bench(component, axes)
-        found = PROBES[name](bench, h)
-        bench.close()
+        rig = Rig(component, axes)
+        found = PROBES[name](rig, h)
+        rig.close()
         return found
 
     yield {"run": run}

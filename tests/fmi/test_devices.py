@@ -12,7 +12,7 @@ from scipy.interpolate import PchipInterpolator
 
 from sprain_cosim import InputError, check_brace, load_scenario
 from sprain_cosim.brace.from_csv import from_csv
-from sprain_cosim.brace.probe import Bench, landing
+from sprain_cosim.brace.probe import Rig, landing
 from sprain_cosim.cli import cli
 from sprain_cosim.fmu.component import Component
 from sprain_cosim.shipped import fmu_path, shipped_fmus
@@ -20,10 +20,9 @@ from sprain_cosim.shipped import fmu_path, shipped_fmus
 DEVICES = [n for n in shipped_fmus() if n.startswith("brace_")]
 
 
-def bench(name: str | Path, *axes: str, **parameters: float) -> Bench:
+def bench(name: str | Path, *axes: str, **parameters: float) -> Rig:
     path = fmu_path(name, Path.cwd(), name) if isinstance(name, str) else name
-    made = Bench(Component.read("brace", path), axes)
-    made.instance.set_parameters(parameters)
+    made = Rig(Component.read("brace", path), axes, parameters)
     made.begin()
     return made
 
@@ -49,13 +48,8 @@ def test_declared_stiffness_and_damping(name: str) -> None:
                 for e in (1e-6, 0.0, -1e-6):
                     moved = base.copy()
                     moved[i] += e
-                    device._place(*((moved, other) if kind == "stiffness" else (other, moved)))
-                    device.instance.set_inputs()
-                    device.instance.get_outputs()
-                    torques.append(device.torques()[i])
-                device._place(a, v)
-                device.instance.set_inputs()
-                device.instance.get_outputs()
+                    torques.append(device.place(*((moved, other) if kind == "stiffness" else (other, moved)))[i])
+                device.place(a, v)
                 sides = [
                     -(torques[0] - torques[1]) / 1e-6,
                     -(torques[1] - torques[2]) / 1e-6,
@@ -102,7 +96,7 @@ def test_semi_rigid() -> None:
         energies = []
         for e in (1e-6, -1e-6):
             device.step(np.array([angle + e]), np.zeros(1), 1e-3)
-            energies.append(device.instance.fmu.getReal([reference])[0])  # type: ignore[attr-defined]
+            energies.append(device.driver.instance.fmu.getReal([reference])[0])  # type: ignore[attr-defined]
         torque = device.step(np.array([angle]), np.zeros(1), 1e-3)[0]
         assert torque == pytest.approx(-(energies[0] - energies[1]) / 2e-6, rel=1e-5)
     device.close()

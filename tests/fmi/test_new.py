@@ -14,7 +14,7 @@ import pytest
 
 from sprain_cosim import EnvironmentProblem, InputError, check_brace, load_scenario
 from sprain_cosim.brace import new as project
-from sprain_cosim.brace.probe import Bench
+from sprain_cosim.brace.probe import Rig
 from sprain_cosim.fmu.component import Component
 from tests.docs_commands import play
 
@@ -87,11 +87,11 @@ def test_a_project_of_an_earlier_version(tmp_path: Path) -> None:
 
 
 def test_law_of_the_python_template(built: Path) -> None:
-    bench = Bench(Component.read("brace", built / "python.fmu"), ("subtalar",))
-    bench.instance.set_parameters({"stiffness": 50.0, "damping": 0.5, "rest_angle": 0.1})
-    bench.begin()
-    assert bench.step(np.array([0.3]), np.array([4.0]), 1e-3)[0] == pytest.approx(-50 * 0.2 - 0.5 * 4.0, rel=1e-12)
-    bench.close()
+    parameters = {"stiffness": 50.0, "damping": 0.5, "rest_angle": 0.1}
+    rig = Rig(Component.read("brace", built / "python.fmu"), ("subtalar",), parameters)
+    rig.begin()
+    assert rig.step(np.array([0.3]), np.array([4.0]), 1e-3)[0] == pytest.approx(-50 * 0.2 - 0.5 * 4.0, rel=1e-12)
+    rig.close()
 
 
 def test_with_cmake_where_no_compiler_is_called_by_name(

@@ -15,6 +15,7 @@ from sprain_cosim.cosim.coupling import begin
 from sprain_cosim.errors import SimulationError
 from sprain_cosim.fmu.build import build_fmu, python
 from sprain_cosim.fmu.component import Component
+from sprain_cosim.fmu.driver import Driver
 from sprain_cosim.scenario import load_scenario
 from sprain_cosim.shipped import FMUS, shipped_fmus
 from sprain_cosim.shipped import SOURCES as MODELS
@@ -38,35 +39,16 @@ def component(name: str) -> Component:
     return Component.read(name, FMUS / f"{name}.fmu")
 
 
-class Bench:
-    """One instance with all inputs and outputs on a bus, by name."""
+class Bench(Driver):
+    """One instance with all inputs and outputs, started with these parameters."""
 
     def __init__(self, chosen: Component, **parameters: float) -> None:
-        self.instance = chosen.open()
-        inputs, outputs = list(chosen.inputs), list(chosen.outputs)
-        self.bus = np.zeros(len(inputs) + len(outputs))
-        self.at = {n: k for k, n in enumerate([*inputs, *outputs])}
-        self.instance.bind(self.bus, inputs, 0, outputs, len(inputs), 0)
-        self.start(**parameters)
+        super().__init__(chosen)
+        self.start(parameters, stop=1.0)
 
-    def start(self, **parameters: float) -> None:
-        self.bus[:] = 0.0
-        self.instance.set_parameters(parameters)
-        self.instance.enter_initialization(0.0, 1.0)
-        self.instance.set_inputs()
-        self.instance.exit_initialization()
-        self.instance.get_outputs()
-
-    def step(self, time: float, step: float, **inputs: float) -> np.ndarray:
-        for name, value in inputs.items():
-            self.bus[self.at[name]] = value
-        self.instance.set_inputs()
-        self.instance.do_step(time, step)
-        self.instance.get_outputs()
-        return self.bus.copy()
-
-    def __getitem__(self, name: str) -> float:
-        return float(self.bus[self.at[name]])
+    def move(self, time: float, step: float, **inputs: float) -> np.ndarray:
+        self.step(step, inputs, time)
+        return np.concatenate([self.input_values, self.output_values])
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -159,14 +141,14 @@ def test_two_scenarios_in_one_process_do_not_disturb_each_other() -> None:
 def test_plant_rolls_back_to_the_bit() -> None:
     bench = Bench(component("plant"), contact_modulus=4.5e7)
     for k in range(100):
-        bench.step(k * 5e-4, 5e-4, brace_subtalar_torque=-0.1 * k)
-    state = bench.instance.save_state()
+        bench.move(k * 5e-4, 5e-4, brace_subtalar_torque=-0.1 * k)
+    state = bench.save_state()
     first = [
-        bench.step(0.05 + k * 5e-4, 5e-4, brace_subtalar_torque=-20.0, brace_subtalar_stiffness=50.0) for k in range(20)
+        bench.move(0.05 + k * 5e-4, 5e-4, brace_subtalar_torque=-20.0, brace_subtalar_stiffness=50.0) for k in range(20)
     ]
-    bench.instance.restore_state(state)
+    bench.restore_state(state)
     second = [
-        bench.step(0.05 + k * 5e-4, 5e-4, brace_subtalar_torque=-20.0, brace_subtalar_stiffness=50.0) for k in range(20)
+        bench.move(0.05 + k * 5e-4, 5e-4, brace_subtalar_torque=-20.0, brace_subtalar_stiffness=50.0) for k in range(20)
     ]
     assert (np.array(first) == np.array(second)).all()
 
@@ -175,11 +157,11 @@ def test_controller_rolls_back_with_its_delay_line() -> None:
     bench = Bench(component("reflex_controller"), reflex_gain=3.0, reflex_delay=0.0043)
     signal = np.random.default_rng(5).normal(size=60)
     for k in range(30):
-        bench.step(k * 5e-4, 5e-4, **{f"{EVERTOR}_stretch_velocity": signal[k]})
-    state = bench.instance.save_state()
-    first = [bench.step(k * 5e-4, 5e-4, **{f"{EVERTOR}_stretch_velocity": signal[k]}) for k in range(30, 60)]
-    bench.instance.restore_state(state)
-    second = [bench.step(k * 5e-4, 5e-4, **{f"{EVERTOR}_stretch_velocity": signal[k]}) for k in range(30, 60)]
+        bench.move(k * 5e-4, 5e-4, **{f"{EVERTOR}_stretch_velocity": signal[k]})
+    state = bench.save_state()
+    first = [bench.move(k * 5e-4, 5e-4, **{f"{EVERTOR}_stretch_velocity": signal[k]}) for k in range(30, 60)]
+    bench.restore_state(state)
+    second = [bench.move(k * 5e-4, 5e-4, **{f"{EVERTOR}_stretch_velocity": signal[k]}) for k in range(30, 60)]
     assert (np.array(first) == np.array(second)).all()
 
 
@@ -190,24 +172,18 @@ def test_every_own_fmu_rolls_back_to_the_bit(name: str) -> None:
     bench = Bench(component(name), **parameters)
     size = {"angle": 0.3, "velocity": 3.0, "torque": 5.0, "stiffness": 20.0, "damping": 0.2, "excitation": 0.3}
     rng = np.random.default_rng(8)
-    signals = {
-        n: size.get(n.rpartition("_")[2], 1.0) * rng.normal(size=60)
-        for n in bench.instance.component.inputs
-        if "_" in n
-    }
+    signals = {n: size.get(n.rpartition("_")[2], 1.0) * rng.normal(size=60) for n in bench.element.inputs if "_" in n}
     steps = [(k * 5e-4, 5e-4, {n: float(v[k]) for n, v in signals.items()}) for k in range(60)]
     for time, step, inputs in steps[:30]:
-        bench.step(time, step, **inputs)
-    state, bus = bench.instance.save_state(), bench.bus.copy()
+        bench.move(time, step, **inputs)
+    state = bench.save_state()
     runs = []
     for _ in range(3):
-        runs.append([bench.step(time, step, **inputs) for time, step, inputs in steps[30:]])
-        bench.instance.restore_state(state)
-        bench.bus[:] = bus
-        bench.step(steps[30][0], 1.3e-3, **steps[45][2])  # elsewhere
-        bench.instance.restore_state(state)
-        bench.bus[:] = bus
-    bench.instance.free_state(state)
+        runs.append([bench.move(time, step, **inputs) for time, step, inputs in steps[30:]])
+        bench.restore_state(state)
+        bench.move(steps[30][0], 1.3e-3, **steps[45][2])  # elsewhere
+        bench.restore_state(state)
+    bench.free_state(state)
     assert np.isfinite(runs[0]).all()
     assert (np.array(runs[0]) == np.array(runs[1])).all()
     assert (np.array(runs[0]) == np.array(runs[2])).all()
@@ -250,7 +226,7 @@ def test_reflex_is_the_stretch_one_delay_ago(h: float, delay: float) -> None:
     assert bench[f"{INVERTOR}_excitation"] == pytest.approx(ratio * c)
     for k in range(200):
         t = (k + 1) * h
-        bench.step(k * h, h, **{f"{EVERTOR}_stretch_velocity": 3.0 * t, f"{INVERTOR}_stretch_velocity": -t})
+        bench.move(k * h, h, **{f"{EVERTOR}_stretch_velocity": 3.0 * t, f"{INVERTOR}_stretch_velocity": -t})
         begin, end = max(0.0, t - delay), max(0.0, t + h - delay)
         mean = 3.0 * (end**2 - begin**2) / (2.0 * h)
         assert bench[f"{EVERTOR}_excitation"] == pytest.approx(c + gain * mean, abs=1e-12)
@@ -278,7 +254,7 @@ def test_bushing_brace_torque_stiffness_and_energy() -> None:
     rng = np.random.default_rng(2)
 
     def at(angles: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        bench.step(0.0, 1e-3, **{f"rotation_{a}_angle": v for a, v in zip("xyz", angles, strict=True)})
+        bench.move(0.0, 1e-3, **{f"rotation_{a}_angle": v for a, v in zip("xyz", angles, strict=True)})
         return (
             bench["stored_energy"],
             np.array([bench[f"rotation_{a}_torque"] for a in "xyz"]),
@@ -296,7 +272,7 @@ def test_bushing_brace_torque_stiffness_and_energy() -> None:
 
 def test_a_parameter_cannot_change_during_a_run() -> None:
     bench = Bench(component("plant"))
-    bench.step(0.0, 5e-4)
+    bench.move(0.0, 5e-4)
     with pytest.raises(
         SimulationError, match=r"plant: .* setting drop_height = 0.4: .*can only be set before initialisation"
     ):
@@ -312,9 +288,9 @@ def test_a_hundred_instances_live_and_die() -> None:
     brace = component("brace_bushing")
     for _ in range(100):
         bench = Bench(brace, angle_scale=2.0)
-        bench.step(0.0, 1e-3, rotation_x_angle=0.1)
+        bench.move(0.0, 1e-3, rotation_x_angle=0.1)
         torque = bench["rotation_x_torque"]
-        bench.instance.close()
+        bench.close()
     assert torque == pytest.approx(-0.2 * (9.52095038 + 0.2 * (-29.57608094 + 0.2 * 169.01588105)))
 
 
@@ -332,7 +308,7 @@ def test_python_fmus_with_the_same_module_names_do_not_mix(tmp_path: Path) -> No
     fmus = [make_fmu(tmp_path / str(k), "spring", brace_variables(), law.format(k)) for k in (-1.0, -2.0)]
     benches = [Bench(Component.read("brace", fmu)) for fmu in fmus]
     for bench in benches:
-        bench.step(0.0, 1e-3, subtalar_angle=0.5)
+        bench.move(0.0, 1e-3, subtalar_angle=0.5)
     assert [bench["subtalar_torque"] for bench in benches] == [-0.5, -1.0]
 
 

@@ -30,7 +30,7 @@ def moving() -> FakeComponent:
             "subtalar_angle": connector("subtalar_angle", "output", "rad", depends_on=()),
             "brace_subtalar_torque": connector("brace_subtalar_torque", "input", "N.m"),
         },
-        law=lambda state, inputs, time, step: 2.0 * (time + step),
+        advance=lambda state, inputs, time, step: 2.0 * (time + step),
         output=lambda state, inputs: [state],
     )
 

@@ -11,6 +11,7 @@ import pytest
 from sprain_cosim import load_scenario
 from sprain_cosim.errors import InputError
 from sprain_cosim.fmu.component import Component
+from sprain_cosim.fmu.driver import Driver
 from tests.native import device
 
 KINDS = [(1, False), (2, False), (3, False), (2, True), (3, True)]
@@ -61,31 +62,23 @@ def test_units_are_converted(fmi: int, angle: str, torque: str, baseline: np.nda
 def test_state(fmi: int, model_exchange: bool, tmp_path: Path) -> None:
     """Save, two steps, restore, the same two steps: the same torque."""
     component = Component.read("brace", device(tmp_path / "device.fmu", fmi, model_exchange))
-    bus = np.zeros(2)
-    instance = component.open()
-    instance.bind(bus, ["subtalar_angle"], 0, ["subtalar_torque"], 1, 1)
-    instance.enter_initialization(0.0, 1.0)
-    instance.exit_initialization()
+    with Driver(component, ["subtalar_angle"], ["subtalar_torque"]) as driver:
+        driver.start(stop=1.0)
 
-    def walk() -> list[float]:
-        torques = []
-        for k in range(2, 6):
-            bus[0] = 0.1 * k
-            instance.set_inputs()
-            instance.do_step(1e-3 * k, 1e-3)
-            instance.get_outputs()
-            torques.append(bus[1])
-        return torques
+        def walk() -> list[float]:
+            torques = []
+            for k in range(2, 6):
+                driver.step(1e-3, {"subtalar_angle": 0.1 * k}, 1e-3 * k)
+                torques.append(driver["subtalar_torque"])
+            return torques
 
-    instance.set_inputs()
-    instance.do_step(0.0, 1e-3)
-    instance.do_step(1e-3, 1e-3)
-    state = instance.save_state()
-    first = walk()
-    instance.restore_state(state)
-    instance.free_state(state)
-    assert walk() == pytest.approx(first, rel=1e-7 if model_exchange else 1e-15)
-    instance.close()
+        driver.step(1e-3)
+        driver.step(1e-3)
+        state = driver.save_state()
+        first = walk()
+        driver.restore_state(state)
+        driver.free_state(state)
+        assert walk() == pytest.approx(first, rel=1e-7 if model_exchange else 1e-15)
 
 
 def test_fmi1_model_exchange_is_refused(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from sprain_cosim.cli import _run, cli
 from sprain_cosim.errors import EnvironmentProblem
 from sprain_cosim.fmu import isolated as module
 from sprain_cosim.fmu.component import Component
+from sprain_cosim.fmu.driver import Driver
 from sprain_cosim.fmu.isolated import Proxy, isolated
 from tests.native import compile_fmu, device
 from tests.processes import alive_in
@@ -97,32 +98,27 @@ def test_state(tmp_path: Path) -> None:
     walks = []
     component = Component.read("brace", device(tmp_path / "device.fmu"))
     for opened in (component, isolated(component)):
-        bus, instance, seen = np.zeros(2), opened.open(), []
-        instance.bind(bus, ["subtalar_angle"], 0, ["subtalar_torque"], 1, 1)
-        instance.enter_initialization(0.0, 1.0)
-        instance.exit_initialization()
+        torques: list[float] = []
+        with Driver(opened, ["subtalar_angle"], ["subtalar_torque"]) as driver:
+            driver.start(stop=1.0)
 
-        def walk(k: int, bus=bus, instance=instance, seen=seen) -> None:
-            bus[0] = 0.1 * k
-            instance.set_inputs()
-            instance.do_step(1e-3 * k, 1e-3)
-            instance.get_outputs()
-            seen.append(bus[1])
+            def walk(k: int, driver: Driver = driver, torques: list[float] = torques) -> None:
+                driver.step(1e-3, {"subtalar_angle": 0.1 * k}, 1e-3 * k)
+                torques.append(driver["subtalar_torque"])
 
-        walk(0)
-        first = instance.save_state()
-        walk(1)
-        second = instance.save_state()
-        walk(2)
-        instance.restore_state(first)
-        walk(1)
-        instance.restore_state(second)
-        instance.free_state(first)
-        walk(2)
-        instance.free_state(second)
-        instance.close()
-        assert seen[1:3] == seen[3:5]
-        walks.append(seen)
+            walk(0)
+            first = driver.save_state()
+            walk(1)
+            second = driver.save_state()
+            walk(2)
+            driver.restore_state(first)
+            walk(1)
+            driver.restore_state(second)
+            driver.free_state(first)
+            walk(2)
+            driver.free_state(second)
+        assert torques[1:3] == torques[3:5]
+        walks.append(torques)
     assert walks[0] == walks[1]
 
 

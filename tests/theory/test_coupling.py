@@ -49,7 +49,7 @@ def foot(damping: float, inertia: float = INERTIA) -> FakeComponent:
         n: connector(n, causality, u, depends_on=() if causality == "output" else None)
         for n, (causality, u) in names.items()
     }
-    return FakeComponent("plant", connectors, law=law, output=lambda state, inputs: state, initial=START)
+    return FakeComponent("plant", connectors, advance=law, output=lambda state, inputs: state, initial=START)
 
 
 def device(stiffness: float, damping: float, cubic: float = 0.0, **more) -> FakeComponent:
@@ -94,7 +94,7 @@ def two_axes(k: np.ndarray, c: np.ndarray, inertia: float) -> tuple[FakeComponen
         matrix[2:4, 4] = (torque + stiffness @ state[:2] + damping @ state[2:]) / inertia
         return (expm(step * matrix) @ np.array([*state, 1.0]))[:4]
 
-    foot = FakeComponent("plant", plant, law=law, output=lambda s, i: s, initial=np.array([0.05, 0.1, 0.0, 1.0]))
+    foot = FakeComponent("plant", plant, advance=law, output=lambda s, i: s, initial=np.array([0.05, 0.1, 0.0, 1.0]))
     given = {
         f"{a}_{q}": connector(f"{a}_{q}", "input", u)
         for q, u in (("angle", "deg"), ("velocity", "deg/s"))
@@ -313,7 +313,11 @@ def light_foot(damping: float = 0.0) -> FakeComponent:
         "subtalar_effective_inertia": connector("subtalar_effective_inertia", "output", "kg.m2", depends_on=()),
     }
     return FakeComponent(
-        "plant", connectors, law=plain.law, output=lambda state, inputs: [*state, INERTIA], initial=np.array([0.1, 1.0])
+        "plant",
+        connectors,
+        advance=plain.advance,
+        output=lambda state, inputs: [*state, INERTIA],
+        initial=np.array([0.1, 1.0]),
     )
 
 
@@ -366,9 +370,9 @@ def test_a_refusal_across_the_axes_is_right() -> None:
     told = FakeComponent(
         "plant",
         {**plain.connectors, **inertia},
-        plain.law,
-        lambda s, i: [*s, INERTIA, INERTIA],
-        np.array([0.05, 0.1, 0.0, 1.0]),
+        output=lambda s, i: [*s, INERTIA, INERTIA],
+        advance=plain.advance,
+        initial=np.array([0.05, 0.1, 0.0, 1.0]),
     )
 
     def go(stiffness: np.ndarray, guard: bool) -> Result:

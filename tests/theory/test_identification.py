@@ -45,7 +45,7 @@ def black_box(kind: str, k: float, c: float, cubic: float = 0.0, **more) -> Fake
     return FakeComponent(
         "brace",
         connectors,
-        law=lambda s, i, t, h: torque(i),
+        advance=lambda s, i, t, h: torque(i),
         output=lambda s, i: [s],
         initial=first,
         **capabilities,
@@ -117,7 +117,7 @@ def test_identification_leaves_the_device_as_it_was() -> None:
         )
         connectors = {n: connector(n, causality, u) for n, (causality, u) in names.items()}
         return FakeComponent(
-            "brace", connectors, law=law, output=lambda s, i: [-k * (i["subtalar_angle"] - s), k][: len(names) - 1]
+            "brace", connectors, advance=law, output=lambda s, i: [-k * (i["subtalar_angle"] - s), k][: len(names) - 1]
         )
 
     told, probed = run(element(True)), run(element(False))
@@ -174,7 +174,7 @@ def test_a_declared_stiffness_that_is_not_true_is_named_and_refused_where_it_mat
 def test_one_instance_per_process_cannot_be_probed() -> None:
     brace = black_box("mute", 2000.0, 0.0)
     single = FakeComponent(
-        "brace", brace.connectors, brace.law, brace.output, brace.initial, Capabilities("2.0", single=True)
+        "brace", brace.connectors, Capabilities("2.0", single=True), brace.output, brace.advance, brace.initial
     )
     result = run(single, light_foot(), communication_step=5e-5)
     assert (result.scheme, result.scheme_reason) == (
@@ -190,7 +190,11 @@ def test_auto_without_a_plant_that_takes_stiffness() -> None:
     connectors = {n: c for n, c in simple.connectors.items() if not n.endswith(("_stiffness", "_damping"))}
     zeros = {"brace_subtalar_stiffness": 0.0, "brace_subtalar_damping": 0.0}
     plant = FakeComponent(
-        "plant", connectors, lambda s, i, t, h: simple.law(s, i | zeros, t, h), simple.output, simple.initial
+        "plant",
+        connectors,
+        output=simple.output,
+        advance=lambda s, i, t, h: simple.advance(s, i | zeros, t, h),
+        initial=simple.initial,
     )
     assert run(black_box("direct", 20.0, 0.02), plant).scheme == "gauss-seidel"
     stiff = run(black_box("direct", 2000.0, 0.0), plant)

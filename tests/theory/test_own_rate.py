@@ -4,6 +4,7 @@ system, one that is continuous in truth against that of the continuous one."""
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -35,7 +36,7 @@ def sampled(k: float, c: float, period: float, cubic: float = 0.0, continuous: b
     return FakeComponent(
         "brace",
         connectors,
-        law=lambda s, i, t, h: torque(i),
+        advance=lambda s, i, t, h: torque(i),
         output=lambda s, i: [s],
         initial=torque(dict(zip(units, START, strict=False))),
         capabilities=Capabilities("2.0", state=True, fixed_step=period, variable_step=False, continuous=continuous),
@@ -179,10 +180,12 @@ def test_two_devices_each_at_its_own_rate() -> None:
         halves = []
         for j, axis in enumerate(axes):
             own = {n.replace(axis, "subtalar"): v for n, v in inputs.items() if f"{axis}_" in n}
-            halves.append(plants[j].law(state[2 * j : 2 * j + 2], own, time, step))
+            halves.append(plants[j].advance(state[2 * j : 2 * j + 2], own, time, step))
         return np.concatenate(halves)
 
-    both = FakeComponent("plant", connectors, law=law, output=lambda s, i: s, initial=np.concatenate([START, START]))
+    both = FakeComponent(
+        "plant", connectors, advance=law, output=lambda s, i: s, initial=np.concatenate([START, START])
+    )
     quick = device(300.0, 0.1)
     fast = FakeComponent(
         "second",
@@ -211,7 +214,7 @@ def test_what_a_sampled_device_does_by_its_own_hold_is_said_and_not_refused() ->
 def test_an_iteration_asks_no_saved_state_of_a_sampled_device() -> None:
     unable = sampled(60.0, 0.05, 5e-3)
     able = Capabilities("2.0", fixed_step=5e-3, variable_step=False)
-    unable = FakeComponent("brace", unable.connectors, unable.law, unable.output, unable.initial, able)
+    unable = replace(unable, capabilities=able)
     result = run(unable, scheme="iterative")
     assert result["plant.subtalar_angle"] == pytest.approx(truth(result.time, 60.0, 0.05, 5e-3), abs=1e-12)
 
@@ -219,7 +222,7 @@ def test_an_iteration_asks_no_saved_state_of_a_sampled_device() -> None:
 def test_a_device_between_two_steps_of_a_plant_that_cannot_stop_there() -> None:
     fixed = foot(FOOT_DAMPING)
     plant = FakeComponent(
-        "plant", fixed.connectors, fixed.law, fixed.output, fixed.initial, Capabilities("2.0", fixed_step=1e-3)
+        "plant", fixed.connectors, Capabilities("2.0", fixed_step=1e-3), fixed.output, fixed.advance, fixed.initial
     )
     with pytest.raises(InputError, match=r"brace every 2.5 ms is due between them"):
         run(sampled(60.0, 0.0, 2.5e-3), 1e-3, plant=plant)

@@ -15,7 +15,7 @@ from tests.fake import FakeComponent, connector
 
 def ramp(**more) -> FakeComponent:
     return FakeComponent(
-        "a", {"y": connector("y", "output")}, law=lambda s, i, t, h: s + h, output=lambda s, i: [s], **more
+        "a", {"y": connector("y", "output")}, advance=lambda s, i, t, h: s + h, output=lambda s, i: [s], **more
     )
 
 
@@ -48,7 +48,7 @@ def test_a_value_that_is_not_finite_ends_the_run() -> None:
     part = FakeComponent(
         "a",
         {"y": connector("y", "output")},
-        law=lambda s, i, t, h: math.nan if t > 1.2e-3 else s,
+        advance=lambda s, i, t, h: math.nan if t > 1.2e-3 else s,
         output=lambda s, i: [s],
     )
     result = Master(stop=5e-3).run(System((part,), {}).open(), {})
@@ -63,7 +63,8 @@ def test_an_error_in_a_step_ends_the_run() -> None:
         raise SimulationError("a: reported an error")
 
     result = Master(stop=5e-3).run(
-        System((FakeComponent("a", {"y": connector("y", "output")}, law=law, output=lambda s, i: [s]),), {}).open(), {}
+        System((FakeComponent("a", {"y": connector("y", "output")}, advance=law, output=lambda s, i: [s]),), {}).open(),
+        {},
     )
     assert (result.status, len(result.time)) == ("failed", 1)
 
@@ -71,12 +72,12 @@ def test_an_error_in_a_step_ends_the_run() -> None:
 def test_later_components_see_the_newest_outputs() -> None:
     """Gauss-Seidel: the follower's output at t(k+1) is the leader's at t(k+1)."""
     leader = FakeComponent(
-        "lead", {"y": connector("y", "output")}, law=lambda s, i, t, h: t + h, output=lambda s, i: [s]
+        "lead", {"y": connector("y", "output")}, advance=lambda s, i, t, h: t + h, output=lambda s, i: [s]
     )
     follower = FakeComponent(
         "follow",
         {"x": connector("x", "input"), "y": connector("y", "output", depends_on=())},
-        law=lambda s, i, t, h: i["x"],
+        advance=lambda s, i, t, h: i["x"],
         output=lambda s, i: [s],
     )
     result = Master(stop=5e-3).run(System((leader, follower), {"follow.x": "lead.y"}).open(), {})

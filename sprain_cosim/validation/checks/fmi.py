@@ -13,6 +13,8 @@ from ...brace.check import check_brace
 from ...brace.new import build_brace, new_brace
 from ...fmu.build import build_fmu
 from ...fmu.component import Component
+from ...fmu.driver import Driver
+from ...fmu.instance import Values
 from ...scenario import load_scenario
 from ...shipped import FMUS, SOURCES, shipped_fmus
 from ..check import Check, CheckRow
@@ -30,30 +32,11 @@ def braces() -> list[str]:
     return [name for name in shipped_fmus() if name.startswith("brace_")]
 
 
-class LoneInstance:
-    """One instance without a system, with inputs that move in the same way in every run."""
-
-    def __init__(self, chosen: Component) -> None:
-        self.instance = chosen.open()
-        inputs = [n for n, c in chosen.inputs.items() if c.scalar_number]
-        outputs = [n for n, c in chosen.outputs.items() if c.scalar_number]
-        self.count, self.bus = len(inputs), np.zeros(len(inputs) + len(outputs))
-        self.instance.bind(self.bus, inputs, 0, outputs, len(inputs), 0)
-        self.begin()
-
-    def begin(self) -> None:
-        self.bus[:] = 0.0
-        self.instance.enter_initialization(0.0, 1.0)
-        self.instance.set_inputs()
-        self.instance.exit_initialization()
-        self.instance.get_outputs()
-
-    def step(self, k: int) -> np.ndarray:
-        self.bus[: self.count] = 0.05 * np.sin(0.3 * k + np.arange(self.count))
-        self.instance.set_inputs()
-        self.instance.do_step(k * STEP, STEP)
-        self.instance.get_outputs()
-        return self.bus[self.count :].copy()
+def moved(driver: Driver, k: int) -> Values:
+    """Step `k` with all inputs moving: (outputs,)."""
+    wave = 0.05 * np.sin(0.3 * k + np.arange(len(driver.inputs)))
+    driver.step(STEP, dict(zip(driver.inputs, wave.tolist(), strict=True)), k * STEP)
+    return driver.output_values.copy()
 
 
 def complaints(_: Laboratory) -> list[CheckRow]:
@@ -78,12 +61,11 @@ def reset_instances(_: Laboratory) -> list[CheckRow]:
     rows = []
     for name in shipped_fmus():
         chosen = component(name)
-        bench = LoneInstance(chosen)
-        first = np.array([bench.step(k) for k in range(20)])
-        bench.instance.reset()
-        bench.begin()
-        again = np.array([bench.step(k) for k in range(20)])
-        bench.instance.close()
+        with Driver(chosen) as driver:
+            driver.start(stop=1.0)
+            first = np.array([moved(driver, k) for k in range(20)])
+            driver.start(stop=1.0)
+            again = np.array([moved(driver, k) for k in range(20)])
         rows.append(CheckRow(name, float(np.abs(first - again).max()), 0, 0))
     return rows
 
@@ -111,15 +93,15 @@ def saved_states(_: Laboratory) -> list[CheckRow]:
         chosen = component(name)
         if not chosen.capabilities.state:
             continue
-        bench = LoneInstance(chosen)
-        for k in range(10):
-            bench.step(k)
-        state = bench.instance.save_state()
-        first = np.array([bench.step(k) for k in range(10, 30)])
-        bench.instance.restore_state(state)
-        again = np.array([bench.step(k) for k in range(10, 30)])
-        bench.instance.free_state(state)
-        bench.instance.close()
+        with Driver(chosen) as driver:
+            driver.start(stop=1.0)
+            for k in range(10):
+                moved(driver, k)
+            state = driver.save_state()
+            first = np.array([moved(driver, k) for k in range(10, 30)])
+            driver.restore_state(state)
+            again = np.array([moved(driver, k) for k in range(10, 30)])
+            driver.free_state(state)
         rows.append(CheckRow(name, float(np.abs(first - again).max()), 0, 0))
     return rows
 
