@@ -732,7 +732,10 @@ def _changed(chosen: Any, fmus: tuple[str, ...], maps: tuple[str, ...], settings
 def _share(text: str) -> float:
     from .units import quantity
 
-    return quantity(text.replace("%", " %"), None, "--max-failed")
+    share = quantity(text.replace("%", " %"), None, "--max-failed")
+    if not 0.0 <= share <= 1.0:
+        raise InputError(f"--max-failed {text}: must lie between 0 % and 100 %")
+    return share
 
 
 def _devices(fmus: tuple[str, ...], maps: tuple[str, ...], option: str = "--fmu") -> list[tuple[str, str, str | None]]:

@@ -201,7 +201,9 @@ def quantity(value: float | str, target: Unit | None, what: str) -> float:
 
 
 def _example(target: Unit | None, number: float = 1.0) -> str:
-    """People write angles in degrees."""
+    """People write angles in degrees, and times of a landing in milliseconds."""
     if target is None or target.dimensionless:
         return f"{number:g}"
+    if target.name == "s":
+        return f'"{number:g} ms"'
     return f'"{number:g} {target.name.replace("rad", "deg") if target.name in ("rad", "rad/s") else target.name}"'

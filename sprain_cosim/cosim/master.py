@@ -74,7 +74,7 @@ class Master:
             raise InputError(
                 f"communication step {1e3 * self.communication_step:g} ms: the stop at {1e3 * self.stop:g} ms is not "
                 "a whole number of steps; "
-                f"the nearest that are: {1e3 * span / fewer:.6g} ms and {1e3 * span / (fewer + 1):.6g} ms"
+                f"the nearest that are: {1e3 * span / fewer:.12g} ms and {1e3 * span / (fewer + 1):.12g} ms"
             )
         return n
 

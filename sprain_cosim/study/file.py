@@ -19,7 +19,7 @@ from ..metrics import unit_of
 from ..scenario import Scenario, load_scenario
 from ..scenario.file import PARAMETERS, VARIABLE
 from ..scenario.title import RAN
-from ..shipped import scenario_folder, shipped_studies
+from ..shipped import scenario_folder, shipped_scenarios, shipped_studies
 from ..units import Unit, quantity, unit
 from ..uq.distributions import Array, Marginal
 from .inputs import parameter, unit_name
@@ -171,6 +171,10 @@ def load_study(name: str | Path) -> Study:
     if not path.is_file():
         path = scenario_folder() / "studies" / f"{name}.toml"
     if not path.is_file():
+        if str(name) in shipped_scenarios():
+            raise InputError(
+                f"{name}: is a scenario, one landing; `sprain-cosim run {name}` runs it, a study varies it"
+            )
         raise InputError(
             f"study {str(name)!r}: no such file, and none of that name ships{nearest(str(name), shipped_studies())}"
         )

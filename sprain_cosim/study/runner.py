@@ -83,6 +83,7 @@ def run(
     study.checked()
     folder = None if out is None else Path(out)
     _check_options(study, folder, resume, shard, parquet)
+    study, kept = _never_smaller(study, folder, resume)
     began = perf_counter()
     held = replace(study, scenario=originals.with_kept_files(study.scenario))
     first = ALL if study.method in SEARCHES and study.method != "sobol-indices" else trajectories
@@ -94,7 +95,7 @@ def run(
         if folder is not None and (folder / LEDGER).exists():
             ledger, adopted = _reopened(study, held, folder, request, numbers, limits)
             if ledger is None and (done := _done(study, folder, numbers, max_failed, progress)) is not None:
-                return done
+                return replace(done, warnings=(*kept, *done.warnings))
         backend = open_backend(
             Task(held.scenario, study.names, limits or Limits()), workers, scheduler
         )  # before the folder: a wrong address leaves none
@@ -109,12 +110,28 @@ def run(
         if folder is not None:
             finish_folder(folder, *tables, summary, parquet)
             seal(folder, ledger, request, recorded)
-        notes = (adopted,) if adopted else ()
+        notes = (*kept, adopted) if adopted else kept
         warnings = (*notes, *_mended(ledger), *originals.changed_files(study.scenario, held.scenario))
         return Campaign(study, summary, folder, at_hand(tables), warnings)
     finally:
         if ledger is not None:
             ledger.close()
+
+
+def _never_smaller(study: Plan, folder: Path | None, resume: bool) -> tuple[Plan, tuple[str, ...]]:
+    """The study with as many trials as its folder holds, and the warning that says so: a smaller number would leave
+    finished trials out of the tables. Only methods whose rows do not depend on the number of trials."""
+    if folder is None or not resume or study.method not in ("monte-carlo", "sobol") or not (folder / LEDGER).exists():
+        return study, ()
+    with Ledger.read(folder) as ledger:
+        numbers, _ = ledger.finished()
+    held = int(numbers.max()) + 1 if len(numbers) else 0
+    if study.method == "sobol":
+        held = -(-held // study.replicates) * study.replicates
+    if held <= study.trials:
+        return study, ()
+    warning = f"{folder}: holds trials up to number {held - 1}, which are kept; {study.trials} would leave some out"
+    return replace(study, trials=held), (warning,)
 
 
 def _check_options(study: Plan, folder: Path | None, resume: bool, shard: Shard | None, parquet: bool) -> None:

@@ -76,7 +76,7 @@ def test_values_are_read_in_the_units_of_the_program() -> None:
         ({"one": {}}, "one: needs a name"),
         ({"one": {"name": 3}}, "one.name: must be text"),
         ({"one": {"name": "x", "nmae": 1}}, "one: unknown key 'nmae' (did you mean name?)"),
-        ({"one": {"name": "x", "span": 3}}, 'one.span = 3: needs a unit, for example "3 s"'),
+        ({"one": {"name": "x", "span": 3}}, 'one.span = 3: needs a unit, for example "3 ms"'),
         ({"one": {"name": "x", "way": "left"}}, "one.way = 'left': must be up or down"),
         ({"one": {"name": "x", "count": True}}, "one.count = True: must be a whole number, not negative"),
         ({"one": {"name": "x", "share": 0}}, "one.share = 0: must be a positive number"),
