@@ -32,7 +32,7 @@ def test_communication_points_come_from_the_integer() -> None:
 @pytest.mark.parametrize(
     ("master", "words"),
     [
-        (Master(communication_step=7e-4), "nearest that are: 0.700935 ms and 0.697674 ms"),
+        (Master(communication_step=7e-4), "nearest that are: 0.700934579439 ms and 0.697674418605 ms"),
         (Master(communication_step=0.0), "must be positive"),
         (Master(communication_step=math.nan), "must be positive"),
         (Master(stop=0.0), "must lie after the start"),
