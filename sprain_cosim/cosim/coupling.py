@@ -100,15 +100,20 @@ def begin(
     if adaptive:
         scheme = Adaptive(scheme, assembly, step, adaptive)
     if guard:
-        finest = scheme.allowed[-1] if isinstance(scheme, Adaptive) else 1
-        others = [Impedance.name] if unable else [Impedance.name, Iterative.name]
-        level, message = verdict(name, found, step / finest, steps * finest, others)
-        if level == "refusal":
-            raise InputError(message)
-        warnings = [message, found.doubt if found else "", *own_doubts(found, step * steps)]
+        warnings = _guarded(scheme, found, step, steps, states=not unable)
     scheme.start(assembly)
     handing = identification if name == Impedance.name and identify else None
     return Coupling(scheme, reason, "; ".join(w for w in warnings if w), handing)
+
+
+def _guarded(scheme: Scheme, found: Linearisation | None, step: float, steps: int, states: bool) -> list[str]:
+    """What the guard has to say. Raises InputError where the coupling would be unstable."""
+    finest = scheme.allowed[-1] if isinstance(scheme, Adaptive) else 1
+    others = [Impedance.name, Iterative.name] if states else [Impedance.name]
+    level, message = verdict(scheme.name, found, step / finest, steps * finest, others)
+    if level == "refusal":
+        raise InputError(message)
+    return [message, found.doubt if found else "", *own_doubts(found, step * steps)]
 
 
 def _choose(found: Linearisation | None, states: bool, step: float, steps: int) -> tuple[str, str]:

@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contract import MOTION, impedance_input, motion_output, torque_input
+from ..contract import impedance_input, motion_output, torque_input
 from .assembly import Assembly
 
 Values = NDArray[np.floating]
@@ -65,22 +65,9 @@ def exchange(
     if not axes:
         return None
 
-    def column(name: str) -> Values:
-        unit = assembly.units[assembly.index[name]]
-        raw = values[:, assembly.index[name]]
-        return raw if unit is None else unit.factor * raw + unit.offset
-
     def columns(names: Iterable[str]) -> Values:
-        return np.stack([column(name) for name in names], axis=1)
+        return np.stack([_column(assembly, values, name) for name in names], axis=1)
 
-    n, d = len(values), len(axes)
-    matrices = {kind: np.zeros((n, d, d)) for kind in MOTION}
-    for kind, matrix in matrices.items():
-        for i, a in enumerate(axes):
-            for j, b in enumerate(axes):
-                name = impedance_input(a, b, kind)
-                if name in assembly.index:
-                    matrix[:, i, j] = column(name)
     names = [source.partition(".")[0] for source in assembly.system.torques.values()]
     owners = [assembly.own_rate.get(name) for name in names]
     lag = {member.name: member.lag for member in assembly.members}
@@ -90,14 +77,33 @@ def exchange(
         device=torque,
         angle=columns(motion_output(a, "stiffness") for a in axes),
         velocity=columns(motion_output(a, "damping") for a in axes),
-        stiffness=matrices["stiffness"],
-        damping=matrices["damping"],
+        stiffness=_impedances(assembly, values, "stiffness"),
+        damping=_impedances(assembly, values, "damping"),
         steps=steps,
         held=np.array([own is not None and own.rate.sampled for own in owners]),
         lag=np.array([lag[name] for name in names], dtype=np.intp),
     )
     carried = {k: own.member.name for k, own in enumerate(owners) if own is not None and not own.rate.sampled}
     return _with_calls(passed, carried, due or {}) if carried else passed
+
+
+def _column(assembly: Assembly, values: Values, name: str) -> Values:
+    """(n,) of a connector, SI."""
+    unit = assembly.units[assembly.index[name]]
+    raw = values[:, assembly.index[name]]
+    return raw if unit is None else unit.factor * raw + unit.offset
+
+
+def _impedances(assembly: Assembly, values: Values, kind: str) -> Values:
+    """(n, d, d) stiffness or damping on the plant's inputs, SI."""
+    axes = list(assembly.system.torques)
+    matrix = np.zeros((len(values), len(axes), len(axes)))
+    for i, a in enumerate(axes):
+        for j, b in enumerate(axes):
+            name = impedance_input(a, b, kind)
+            if name in assembly.index:
+                matrix[:, i, j] = _column(assembly, values, name)
+    return matrix
 
 
 def handed_over(passed: Exchange) -> Values:
