@@ -1,0 +1,113 @@
+"""Paired comparisons that may stop as soon as they are decided, however often one looks.
+
+Looking at a 95 % interval fifty times and stopping when it excludes zero decides falsely in a third of all comparisons.
+Here the error α is spent over the looks, α_k = α·6/(π²k²) at look k, which sums to α for any number of looks; at each
+look Student's test of the paired differences is made at that level, by Holm's procedure over the pairs still undecided.
+By the union bound a true null is rejected at any look with at most probability α, for normal differences.
+
+Sources: K. K. G. Lan, D. L. DeMets, Biometrika 70 (1983) 659-663 (spending); S. Holm, Scand. J. Stat. 6 (1979) 65-70.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import stdtr, stdtrit
+
+from .distributions import Array
+from .distributions.marginal import as_array
+from .statistics import Estimate
+
+__all__ = ["MIN_PAIRS", "Look", "PairDecision", "decide", "spent"]
+
+MIN_PAIRS = 5
+
+
+def spent(look: int, alpha: float = 0.05) -> float:
+    """The error that look number `look`, from 1, may spend."""
+    if look < 1 or not 0 < alpha < 1:
+        raise ValueError(f"a look counts from 1 and alpha lies between 0 and 1, got {look} and {alpha}")
+    return alpha * 6.0 / (math.pi * look) ** 2
+
+
+@dataclass(frozen=True)
+class Look:
+    """One look at one pair.
+
+    n           differences seen
+    p_value     of Student's test that their mean is zero
+    level       what it was compared with
+    difference  mean with its interval at that level, which holds for all looks together
+    """
+
+    n: int
+    p_value: float
+    level: float
+    difference: Estimate
+
+
+@dataclass(frozen=True)
+class PairDecision:
+    """`sign` 1 or −1 of the difference once decided, 0 while it is not; `looks` all that were made."""
+
+    sign: int
+    looks: tuple[Look, ...]
+
+    @property
+    def decided(self) -> bool:
+        return self.sign != 0
+
+    @property
+    def n(self) -> int:
+        """Differences that it took, or has taken so far."""
+        return self.looks[-1].n if self.looks else 0
+
+
+def decide(differences: Mapping[str, ArrayLike], looks: Sequence[int], alpha: float = 0.05) -> dict[str, PairDecision]:
+    """Replay the looks at paired differences and say which pairs are decided, and when.
+
+    differences  {pair: (n,) differences in the order of the trials}; all pairs have been looked at alike
+    looks        numbers of differences at which one looked, ascending, the first at least 5. They must not depend on
+                 what was seen; add looks at the end as trials come in, and earlier decisions stand
+
+    Raises ValueError for looks out of order, too early, or beyond the differences of a pair that is undecided.
+    """
+    values = {name: as_array(d) for name, d in differences.items()}
+    if any(later <= earlier for earlier, later in itertools.pairwise(looks)):
+        raise ValueError(f"the looks must ascend, got {list(looks)}")
+    if looks and looks[0] < MIN_PAIRS:
+        raise ValueError(f"the first look comes at {MIN_PAIRS} pairs or later, got {looks[0]}")
+    signs, history = dict.fromkeys(values, 0), {name: list[Look]() for name in values}
+    for number, n in enumerate(looks, 1):
+        open_pairs = [name for name in values if not signs[name]]
+        short = [name for name in open_pairs if len(values[name]) < n]
+        if short:
+            raise ValueError(f"{short[0]}: a look at {n} differences, of which there are {len(values[short[0]])}")
+        p_values = {name: _p_value(values[name][:n]) for name in open_pairs}
+        rejecting = True
+        for rank, name in enumerate(sorted(open_pairs, key=lambda k: p_values[k])):
+            level = spent(number, alpha) / (len(open_pairs) - rank)
+            seen = values[name][:n]
+            rejecting = rejecting and p_values[name] <= level
+            history[name].append(Look(n, p_values[name], level, _interval(seen, level)))
+            if rejecting:
+                signs[name] = int(np.sign(seen.mean()))
+    return {name: PairDecision(signs[name], tuple(history[name])) for name in values}
+
+
+def _p_value(d: Array) -> float:
+    deviation = float(np.std(d, ddof=1))
+    if deviation == 0.0:
+        return 1.0 if float(np.mean(d)) == 0.0 else 0.0
+    t = abs(float(np.mean(d))) / deviation * math.sqrt(len(d))
+    return 2.0 * float(stdtr(len(d) - 1, -t))
+
+
+def _interval(d: Array, level: float) -> Estimate:
+    half = float(stdtrit(len(d) - 1, 1.0 - 0.5 * level)) * float(np.std(d, ddof=1)) / math.sqrt(len(d))
+    return Estimate(float(np.mean(d)), float(np.mean(d)) - half, float(np.mean(d)) + half)

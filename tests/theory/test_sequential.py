@@ -1,0 +1,75 @@
+"""Comparisons that stop when they are decided: false decisions stay below what was stated, however many looks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sprain_cosim.uq.sequential import decide, spent
+from tests.theory import standin
+
+LOOKS = list(range(20, 1001, 20))  # fifty
+
+
+def test_fifty_looks_decide_falsely_in_less_than_five_per_cent() -> None:
+    """2000 comparisons without a difference; looking at plain 95 % intervals decides falsely in a third of them."""
+    rng = np.random.default_rng(1)
+    false = peeked = 0
+    for _ in range(2000):
+        d = rng.standard_normal(1000)
+        n = np.array(LOOKS)
+        mean = np.cumsum(d)[n - 1] / n
+        peeked += bool(np.any(np.abs(mean) * np.sqrt(n) > 1.96))
+        false += decide({"a": d}, LOOKS)["a"].decided
+    assert peeked / 2000 > 0.25
+    assert false / 2000 <= 0.05
+
+
+def test_three_pairs_without_a_difference_are_decided_falsely_as_seldom() -> None:
+    rng, looks = np.random.default_rng(2), list(range(10, 101, 10))
+    wrong = 0
+    for _ in range(400):
+        found = decide({k: rng.standard_normal(100) for k in "abc"}, looks)
+        wrong += any(d.decided for d in found.values())
+    assert wrong / 400 <= 0.05
+
+
+def test_a_brace_of_scale_1_5_against_1_6_is_decided_in_twenty_pairs() -> None:
+    """On the stand-in for a landing, the same landings with each; nineteen times in twenty, and never the wrong way."""
+    early = 0
+    for seed in range(100):
+        u = np.random.default_rng(seed).standard_normal((60, standin.INPUTS))
+        found = decide({"1.6": standin.inversion(u, 1.5) - standin.inversion(u, 1.6)}, list(range(10, 61, 5)))["1.6"]
+        assert found.sign == 1
+        early += found.n <= 20
+    assert early >= 95
+
+
+def test_the_spent_error_sums_to_alpha() -> None:
+    assert sum(spent(k) for k in range(1, 100_000)) == pytest.approx(0.05, rel=1e-4)
+
+
+def test_earlier_decisions_stand_as_looks_are_added() -> None:
+    rng = np.random.default_rng(3)
+    d = {"large": 2.0 + rng.standard_normal(100), "none": rng.standard_normal(100)}
+    first, later = decide(d, [10, 20]), decide(d, [10, 20, 40, 80])
+    assert first["large"] == later["large"]
+    assert later["large"].n == 10
+    assert later["none"].looks[:2] == first["none"].looks
+    assert not later["none"].decided
+    low, high = later["none"].looks[-1].difference.low, later["none"].looks[-1].difference.high
+    assert low < 0.0 < high
+
+
+def test_differences_that_do_not_vary() -> None:
+    found = decide({"same": np.zeros(10), "always": np.ones(10)}, [10])
+    assert not found["same"].decided
+    assert found["always"].sign == 1
+
+
+def test_looks_out_of_order_are_refused() -> None:
+    for looks, message in (([10, 10], "must ascend"), ([3], "at 5 pairs or later"), ([30], "of which there are 20")):
+        with pytest.raises(ValueError, match=message):
+            decide({"a": np.arange(20.0)}, looks)
+    with pytest.raises(ValueError, match="counts from 1"):
+        spent(0)
