@@ -10,9 +10,9 @@ export SPRAIN_REFERENCE ?= $(abspath ../shared/reference)
 .PHONY: bench browser demo docs test validate lint build lock clean
 
 demo: build
-	$(RUN) run incline30 --out $(OUT)/incline30
+	$(RUN) run incline30 --out $(OUT)/incline30 --force
 	@echo
-	$(RUN) run incline30_brace --out $(OUT)/incline30_brace
+	$(RUN) run incline30_brace --out $(OUT)/incline30_brace --force
 	@echo
 	$(RUN) plot $(OUT)/incline30 $(OUT)/incline30_brace --out $(OUT)
 

@@ -76,6 +76,7 @@ def cli() -> None:
 )
 @ISOLATE
 @OUT
+@click.option("--force", is_flag=True, help="Overwrite an earlier run in --out without a warning.")
 @JSON
 def run_command(
     scenario: str,
@@ -90,10 +91,11 @@ def run_command(
     check_coupling: bool,
     isolate: bool,
     out: Path | None,
+    force: bool,
     as_json: bool,
 ) -> None:
     """Run one landing: SCENARIO is a file, or the name of one that ships."""
-    from .folders.run import FILES, RunSummary, check_run_folder
+    from .folders.run import FILE, FILES, RunSummary, check_run_folder
     from .scenario import load_scenario
 
     chosen = _changed(load_scenario(scenario), fmus, maps, settings)
@@ -104,6 +106,8 @@ def run_command(
         click.echo(f"warning: {warning}", err=True)
     if out is not None:
         check_run_folder(out)
+        if (out / FILE).exists() and not force:
+            click.echo(f"warning: {out}: its earlier run is overwritten; the next version asks for --force", err=True)
         chosen = chosen.recording("plant.*")
     result = chosen.run()
     if result.warning:

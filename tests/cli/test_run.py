@@ -422,3 +422,13 @@ def test_compare_prints_its_table_and_ends_with_3_where_a_brace_failed(tmp_path:
     )
     refused(call("compare", "incline30", "--brace", "linear"), 2, "--brace linear: must read NAME=FILE")
     refused(call("compare", "incline30", "--brace", "a=brace_linear", "--map", "b=x.toml"), 2, "there is no --brace b=")
+
+
+def test_an_earlier_run_is_overwritten_with_a_warning_or_by_force(tmp_path: Path) -> None:
+    arguments = ("run", "incline30", "--stop", "5 ms", "--out", str(tmp_path / "r"))
+    assert "overwritten" not in call(*arguments).stderr
+    again = call(*arguments)
+    assert again.returncode == 0
+    assert "r: its earlier run is overwritten; the next version asks for --force" in again.stderr
+    forced = call(*arguments, "--force")
+    assert (forced.returncode, forced.stderr) == (0, "")
