@@ -23,7 +23,7 @@ from ..errors import EnvironmentProblem
 from . import landlock, seccomp
 from .allowed import NOTHING, Allowed
 from .kernel import SIGNAL_ABI, TRUNCATE_ABI, Offer, checked, libc, offered, prctl
-from .syscalls import Refusal, refusals
+from .syscalls import WATCHED, Refusal, refusals
 
 LIBRARIES = ("/lib", "/lib64", "/usr/lib", "/usr/lib64", "/usr/libexec", "/usr/local/lib", "/usr/local/lib64")
 STORES = ("/nix/store", "/gnu/store")  # where distributions without /usr/lib keep theirs
@@ -149,8 +149,6 @@ def enter(confinement: Confinement, report: socket.socket | None = None) -> list
 def _filter(confinement: Confinement, offer: Offer, report: socket.socket | None) -> None:
     refused = confinement.refusals(os.getpid(), offer)
     if report is not None:
-        from .watch import WATCHED
-
         with contextlib.suppress(OSError):  # a kernel without listeners: the sandbox holds, nothing is announced
             listener = seccomp.install(seccomp.compiled(refused, WATCHED), listener=True)
             socket.send_fds(report, [b"l"], [listener])

@@ -56,6 +56,9 @@ ARCHITECTURES = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7, "riscv64": 0xC0000
 OTHER_INTERFACE = 0x40000000  # numbers from here on are those of x32 on x86_64
 
 EPERM, ENOSYS, EAFNOSUPPORT = 1, 38, 97
+OPENING = ("open", "openat", "openat2", "creat")
+WATCHED = (*OPENING, "clone", "fork", "vfork", "umask", "chdir", "fchdir", "execve", "connect", "bind", "truncate")
+"""Calls that a watched process announces, whether they are refused or not."""
 
 
 @dataclass(frozen=True)

@@ -20,12 +20,10 @@ from pathlib import Path
 
 from .confinement import Confinement
 from .kernel import libc, offered
-from .syscalls import COLUMNS, EPERM, Refusal
+from .syscalls import COLUMNS, EPERM, OPENING, Refusal
 
 RECEIVE, SEND = 0xC0502100, 0xC0182101  # SECCOMP_IOCTL_NOTIF_RECV, _SEND
 CONTINUE = 1
-OPENING = ("open", "openat", "openat2", "creat")
-WATCHED = (*OPENING, "clone", "fork", "vfork", "umask", "chdir", "fchdir", "execve", "connect", "bind", "truncate")
 NOTICE = struct.Struct("<QIIiIQ6Q")  # id, process, flags, call, architecture, instruction pointer, arguments
 LONGEST = 4096  # B of a path
 WRITING, CREATING = 0o3, 0o100  # of open's flags

@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import EnvironmentProblem, InputError, SprainError
+from ...files import read_json
 from ...process import run_program
 from . import subset
 from .device import Device, Reason, arguments, read_device
@@ -107,7 +108,7 @@ def compile_devices(folders: Sequence[Path], platforms: Sequence[str]) -> list[C
         if not outcome.is_file():
             last = (ended.stderr.strip().splitlines() or [f"exit code {ended.returncode}"])[-1]
             raise EnvironmentProblem(f"the compiler of devices ended without a result: {last}")
-        found = json.loads(outcome.read_text("utf-8"))
+        found = read_json(outcome)
         if "error" in found:
             raise {"InputError": InputError}.get(found["kind"], EnvironmentProblem)(found["error"])
         return [_read(Path(work) / str(k), entry) for k, entry in enumerate(found["devices"])]
