@@ -16,7 +16,6 @@ demo: build
 	@echo
 	$(RUN) plot $(OUT)/incline30 $(OUT)/incline30_brace --out $(OUT)
 
-# doctor compiles the plant's kernels once, before the test processes would do it all at the same time
 test: build lint
 	$(RUN) doctor
 	$(BIN)/python -m pytest $(ON_ALL_CORES)

@@ -1,9 +1,9 @@
 """Speed, side by side in one run. Run: make bench, or python tools/bench.py [--repeat N].
 
-Prints the time of one landing driven directly, through the FMI slaves in one process, and co-simulated, here and with
-the same FMUs under libcosim and CoFmuPy (each installed once into an environment of its own below build/peers, where
-that is possible; --no-peers leaves them out); the parts of each; and how the cost grows with tolerance, communication
-step and number of facets. Best of N repetitions on one core."""
+Prints the time of one landing driven directly and co-simulated, here and with the same FMUs under libcosim and CoFmuPy
+(each installed once into an environment of its own below build/peers, where that is possible; --no-peers leaves them
+out); the parts of each; and how the cost grows with tolerance, communication step and number of facets. Best of N
+repetitions on one core."""
 
 from __future__ import annotations
 
@@ -24,12 +24,9 @@ from numba import njit
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from fmus.plant import kernels
-from fmus.plant.plant import Landing, Plant, sole
-from fmus.plant.slave import Slave
-from sprain_cosim.fmu.build.device import read_device
-from sprain_cosim.fmu.build.interpreter import Interpreted
+from fmus.plant.constants import sole
+from fmus.plant.plant import Landing, Plant
 from sprain_cosim.scenario import load_scenario
-from sprain_cosim.shipped import SOURCES
 
 STOP, STEP = 0.150, 5e-4
 OPENSIM = 6.3  # s per landing, median, OpenSim 4.6 on the same class of machine
@@ -51,45 +48,6 @@ def direct(plant: Plant, landing: Landing, step: float = STOP) -> None:
     for k in range(round(STOP / step)):
         plant.advance((k + 1) * step)
         plant.observe()
-
-
-class InProcess:
-    """Plant, controller and brace of incline30_brace, wired by array copies, the devices as plain Python: what
-    co-simulation costs without FMI."""
-
-    def __init__(self) -> None:
-        self.plant = Slave()
-        self.brace, self.controller = (
-            Interpreted(read_device(SOURCES / name)) for name in ("brace_bushing", "reflex_controller")
-        )
-        p = self.plant.index
-        self.angles = [p[f"rotation_{x}_angle"] for x in "xyz"]
-        self.torques = [p[f"brace_rotation_{x}_{kind}"] for kind in ("torque", "stiffness") for x in "xyz"]
-        muscles = [n.removesuffix("_excitation") for n in p if n.endswith("_excitation")]
-        self.stretch = [p[f"{m}_stretch_velocity"] for m in muscles]
-        self.excitations = [p[f"{m}_excitation"] for m in muscles]
-
-    def exchange(self) -> None:
-        p, b, c = self.plant.values, self.brace.values, self.controller.values
-        p[self.torques] = [*b.torque, *b.stiffness]
-        p[self.excitations] = c.excitation
-        self.plant.refresh()
-
-    def run(self) -> None:
-        p, b, c = self.plant.values, self.brace.values, self.controller.values
-        self.brace["angle_scale"] = 2.4
-        self.controller.initialise()
-        self.plant.exit_initialization_mode()
-        self.brace.initialise()
-        self.exchange()
-        record = np.empty((round(STOP / STEP), len(p)))
-        for k in range(len(record)):
-            self.plant.step(k * STEP, STEP)
-            b.angle, c.stretch_velocity = p[self.angles], p[self.stretch]
-            self.controller.step(k * STEP, STEP)
-            self.brace.step(k * STEP, STEP)
-            self.exchange()
-            record[k] = p
 
 
 @njit
@@ -116,7 +74,7 @@ def parts(repeat: int) -> dict[str, float]:
     plant = Plant()
     plant.start(Landing())
     plant.advance(0.06)
-    names = ("skeleton, with MuJoCo", "paths", "muscles", "contact with damping", "factor and solve", "one evaluation")
+    names = ("skeleton", "paths", "muscles", "contact with damping", "factor and solve", "one evaluation")
     out = {}
     for which, name in enumerate(names):
         call = lambda: repeat_part(which, 1000, plant._model, plant._state, plant._facets, plant._blocks)  # noqa: B023, E731
@@ -225,23 +183,13 @@ def main() -> None:
         f"{OPENSIM / alone:.0f} times faster than OpenSim 4.6 ({OPENSIM} s); {plant.state['evaluations']} evaluations",
     )
     row("the same, observed every 0.5 ms", best(lambda: direct(plant, Landing(), STEP), repeat))
-    three = InProcess()
-    three.run()
-    together = best(three.run, repeat)
-    row("three slaves in one process, no FMI (brace)", together)
     for name in ("incline30", "incline30_brace", "incline30_mixed"):
-        # in a process of its own: two copies of the kernels in one process make numba compare their record types at
-        # every call
+        # in a process of its own, so that nothing of the kernels above is in its caches
         child = subprocess.run(
             [sys.executable, __file__, "--traffic", name], capture_output=True, text=True, check=True
         )
         seconds, spent, by_step, ratio = json.loads(child.stdout)
-        extra = (
-            f"FMI and master {1e6 * (seconds - together) / 300:.1f} us per step over the line above"
-            if name == "incline30_brace"
-            else ""
-        )
-        row(f"co-simulated, {name}", seconds, f"{OPENSIM / seconds:.0f} times faster than OpenSim 4.6. {extra}")
+        row(f"co-simulated, {name}", seconds, f"{OPENSIM / seconds:.0f} times faster than OpenSim 4.6")
         print(f"{'  default coupling over plain gauss-seidel':46}{ratio:9.3f}")
         if name == "incline30_brace":
             brace_traffic, brace_steps = spent, by_step

@@ -14,8 +14,8 @@ import numpy as np
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT))
 
+from fmus.plant.constants import PLATFORM_PIVOT  # noqa: E402
 from fmus.plant.model import Skeleton, load_skeleton, table, vector  # noqa: E402
-from fmus.plant.plant import PLATFORM_PIVOT  # noqa: E402
 
 TARGET = ROOT / "fmus" / "plant" / "extra" / "sprain-cosim" / "skeleton.json"
 ANGLES = np.radians(np.arange(-120.0, 11.0, 1.0))  # the knee's translations are linear between these, within 0.01 mm

@@ -1,25 +1,20 @@
 """Compiled kernels of the plant: forces, the equations of motion and their integrator. One file, so that numba's cache
-never serves a stale caller.
+never serves a stale caller; no allocation, so that they can be compiled ahead of time.
 
-Two records carry everything: `MODEL` (constants, and the addresses of MuJoCo's arrays) and `STATE` (parameters, inputs,
-state, work space). MuJoCo's C functions give kinematics, mass matrix and bias; they are called from compiled code by
-address. Frames, units and signs: `model.py`; equations and their sources: README.md beside this file."""
+Two records carry everything: `MODEL` (constants) and `STATE` (parameters, inputs, state, work space). Frames, units and
+signs: `model.py`; equations and their sources: README.md beside this file."""
 
 from __future__ import annotations
 
-import ctypes
 import math
-from pathlib import Path
 
-import llvmlite.binding
-import mujoco
 import numpy as np
-from numba import carray, njit, types
-from numba.extending import intrinsic
+from numba import njit
 
 from .interface import AXES, IMPEDANCES
 
-NQ, NV, NB, NM, NP = 15, 20, 8, 49, 175
+NQ, NB, NM, NP = 15, 8, 49, 175
+GROUND = 0
 PELVIS, FEMUR, TIBIA, TALUS, CALCN, PATELLA, TORSO = range(1, 8)
 KNEE, TALOCRURAL, SUBTALAR, LUMBAR = 9, 10, 11, 12
 N_ANKLE = 8
@@ -41,9 +36,10 @@ ECCENTRIC = (2.0 + 2.0 / A_F) / (F_LEN - 1.0)
 f8, i8 = np.float64, np.int64
 MODEL = np.dtype(
     [
-        ("mj_model", i8), ("mj_data", i8), ("qpos", i8), ("qvel", i8), ("qacc", i8), ("xpos", i8), ("xmat", i8), ("xanchor", i8),
-        ("xaxis", i8), ("mass", i8), ("n_mass", i8),
-        ("mass_row", i8, (200,)), ("mass_column", i8, (200,)),
+        # of the bodies of the compiled MuJoCo model; a joint's anchor in the parent's and in the body's own frame
+        ("gravity", f8), ("body_mass", f8, (NB,)), ("body_com", f8, (NB, 3)), ("body_inertia", f8, (NB, 9)),
+        ("anchor_in_parent", f8, (NB, 3)), ("anchor", f8, (NB, 3)), ("talocrural_axis", f8, (3,)), ("subtalar_axis", f8, (3,)),
+        ("q_start", f8, (NQ,)), ("u_start", f8, (NQ,)),
         ("spline_size", i8, (5,)), ("spline_scale", f8, (5,)), ("spline_knot", f8, (5, N_KNOTS)),
         ("spline_coefficient", f8, (5, N_KNOTS, 4)),
         ("max_force", f8, (NM,)), ("l_opt", f8, (NM,)), ("l_slack", f8, (NM,)), ("height", f8, (NM,)), ("l_min", f8, (NM,)),
@@ -72,13 +68,18 @@ STATE = np.dtype(
         ("l_rate", f8, (2, NM)), ("l_pole", f8, (2, NM)), ("l_mtu", f8, (2, NM)), ("mtu", f8, (2, NM)), ("mtu_rate", f8, (2, NM)),
         ("tendon_force", f8, (2, NM)), ("reflex", f8, (2, NM)), ("ankle_force", f8, (2, 2)), ("ankle_damp", f8, (2, 2, 2)),
         # work space
-        ("bias", f8, (NV,)), ("full", f8, (NV, NV)), ("slope", f8, (6,)), ("curvature", f8, (6,)),
+        ("xpos", f8, (NB, 3)), ("xmat", f8, (NB, 9)), ("acceleration", f8, (NB, 6)), ("inertia", f8, (NB, 10)),
+        ("joint_axes", f8, (3, 3)), ("momentum", f8, (2, 6)), ("place", f8, (6,)), ("slope", f8, (6,)), ("curvature", f8, (6,)),
         ("screw", f8, (NQ, 6)), ("patella_screw", f8, (6,)), ("twist", f8, (NB, 6)), ("wrench", f8, (NB, 6)),
         ("segments", i8), ("active", i8), ("known", i8), ("path_first", i8, (NM + 1,)), ("path_base", f8, (NM,)),
         ("from_body", i8, (NP,)), ("to_body", i8, (NP,)), ("from_point", f8, (NP, 3)), ("to_point", f8, (NP, 3)), ("line", f8, (NP, 6)),
         ("contact", f8, (6,)), ("normal_damping", f8, (3, 3)), ("tangent_damping", f8, (3, 3)), ("plane_screw", f8, (12, 6)), ("touching", i8),
         ("angle", f8, (N_AXES,)), ("velocity", f8, (N_AXES,)), ("axis", f8, (N_AXES, 3)), ("dual", f8, (N_AXES, 3)),
         ("talo_rate", f8, (N_AXES,)), ("sub_rate", f8, (N_AXES,)), ("anatomy", f8, (3,)), ("brace", f8, (3,)), ("axis_torque", f8, (N_AXES,)),
+        ("facet_place", f8, (3, 3)), ("facet_origin", f8, (3,)), ("facet_twist", f8, (6,)), ("facet_sum", f8, (16,)),
+        ("back_axis", f8, (3, 3)), ("back_dual", f8, (3, 3)),
+        # work space that a saved state leaves out (SAVED_BEFORE)
+        ("unit", f8, (NQ,)), ("column", f8, (NQ,)),
         ("block_low", f8, (MAX_FACETS // BLOCK,)), ("facet_x", f8, (MAX_FACETS,)), ("facet_y", f8, (MAX_FACETS,)), ("facet_force", f8, (MAX_FACETS,)),
         ("factor", f8, (NQ, NQ)), ("right", f8, (NQ,)),
         ("k1q", f8, (NQ,)), ("k1u", f8, (NQ,)), ("k1a", f8, (NM,)), ("k1l", f8, (NM,)), ("k2q", f8, (NQ,)), ("k2u", f8, (NQ,)), ("k2a", f8, (NM,)), ("k2l", f8, (NM,)),
@@ -87,40 +88,21 @@ STATE = np.dtype(
     align=True,
 )  # fmt: skip
 
+SAVED_BEFORE = "unit"
 N_IMPEDANCES = len(IMPEDANCES)
 IMPEDANCE_ROW = np.array([AXES.index(a) for a, _ in IMPEDANCES])
 IMPEDANCE_COLUMN = np.array([AXES.index(b) for _, b in IMPEDANCES])
 N_OUTPUTS = 2 * N_AXES + N_ANKLE + N_AXES + 1 + 2 * N_AXES + 5 + 3
 DONE, NOT_FINITE, STEP_TOO_SMALL, TOO_MANY_STEPS = 0, 1, 2, 3
+EQUILIBRIUM_START, AS_PUBLISHED = 0, 1
+SLIP_TRANSITION = 0.1  # m/s, below which friction grows linearly with slip
+OTHER_ACTIVATION = 0.05  # of the muscles that the controller does not reach, at contact
 STRETCH = 0.15  # a step may be this much longer than proposed, rather than two short ones up to the next exchange
 MAX_STEPS = 50_000  # of one call; a landing needs about 800
 
-_library = ctypes.CDLL(str(next(Path(mujoco.__file__).parent.glob("libmujoco.so*"), "")))
-
-
-def _mujoco(name: str, *arguments: types.Type) -> types.ExternalFunction:
-    llvmlite.binding.add_symbol(name, ctypes.cast(getattr(_library, name), ctypes.c_void_p).value)
-    return types.ExternalFunction(name, types.void(types.intp, types.intp, *arguments))
-
-
-mj_kinematics = _mujoco("mj_kinematics")
-mj_com_pos = _mujoco("mj_comPos")
-mj_mass = _mujoco("mj_makeM")
-mj_com_vel = _mujoco("mj_comVel")
-mj_bias = _mujoco("mj_rne", types.int32, types.intp)
-
-
-@intrinsic
-def _pointer(typing_context, address):  # type: ignore[no-untyped-def]
-    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
-        return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
-
-    return types.CPointer(types.float64)(address), generate
-
-
 FAST = {"reassoc", "contract", "nsz", "arcp"}
 kernel = njit(error_model="numpy", fastmath=FAST)
-entry = njit(error_model="numpy", fastmath=FAST, cache=True, nogil=True)
+entry = njit(error_model="numpy", fastmath=FAST, cache=True, nogil=True)  # called from Python by plant.py
 
 
 # ----------------------------------------------------------------------------------------------------------------
@@ -128,12 +110,9 @@ entry = njit(error_model="numpy", fastmath=FAST, cache=True, nogil=True)
 
 
 @kernel
-def knee_movements(m, s, angle, rate):
-    """Tibia (x, y, turn) and patella (x, y, turn) over the knee angle: writes qpos, qvel, qacc of MuJoCo, slopes and
+def knee_movements(m, s, angle):
+    """Tibia (x, y, turn) and patella (x, y, turn) over the knee angle: writes `place` [m, rad], slopes and
     curvatures."""
-    qpos = carray(_pointer(m.qpos), NV)
-    qvel = carray(_pointer(m.qvel), NV)
-    qacc = carray(_pointer(m.qacc), NV)
     for k in range(6):
         if k == 2:
             value, slope, curvature = angle, 1.0, 0.0
@@ -151,111 +130,273 @@ def knee_movements(m, s, angle, rate):
             value = scale * (c[0] + t * (c[1] + t * (c[2] + t * c[3])) + slope * beyond)
             slope *= scale
             curvature = 0.0 if beyond != 0 else scale * (2 * c[2] + 6 * t * c[3])
+        s.place[k] = value
         s.slope[k] = slope
         s.curvature[k] = curvature
-        d = 9 + k if k < 3 else 11 + k
-        qpos[d] = value
-        qvel[d] = slope * rate
-        qacc[d] = curvature * rate * rate
 
 
 @kernel
-def coupled_screw(s, first, axes, anchor, out):
-    """Screw of the knee coordinate through a body's two translations and its rotation (slopes `first` ... `first` +
-    2)."""
-    e = axes[2]
-    turn = s.slope[first + 2]
-    for c in range(3):
-        out[c] = turn * e[c]
-        out[3 + c] = s.slope[first] * axes[0, c] + s.slope[first + 1] * axes[1, c]
-    out[3] += turn * (anchor[1] * e[2] - anchor[2] * e[1])
-    out[4] += turn * (anchor[2] * e[0] - anchor[0] * e[2])
-    out[5] += turn * (anchor[0] * e[1] - anchor[1] * e[0])
+def turn_z(base, angle, out):
+    """out = base Rz(angle); rotation matrices are (9,), row by row."""
+    c, n = math.cos(angle), math.sin(angle)
+    for i in range(3):
+        x, y = base[3 * i], base[3 * i + 1]
+        out[3 * i] = c * x + n * y
+        out[3 * i + 1] = c * y - n * x
+        out[3 * i + 2] = base[3 * i + 2]
+
+
+@kernel
+def turn_zxy(base, angles, out, axes):
+    """out = base Rz Rx Ry of the three angles; `axes` (3, 3): the rows are the axes of the turns in the ground
+    frame."""
+    cz, nz = math.cos(angles[0]), math.sin(angles[0])
+    cx, nx = math.cos(angles[1]), math.sin(angles[1])
+    cy, ny = math.cos(angles[2]), math.sin(angles[2])
+    for i in range(3):
+        x, y, z = base[3 * i], base[3 * i + 1], base[3 * i + 2]
+        axes[0, i] = z
+        x, y = cz * x + nz * y, cz * y - nz * x
+        axes[1, i] = x
+        y, z = cx * y + nx * z, cx * z - nx * y
+        axes[2, i] = y
+        out[3 * i] = cy * x - ny * z
+        out[3 * i + 1] = y
+        out[3 * i + 2] = ny * x + cy * z
+
+
+@kernel
+def turn_about(base, axis, angle, out):
+    """out = base R(axis, angle) for a unit axis (Rodrigues)."""
+    c, n = math.cos(angle), math.sin(angle)
+    a, b, d = axis[0], axis[1], axis[2]
+    v = 1.0 - c
+    for i in range(3):
+        x, y, z = base[3 * i], base[3 * i + 1], base[3 * i + 2]
+        along = v * (a * x + b * y + d * z)
+        out[3 * i] = c * x + along * a + n * (y * d - z * b)
+        out[3 * i + 1] = c * y + along * b + n * (z * a - x * d)
+        out[3 * i + 2] = c * z + along * d + n * (x * b - y * a)
+
+
+@kernel
+def hang(m, s, body, parent):
+    """Body at its joint's anchor in the parent, which is the origin of its own frame but for the tibia's; it moves with
+    the parent until joints are added."""
+    r, anchor = s.xmat[parent], m.anchor_in_parent[body]
+    for i in range(3):
+        s.xpos[body, i] = s.xpos[parent, i] + r[3 * i] * anchor[0] + r[3 * i + 1] * anchor[1] + r[3 * i + 2] * anchor[2]
+    for i in range(6):
+        s.twist[body, i] = s.twist[parent, i]
+        s.acceleration[body, i] = s.acceleration[parent, i]
+
+
+@kernel
+def set_hinge(screw, ex, ey, ez, at):
+    """Screw about the ground's origin of a turn about the axis e through the point `at`."""
+    screw[0], screw[1], screw[2] = ex, ey, ez
+    screw[3] = at[1] * ez - at[2] * ey
+    screw[4] = at[2] * ex - at[0] * ez
+    screw[5] = at[0] * ey - at[1] * ex
+
+
+@kernel
+def add_joint(s, body, screw, rate):
+    """Twist and velocity-dependent acceleration of a body that moves along a further screw, which its parent
+    carries."""
+    v, a = s.twist[body], s.acceleration[body]
+    a[0] += rate * (v[1] * screw[2] - v[2] * screw[1])
+    a[1] += rate * (v[2] * screw[0] - v[0] * screw[2])
+    a[2] += rate * (v[0] * screw[1] - v[1] * screw[0])
+    a[3] += rate * (v[1] * screw[5] - v[2] * screw[4] + v[4] * screw[2] - v[5] * screw[1])
+    a[4] += rate * (v[2] * screw[3] - v[0] * screw[5] + v[5] * screw[0] - v[3] * screw[2])
+    a[5] += rate * (v[0] * screw[4] - v[1] * screw[3] + v[3] * screw[1] - v[4] * screw[0])
+    for i in range(6):
+        v[i] += rate * screw[i]
+
+
+@kernel
+def ball(m, s, body, parent, first, q, u):
+    """Three turns about z, x, y at one point, of the coordinates `first` ... `first` + 2."""
+    axes = s.joint_axes
+    turn_zxy(s.xmat[parent], q[first : first + 3], s.xmat[body], axes)
+    for i in range(3):
+        screw = s.screw[first + i]
+        set_hinge(screw, axes[i, 0], axes[i, 1], axes[i, 2], s.xpos[body])
+        add_joint(s, body, screw, u[first + i])
+
+
+@kernel
+def hinge(m, s, body, parent, axis, k, q, u):
+    """One turn about a fixed axis of the parent, of the coordinate k."""
+    hang(m, s, body, parent)
+    r = s.xmat[parent]
+    turn_about(r, axis, q[k], s.xmat[body])
+    ex = r[0] * axis[0] + r[1] * axis[1] + r[2] * axis[2]
+    ey = r[3] * axis[0] + r[4] * axis[1] + r[5] * axis[2]
+    ez = r[6] * axis[0] + r[7] * axis[1] + r[8] * axis[2]
+    set_hinge(s.screw[k], ex, ey, ez, s.xpos[body])
+    add_joint(s, body, s.screw[k], u[k])
+
+
+@kernel
+def ride_knee(m, s, body, first, screw, rate):
+    """Tibia or patella on the femur: two translations and a turn about z, all functions of the knee angle, whose values,
+    slopes and curvatures stand from `first` on. `screw` is that of the knee coordinate."""
+    hang(m, s, body, FEMUR)
+    r, at, a = s.xmat[FEMUR], s.xpos[body], s.acceleration[body]
+    x, y = s.place[first], s.place[first + 1]
+    x1, y1, turn1 = s.slope[first], s.slope[first + 1], s.slope[first + 2]
+    x2, y2, turn2 = s.curvature[first], s.curvature[first + 1], s.curvature[first + 2]
+    for i in range(3):
+        at[i] += r[3 * i] * x + r[3 * i + 1] * y
+    ex, ey, ez = turn1 * r[2], turn1 * r[5], turn1 * r[8]
+    lx, ly, lz = r[0] * x1 + r[1] * y1, r[3] * x1 + r[4] * y1, r[6] * x1 + r[7] * y1
+    set_hinge(screw, ex, ey, ez, at)
+    screw[3] += lx
+    screw[4] += ly
+    screw[5] += lz
+    add_joint(s, body, screw, rate)
+    # the screw changes along the coordinate itself: slope of the turn, of the translation, and the anchor that moves
+    square = rate * rate
+    fx, fy, fz = turn2 * r[2], turn2 * r[5], turn2 * r[8]
+    a[0] += square * fx
+    a[1] += square * fy
+    a[2] += square * fz
+    a[3] += square * (r[0] * x2 + r[1] * y2 + at[1] * fz - at[2] * fy + ly * ez - lz * ey)
+    a[4] += square * (r[3] * x2 + r[4] * y2 + at[2] * fx - at[0] * fz + lz * ex - lx * ez)
+    a[5] += square * (r[6] * x2 + r[7] * y2 + at[0] * fy - at[1] * fx + lx * ey - ly * ex)
+    turn_z(r, s.place[first + 2], s.xmat[body])
+    own, r = m.anchor[body], s.xmat[body]
+    for i in range(3):
+        at[i] -= r[3 * i] * own[0] + r[3 * i + 1] * own[1] + r[3 * i + 2] * own[2]
+
+
+@kernel
+def carry(inertia, v, out):
+    """Momentum of an inertia about the ground's origin, (10,): mass, first moment, second moment xx yy zz xy xz yz,
+    moving with the twist v."""
+    mass, x, y, z = inertia[0], inertia[1], inertia[2], inertia[3]
+    xx, yy, zz, xy, xz, yz = inertia[4], inertia[5], inertia[6], inertia[7], inertia[8], inertia[9]
+    out[0] = xx * v[0] + xy * v[1] + xz * v[2] + y * v[5] - z * v[4]
+    out[1] = xy * v[0] + yy * v[1] + yz * v[2] + z * v[3] - x * v[5]
+    out[2] = xz * v[0] + yz * v[1] + zz * v[2] + x * v[4] - y * v[3]
+    out[3] = mass * v[3] + z * v[1] - y * v[2]
+    out[4] = mass * v[4] + x * v[2] - z * v[0]
+    out[5] = mass * v[5] + y * v[0] - x * v[1]
+
+
+@kernel
+def weigh(m, s, body):
+    """Inertia of the body about the ground's origin, and as its wrench what gravity and its velocity ask of its joints,
+    with the opposite sign."""
+    r, com, local, mass = s.xmat[body], m.body_com[body], m.body_inertia[body], m.body_mass[body]
+    out = s.inertia[body]
+    x = s.xpos[body, 0] + r[0] * com[0] + r[1] * com[1] + r[2] * com[2]
+    y = s.xpos[body, 1] + r[3] * com[0] + r[4] * com[1] + r[5] * com[2]
+    z = s.xpos[body, 2] + r[6] * com[0] + r[7] * com[1] + r[8] * com[2]
+    out[0], out[1], out[2], out[3] = mass, mass * x, mass * y, mass * z
+    ax = r[0] * local[0] + r[1] * local[3] + r[2] * local[6]
+    ay = r[0] * local[1] + r[1] * local[4] + r[2] * local[7]
+    az = r[0] * local[2] + r[1] * local[5] + r[2] * local[8]
+    bx = r[3] * local[0] + r[4] * local[3] + r[5] * local[6]
+    by = r[3] * local[1] + r[4] * local[4] + r[5] * local[7]
+    bz = r[3] * local[2] + r[4] * local[5] + r[5] * local[8]
+    cx = r[6] * local[0] + r[7] * local[3] + r[8] * local[6]
+    cy = r[6] * local[1] + r[7] * local[4] + r[8] * local[7]
+    cz = r[6] * local[2] + r[7] * local[5] + r[8] * local[8]
+    out[4] = ax * r[0] + ay * r[1] + az * r[2] + mass * (y * y + z * z)
+    out[5] = bx * r[3] + by * r[4] + bz * r[5] + mass * (x * x + z * z)
+    out[6] = cx * r[6] + cy * r[7] + cz * r[8] + mass * (x * x + y * y)
+    out[7] = ax * r[3] + ay * r[4] + az * r[5] - mass * x * y
+    out[8] = ax * r[6] + ay * r[7] + az * r[8] - mass * x * z
+    out[9] = bx * r[6] + by * r[7] + bz * r[8] - mass * y * z
+    v, h, f, wrench = s.twist[body], s.momentum[0], s.momentum[1], s.wrench[body]
+    carry(out, v, h)
+    carry(out, s.acceleration[body], f)
+    wrench[0] = -f[0] - (v[1] * h[2] - v[2] * h[1] + v[4] * h[5] - v[5] * h[4])
+    wrench[1] = -f[1] - (v[2] * h[0] - v[0] * h[2] + v[5] * h[3] - v[3] * h[5])
+    wrench[2] = -f[2] - (v[0] * h[1] - v[1] * h[0] + v[3] * h[4] - v[4] * h[3])
+    wrench[3] = -f[3] - (v[1] * h[5] - v[2] * h[4])
+    wrench[4] = -f[4] - (v[2] * h[3] - v[0] * h[5])
+    wrench[5] = -f[5] - (v[0] * h[4] - v[1] * h[3])
+
+
+@kernel
+def along(screw, h):
+    return screw[0] * h[0] + screw[1] * h[1] + screw[2] * h[2] + screw[3] * h[3] + screw[4] * h[4] + screw[5] * h[5]
+
+
+@kernel
+def mass_row(s, mass, i, body, first):
+    """Row i of the mass matrix down to its diagonal: the coordinate moves all that hangs on `body`; `first` is the
+    first coordinate beyond the pelvis' on the way to it."""
+    screw, h = s.screw, s.momentum[0]
+    carry(s.inertia[body], screw[i], h)
+    for j in range(6 if i >= 6 else i + 1):
+        mass[i, j] = mass[j, i] = along(screw[j], h)
+    for j in range(first, i + 1):
+        mass[i, j] = mass[j, i] = along(screw[j], h)
+
+
+@kernel
+def masses(s, mass):
+    """(15, 15) by composite bodies, summed from the leaves to the root (Featherstone 2008, section 6.2)."""
+    inertia, screw = s.inertia, s.screw
+    for k in range(10):
+        inertia[TALUS, k] += inertia[CALCN, k]
+        inertia[TIBIA, k] += inertia[TALUS, k]
+        inertia[FEMUR, k] += inertia[TIBIA, k] + inertia[PATELLA, k]
+        inertia[PELVIS, k] += inertia[FEMUR, k] + inertia[TORSO, k]
+    for i in range(6):
+        mass_row(s, mass, i, PELVIS, 6)
+    for i in range(6, KNEE):
+        mass_row(s, mass, i, FEMUR, 6)
+    # the knee moves tibia and patella, each along a screw of its own
+    h, own = s.momentum[0], s.momentum[1]
+    carry(inertia[TIBIA], screw[KNEE], h)
+    carry(inertia[PATELLA], s.patella_screw, own)
+    mass[KNEE, KNEE] = along(screw[KNEE], h) + along(s.patella_screw, own)
+    for c in range(6):
+        h[c] += own[c]
+    for j in range(KNEE):
+        mass[KNEE, j] = mass[j, KNEE] = along(screw[j], h)
+    mass_row(s, mass, TALOCRURAL, TALUS, 6)
+    mass_row(s, mass, SUBTALAR, CALCN, 6)
+    for i in range(LUMBAR, NQ):
+        mass_row(s, mass, i, TORSO, LUMBAR)
 
 
 @kernel
 def skeleton(m, s, stage, q, u):
-    """Kinematics, reduced mass matrix (15 x 15) and bias at (q, u); the screw of each coordinate and the twist of each
-    body about the ground's origin (angular part first)."""
-    qpos = carray(_pointer(m.qpos), NV)
-    qvel = carray(_pointer(m.qvel), NV)
-    for k in range(NQ):
-        if k != KNEE:
-            d = k if k < KNEE else k + 2 if k < LUMBAR else k + 5
-            qpos[d] = q[k]
-            qvel[d] = u[k]
-    knee_movements(m, s, q[KNEE], u[KNEE])
-    mj_kinematics(m.mj_model, m.mj_data)
-    mj_com_pos(m.mj_model, m.mj_data)
-    mj_mass(m.mj_model, m.mj_data)
-    mj_com_vel(m.mj_model, m.mj_data)
-    mj_bias(m.mj_model, m.mj_data, np.int32(1), s.bias.ctypes.data)
-
-    mass = carray(_pointer(m.mass), 200)
-    full, reduced, slope = s.full, s.mass[stage], s.slope
-    for k in range(m.n_mass):
-        full[m.mass_row[k], m.mass_column[k]] = mass[k]
-        full[m.mass_column[k], m.mass_row[k]] = mass[k]
-    for i in range(NQ):
-        di = i if i < KNEE else i + 2 if i < LUMBAR else i + 5
-        for j in range(i + 1):
-            if i == KNEE or j == KNEE:
-                continue
-            dj = j if j < KNEE else j + 2 if j < LUMBAR else j + 5
-            value = full[di, dj]
-            reduced[i, j] = value
-            reduced[j, i] = value
-    for j in range(NQ):
-        if j != KNEE:
-            dj = j if j < KNEE else j + 2 if j < LUMBAR else j + 5
-            value = 0.0
-            for k in range(6):
-                value += slope[k] * full[9 + k if k < 3 else 11 + k, dj]
-            reduced[KNEE, j] = value
-            reduced[j, KNEE] = value
-    value = 0.0
-    for k in range(3):
-        for j in range(3):
-            value += slope[k] * slope[j] * full[9 + k, 9 + j] + slope[3 + k] * slope[3 + j] * full[14 + k, 14 + j]
-    reduced[KNEE, KNEE] = value
-
-    xanchor = carray(_pointer(m.xanchor), (NV, 3))
-    xaxis = carray(_pointer(m.xaxis), (NV, 3))
-    screw = s.screw
-    for k in range(NQ):
-        if k == KNEE:
-            continue
-        d = k if k < KNEE else k + 2 if k < LUMBAR else k + 5
-        e, r = xaxis[d], xanchor[d]
-        if k < 3:
-            for c in range(3):
-                screw[k, c] = 0.0
-                screw[k, 3 + c] = e[c]
-        else:
-            for c in range(3):
-                screw[k, c] = e[c]
-            screw[k, 3] = r[1] * e[2] - r[2] * e[1]
-            screw[k, 4] = r[2] * e[0] - r[0] * e[2]
-            screw[k, 5] = r[0] * e[1] - r[1] * e[0]
-    coupled_screw(s, 0, xaxis[9:12], xanchor[11], screw[KNEE])
-    coupled_screw(s, 3, xaxis[14:17], xanchor[16], s.patella_screw)
-    twist = s.twist
+    """Frames of the bodies, the screw of each coordinate and the twist of each body about the ground's origin (angular
+    part first), the mass matrix (15 x 15), and the wrenches of inertia and gravity on the bodies, from which the forces
+    of the other terms go on."""
+    knee_movements(m, s, q[KNEE])
+    for i in range(3):
+        s.xpos[PELVIS, i] = q[i]
+        for c in range(6):
+            s.screw[i, c] = 0.0
+        s.screw[i, 3 + i] = 1.0
+        s.twist[PELVIS, i], s.twist[PELVIS, 3 + i] = 0.0, u[i]
+        s.acceleration[PELVIS, i], s.acceleration[PELVIS, 3 + i] = 0.0, 0.0
+    s.acceleration[PELVIS, 4] = m.gravity  # a frame that rises so feels gravity
+    for i in range(9):
+        s.xmat[GROUND, i] = 1.0 if i % 4 == 0 else 0.0
+    ball(m, s, PELVIS, GROUND, 3, q, u)
+    hang(m, s, FEMUR, PELVIS)
+    ball(m, s, FEMUR, PELVIS, 6, q, u)
+    ride_knee(m, s, TIBIA, 0, s.screw[KNEE], u[KNEE])
+    ride_knee(m, s, PATELLA, 3, s.patella_screw, u[KNEE])
+    hinge(m, s, TALUS, TIBIA, m.talocrural_axis, TALOCRURAL, q, u)
+    hinge(m, s, CALCN, TALUS, m.subtalar_axis, SUBTALAR, q, u)
+    hang(m, s, TORSO, PELVIS)
+    ball(m, s, TORSO, PELVIS, LUMBAR, q, u)
     for c in range(6):
-        pelvis = 0.0
-        for k in range(6):
-            pelvis += screw[k, c] * u[k]
-        femur = pelvis + screw[6, c] * u[6] + screw[7, c] * u[7] + screw[8, c] * u[8]
-        tibia = femur + screw[KNEE, c] * u[KNEE]
-        talus = tibia + screw[TALOCRURAL, c] * u[TALOCRURAL]
-        twist[PELVIS, c] = pelvis
-        twist[FEMUR, c] = femur
-        twist[TIBIA, c] = tibia
-        twist[TALUS, c] = talus
-        twist[CALCN, c] = talus + screw[SUBTALAR, c] * u[SUBTALAR]
-        twist[PATELLA, c] = femur + s.patella_screw[c] * u[KNEE]
-        twist[TORSO, c] = pelvis + screw[12, c] * u[12] + screw[13, c] * u[13] + screw[14, c] * u[14]
-        for b in range(NB):
-            s.wrench[b, c] = 0.0
+        s.wrench[GROUND, c] = 0.0
+    for body in range(1, NB):
+        weigh(m, s, body)
+    masses(s, s.mass[stage])
 
 
 @kernel
@@ -332,8 +473,7 @@ def connect_paths(m, s, q):
 @kernel
 def paths(m, s, mtu, mtu_rate):
     """(49,) length and lengthening speed of the muscles; the unit wrench (A x e, e) of each crossing segment."""
-    xpos = carray(_pointer(m.xpos), (NB, 3))
-    xmat = carray(_pointer(m.xmat), (NB, 9))
+    xpos, xmat = s.xpos, s.xmat
     twist, line = s.twist, s.line
     for k in range(NM):
         length, rate = s.path_base[k], 0.0
@@ -555,13 +695,9 @@ def place_facets(m, s, facets, blocks, place, origin):
 def contact(m, s, facets, blocks, stage):
     """`facets` (n, 4, BLOCK) are sorted into `blocks` (6, n): centre and half extents of each. Wrench of the platform
     on the calcaneus, and the damping matrices for the integrator, about the platform's pivot."""
-    xpos = carray(_pointer(m.xpos), (NB, 3))
-    xmat = carray(_pointer(m.xmat), (NB, 9))
+    xpos, xmat = s.xpos, s.xmat
     plane, pivot = s.plane, m.pivot
-    place = np.empty((3, 3))
-    origin = np.empty(3)
-    twist = np.empty(6)
-    total = np.empty(16)
+    place, origin, twist, total = s.facet_place, s.facet_origin, s.facet_twist, s.facet_sum
     w = s.twist[CALCN]
     vx = w[3] + w[1] * pivot[2] - w[2] * pivot[1]
     vy = w[4] + w[2] * pivot[0] - w[0] * pivot[2]
@@ -753,7 +889,7 @@ def cubic(coefficient, t):
 def ankle_axes(m, s, q, u):
     """Angles, velocities, axes and dual bases of the contract's eight axes. The dual vectors of talocrural and subtalar
     lie in their plane: a torque about one of them carries no moment that does no work."""
-    xmat = carray(_pointer(m.xmat), (NB, 9))
+    xmat = s.xmat
     talo, sub = s.screw[TALOCRURAL, :3], s.screw[SUBTALAR, :3]
     axis, dual, angle = s.axis, s.dual, s.angle
     dot = talo[0] * sub[0] + talo[1] * sub[1] + talo[2] * sub[2]
@@ -777,7 +913,7 @@ def ankle_axes(m, s, q, u):
 @kernel
 def passive_joints(m, s, q, u):
     """Wrenches of the ankle's and the back's bushings; leaves the axes of the ankle in the state."""
-    xmat = carray(_pointer(m.xmat), (NB, 9))
+    xmat = s.xmat
     ankle_axes(m, s, q, u)
     anatomy = s.anatomy
     for c in range(3):
@@ -786,8 +922,7 @@ def passive_joints(m, s, q, u):
         torque = -cubic(m.ankle_bushing[k], s.passive_scale * s.angle[5 + k])
         for c in range(3):
             anatomy[c] += torque * s.dual[5 + k, c]
-    axis = np.empty((3, 3))
-    dual = np.empty((3, 3))
+    axis, dual = s.back_axis, s.back_dual
     angles = euler_axes(xmat, PELVIS, TORSO, axis, dual)
     for c in range(3):
         s.wrench[CALCN, c] += anatomy[c]
@@ -871,11 +1006,6 @@ def evaluate(m, s, facets, blocks, stage, q, u, a, l):
         contact_damping(m, s, s.damp)
     force = s.force[stage]
     generalised_force(s, force)
-    for k in range(NQ):
-        if k != KNEE:
-            force[k] -= s.bias[k if k < KNEE else k + 2 if k < LUMBAR else k + 5]
-    for k in range(6):
-        force[KNEE] -= s.slope[k] * s.bias[9 + k if k < 3 else 11 + k]
     force[LUMBAR] += limit_force(m.limit[0], q[LUMBAR], u[LUMBAR])
     force[KNEE] += limit_force(m.limit[1], q[KNEE], u[KNEE])
 
@@ -1003,10 +1133,9 @@ def refresh(m, s, facets, blocks):
 
 
 @entry
-def advance(model, state, facets, blocks, end, fixed_step):
+def advance(m, s, facets, blocks, end, fixed_step):
     """Integrates to `end` [s] with the inputs held; `fixed_step` > 0 [s] switches the step control off. Returns DONE,
     NOT_FINITE, STEP_TOO_SMALL or TOO_MANY_STEPS."""
-    m, s = model[0], state[0]
     if s.valid == 0:
         evaluate(m, s, facets, blocks, 0, s.q, s.u, s.a, s.l)
         s.valid = 1
@@ -1126,19 +1255,53 @@ def fibre_equilibrium(m, k, mtu, mtu_rate, a, as_published):
 
 
 @entry
-def initialise(model, state, facets, blocks, touching, as_published):
+def prepare(m, s, p):
+    """Parameters of the landing `p` (any record with the names of interface.PARAMETERS, and `fibre_start`), coordinates, speeds and
+    activations at contact. The excitations that stand in the state give the ankle muscles their first activation (floor
+    0.01) unless `initial_ankle_activation` is set."""
+    sine, cosine = math.sin(p.platform_incline), math.cos(p.platform_incline)
+    for i in range(3):
+        for j in range(3):
+            s.plane[i, j] = 0.0
+    s.plane[0, 0] = 1.0
+    s.plane[1, 1], s.plane[1, 2] = sine, -cosine
+    s.plane[2, 1], s.plane[2, 2] = cosine, sine
+    s.modulus, s.dissipation = p.contact_modulus, p.contact_dissipation
+    s.friction, s.viscous_friction, s.transition = p.contact_friction, p.contact_viscous_friction, SLIP_TRANSITION
+    s.passive_scale, s.internal_brace_scale = p.passive_angle_scale, p.internal_brace_angle_scale
+    s.reflex_scale, s.tolerance = p.body_reflex_scale, p.tolerance
+    s.excitation_floor = MIN_ACTIVATION if p.fibre_start == AS_PUBLISHED else 0.0
+    for k in range(NM):
+        s.strength[k], s.a[k] = 1.0, OTHER_ACTIVATION
+    for k in range(N_ANKLE):
+        j = m.ankle_muscle[k]
+        first = p.initial_ankle_activation if p.initial_ankle_activation != 0.0 else s.excitation[k]
+        s.strength[j], s.a[j] = p.ankle_strength_scale, min(max(first, MIN_ACTIVATION), 1.0)
+    for k in range(NQ):
+        s.q[k], s.u[k] = m.q_start[k], m.u_start[k]
+    s.q[TALOCRURAL], s.q[SUBTALAR] = p.talocrural_angle_at_contact, p.subtalar_angle_at_contact
+    s.u[TALOCRURAL], s.u[SUBTALAR] = p.talocrural_velocity_at_contact, p.subtalar_velocity_at_contact
+    fall = math.sqrt(2.0 * m.gravity * p.drop_height)
+    s.u[1] = p.pelvis_vertical_velocity if p.pelvis_vertical_velocity != 0.0 else -fall
+    s.braced, s.yielding = s.internal_brace_scale != 0.0, 0
+    for k in range(N_AXES):
+        s.torque[k] = s.held_angle[k] = s.held_velocity[k] = 0.0
+        for j in range(N_AXES):
+            s.stiffness[k, j] = s.damping[k, j] = 0.0
+
+
+@entry
+def initialise(m, s, facets, blocks, touching, as_published):
     """From coordinates, speeds and activations to a consistent start: the pose (pelvis moved along the vertical until
     the deepest facet lies in the plane, if `touching`) and the fibres in equilibrium. Returns the depth of the deepest
     facet before that [m]."""
-    m, s = model[0], state[0]
     s.known = 0
     s.time, s.h = 0.0, 2e-6
     s.evaluations = s.steps = s.rejected = 0
     for k in range(NM):
         s.l[k] = m.l_opt[k]
     evaluate(m, s, facets, blocks, 0, s.q, s.u, s.a, s.l)
-    xpos = carray(_pointer(m.xpos), (NB, 3))
-    xmat = carray(_pointer(m.xmat), (NB, 9))
+    xpos, xmat = s.xpos, s.xmat
     depth = -1e9
     for i in range(facets.shape[0] * BLOCK):
         facet = facets[i // BLOCK, :, i % BLOCK]
@@ -1158,8 +1321,8 @@ def initialise(model, state, facets, blocks, touching, as_published):
     return depth
 
 
-@kernel
-def accept(s, inputs):
+@entry
+def take(s, inputs):
     """The FMU's inputs in the order of interface.py: excitations, torques, stiffnesses, dampings."""
     n = 0
     for k in range(N_ANKLE):
@@ -1187,27 +1350,20 @@ def brace_moments(s, out):
 
 
 @entry
-def respond(model, state, inputs, moments):
+def respond(m, s, inputs, moments):
     """New inputs at the present state: the only outputs that follow them at once are the moments of the brace
     (n_axes,)."""
-    s = state[0]
-    accept(s, inputs)
+    take(s, inputs)
     for k in range(N_AXES):
         s.held_angle[k] = s.angle[k]
         s.held_velocity[k] = s.velocity[k]
-    brace(model[0], s, 0)
+    brace(m, s, 0)
     brace_moments(s, moments)
 
 
 @entry
-def take(state, inputs):
-    accept(state[0], inputs)
-
-
-@entry
-def observe(model, state, facets, blocks, out):
+def observe(m, s, facets, blocks, out):
     """Writes the outputs of interface.py, in their order, for the present state and inputs."""
-    m, s = model[0], state[0]
     refresh(m, s, facets, blocks)
     n = 0
     for k in range(N_AXES):
@@ -1219,8 +1375,9 @@ def observe(model, state, facets, blocks, out):
         out[n + k] = s.mtu_rate[0, j] / (V_MAX * m.l_opt[j])
     n += N_ANKLE
     # inverse of the mass matrix over (talocrural, subtalar)
-    unit = np.zeros(NQ)
-    column = np.empty(NQ)
+    unit, column = s.unit, s.column
+    for k in range(NQ):
+        unit[k] = 0.0
     unit[TALOCRURAL] = 1.0
     solve(s, 0, 0.0, unit, column)
     tt = column[TALOCRURAL]
@@ -1253,9 +1410,8 @@ def observe(model, state, facets, blocks, out):
 
 
 @entry
-def look(model, state, facets, blocks, out):
+def look(m, s, facets, blocks, out):
     """Writes the local variables of interface.py, in their order, for the present state."""
-    m, s = model[0], state[0]
     refresh(m, s, facets, blocks)
     for k in range(NQ):
         out[k] = s.q[k]

@@ -71,9 +71,8 @@ def test_fmpy_simulates_it_alone(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_rebuilding_gives_the_same_bytes(name: str, tmp_path: Path) -> None:
-    build_fmu(MODELS / name, tmp_path / "a.fmu")
-    build_fmu(MODELS / name, tmp_path / "b.fmu")
-    assert (tmp_path / "a.fmu").read_bytes() == (tmp_path / "b.fmu").read_bytes() == (FMUS / f"{name}.fmu").read_bytes()
+    build_fmu(MODELS / name, tmp_path / "again.fmu")
+    assert (tmp_path / "again.fmu").read_bytes() == (FMUS / f"{name}.fmu").read_bytes()
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -227,26 +227,25 @@ def lower(device: Device) -> tuple[str, dict[str, bool]]:
         "time": types.float64,
         "step": types.float64,
     }
-    whole: Any = None
     returns: dict[str, bool] = {}
+    entries: dict[str, str] = {}
     for name in sorted(set(symbols(device).values())):
         function = device.functions[name]
         result = _typed(device, name, compilable.form(function), tuple(kinds[a] for a in arguments(function)))
         returns[name] = result.signature.return_type == types.int64
-        module = llvm.parse_assembly(result.library.get_llvm_str())
-        module.get_function(result.fndesc.llvm_func_name).name = f"device_{name}"
-        if whole is None:
-            whole = module
-        else:
-            whole.link_in(module)
-    _hide(whole, {f"device_{name}" for name in returns})
+        entries[result.fndesc.llvm_func_name] = f"device_{name}"
+    whole = llvm.parse_assembly("")
+    for text in compilable.modules():
+        whole.link_in(llvm.parse_assembly(text))
+    for mangled, name in entries.items():
+        whole.get_function(mangled).name = name
+    _hide(whole, set(entries.values()))
     return _with_plain_texts(str(whole)), returns
 
 
 def _typed(device: Device, name: str, dispatcher: Any, signature: tuple[Any, ...]) -> Any:
     """numba's result for one function of the device."""
     from numba import types
-    from numba.core.compiler_lock import global_compiler_lock
     from numba.core.errors import NumbaError
 
     try:
@@ -262,8 +261,6 @@ def _typed(device: Device, name: str, dispatcher: Any, signature: tuple[Any, ...
             f"{device.folder / 'device.py'}: {name} returns {given}; it may return nothing, or on every way a "
             "whole number, a position in REASONS"
         )
-    with global_compiler_lock:
-        result.library._ensure_finalized()
     return result
 
 
@@ -307,8 +304,9 @@ def _with_plain_texts(ir: str) -> str:
     return re.sub(r"(\{ ptr (@\.const\.pickledata[\w.]+), i32 )\d+", lambda m: f"{m[1]}{sizes[m[2]]}", ir)
 
 
-def _ahead_of_time() -> Any:
-    """numba's compiler without the machine code for this process, which nobody would call."""
+def _ahead_of_time(libraries: list[Any]) -> Any:
+    """numba's compiler without the machine code for this process, which nobody would call; every function's code goes
+    into `libraries`, for one link at the end instead of one at every caller."""
     from numba.core.compiler import Compiler
 
     class AheadOfTime(Compiler):
@@ -321,7 +319,8 @@ def _ahead_of_time() -> Any:
         def compile_extra(self, function):  # type: ignore[no-untyped-def]
             compiled = super().compile_extra(function)  # type: ignore[no-untyped-call]
             key: Any = [].append  # the dispatcher wants a built-in function of its own as the key of this overload
-            self.state.targetctx.insert_user_function(key, compiled.fndesc, [compiled.library])
+            self.state.targetctx.insert_user_function(key, compiled.fndesc, [])
+            libraries.append(compiled.library)
             return compiled._replace(entry_point=key)
 
     return AheadOfTime
@@ -332,8 +331,18 @@ class Compilable:
 
     def __init__(self, device: Device) -> None:
         self._own = {m.__name__ for m in device.modules}
-        self._compiler = _ahead_of_time()
+        self._libraries: list[Any] = []
+        self._compiler = _ahead_of_time(self._libraries)
         self._made: dict[Any, Any] = {}
+
+    def modules(self) -> list[str]:
+        """IR of every function that was compiled, and of what numba itself wrote for it."""
+        from numba.core.compiler_lock import global_compiler_lock
+
+        with global_compiler_lock:
+            for library in self._libraries:
+                library._ensure_finalized()
+        return [library.get_llvm_str() for library in self._libraries]
 
     def form(self, value: Any) -> Any:
         """Of a plain function of the device's package, or of one that is decorated for numba already; else None."""

@@ -1,0 +1,153 @@
+"""The constants of the kernels: tables of `data/`, the compiled MuJoCo model, the sole in blocks."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import mujoco
+import numpy as np
+
+from . import kernels
+from .interface import ANKLE_MUSCLES
+from .model import GRAVITY, Muscles, Skeleton, load_muscles, load_skeleton, table
+
+PLATFORM_PIVOT = (-0.2, 0.015, 0.35)
+MAX_PENNATION = math.acos(0.1)
+TURNS = ((0, 0, 1), (1, 0, 0), (0, 1, 0))  # of a ball joint, one after the other: z, x, y
+
+
+@lru_cache(maxsize=1)
+def anatomy() -> tuple[Skeleton, Muscles, mujoco.MjModel]:
+    skeleton = load_skeleton()
+    return skeleton, load_muscles(skeleton), mujoco.MjModel.from_xml_string(skeleton.mjcf())
+
+
+@lru_cache(maxsize=1)
+def sole() -> np.ndarray:
+    """(4, n): x, y, z in the calcaneus frame [m] and area [m^2] of each facet."""
+    rows = table("sole")
+    return np.array([[float(row[c]) for row in rows] for c in ("x_m", "y_m", "z_m", "area_m2")])
+
+
+def blocks(facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sorts (4, n) facets into m spatial blocks: (m, 4, BLOCK), padded with repeated facets of no area, and the (6, m)
+    centres and half extents of their bounding boxes."""
+    if facets.shape[1] > kernels.MAX_FACETS // 2:
+        raise ValueError(f"a sole of {facets.shape[1]} facets; at most {kernels.MAX_FACETS // 2} are supported")
+
+    def split(members: np.ndarray) -> list[np.ndarray]:
+        if len(members) <= kernels.BLOCK:
+            return [members]
+        here = facets[:3, members]
+        members = members[np.argsort(here[np.argmax(np.ptp(here, axis=1))], kind="stable")]
+        half = math.ceil(len(members) / 2 / kernels.BLOCK) * kernels.BLOCK
+        return split(members[:half]) + split(members[half:])
+
+    groups = split(np.arange(facets.shape[1]))
+    padded = np.array([np.resize(members, kernels.BLOCK) for members in groups])
+    ordered = np.ascontiguousarray(facets[:, padded].transpose(1, 0, 2))
+    for block, members in zip(ordered, groups, strict=True):
+        block[3, len(members) :] = 0.0
+    low, high = ordered[:, :3].min(axis=2), ordered[:, :3].max(axis=2)
+    return ordered, np.ascontiguousarray(np.hstack([(low + high) / 2, (high - low) / 2]).T)
+
+
+def record() -> np.ndarray:
+    """(1,) of kernels.MODEL."""
+    skeleton, muscles, compiled = anatomy()
+    out = np.zeros(1, kernels.MODEL)
+    model = out[0]
+    _bodies(model, compiled)
+    _splines(model, skeleton)
+    _muscles(model, muscles)
+    _springs(model)
+    model["pivot"] = PLATFORM_PIVOT
+    model["jcs_zero"] = neutral_jcs(model["talocrural_axis"])
+    model["q_start"], model["u_start"] = skeleton.initial()
+    return out
+
+
+def _bodies(model: np.void, compiled: mujoco.MjModel) -> None:
+    """Masses, inertias and joints as MuJoCo compiled them; the kernels' recursion knows which joints there are."""
+    model["gravity"] = -compiled.opt.gravity[1]
+    turn = np.zeros(9)
+    for body in range(1, kernels.NB):
+        mujoco.mju_quat2Mat(turn, compiled.body_iquat[body])
+        frame = turn.reshape(3, 3)
+        model["body_mass"][body] = compiled.body_mass[body]
+        model["body_com"][body] = compiled.body_ipos[body]
+        model["body_inertia"][body] = (frame @ np.diag(compiled.body_inertia[body]) @ frame.T).ravel()
+        anchor = compiled.jnt_pos[compiled.body_jntadr[body]]
+        model["anchor"][body], model["anchor_in_parent"][body] = anchor, compiled.body_pos[body] + anchor
+    axes, slides = compiled.jnt_axis, compiled.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
+    along = np.eye(3)
+    expected = [*along, *TURNS, *TURNS, *along[:2], TURNS[0], axes[12], axes[13], *along[:2], TURNS[0], *TURNS]
+    sliding = [*[True] * 3, *[False] * 6, True, True, *[False] * 3, True, True, *[False] * 4]
+    if not (np.array_equal(axes, expected) and slides.tolist() == sliding and not compiled.body_quat[:, 1:].any()):
+        raise ValueError("the joints of the MuJoCo model are not those that kernels.skeleton goes through")
+    model["talocrural_axis"], model["subtalar_axis"] = axes[12], axes[13]
+
+
+def _splines(model: np.void, skeleton: Skeleton) -> None:
+    coupled = [v for v in skeleton.movements if v.spline is not None]
+    for j, movement in enumerate(coupled):
+        assert movement.spline is not None
+        size = len(movement.spline.knots)
+        model["spline_size"][j], model["spline_scale"][j] = size, movement.scale
+        model["spline_knot"][j, :size] = movement.spline.knots
+        model["spline_coefficient"][j, : size - 1] = movement.spline.coefficients
+
+
+def ankle_muscles(muscles: Muscles) -> list[int]:
+    """Positions of the muscles that the controller reaches, in the order of interface.ANKLE_MUSCLES."""
+    return [muscles.names.index(f"{name}_r") for name in ANKLE_MUSCLES]
+
+
+def _muscles(model: np.void, muscles: Muscles) -> None:
+    model["max_force"] = muscles.max_force
+    model["l_opt"], model["l_slack"] = muscles.optimal_length, muscles.slack_length
+    model["height"] = muscles.optimal_length * np.sin(muscles.pennation)
+    model["l_min"] = np.maximum(0.01 * muscles.optimal_length, model["height"] / math.sin(MAX_PENNATION))
+    for name in ("length_gain", "velocity_gain", "rest_length"):
+        model[name] = getattr(muscles, name)
+    for name in ("point_muscle", "point_body", "point", "point_coordinate"):
+        model[name] = getattr(muscles, name)
+    model["point_low"], model["point_high"] = muscles.point_range.T
+    reached = ankle_muscles(muscles)
+    model["ankle_muscle"] = reached
+    model["ankle_index"] = -1
+    model["ankle_index"][reached] = np.arange(len(reached))
+
+
+def _springs(model: np.void) -> None:
+    bushings = {(r["bushing"], r["axis"]): r for r in table("bushings")}
+    columns = ("linear_Nm", "quadratic_Nm", "cubic_Nm", "damping_Nm_s")
+    for i, axis in enumerate("xyz"):
+        model["ankle_bushing"][i] = [float(bushings["ankle", axis][c]) for c in columns[:3]]
+        model["lumbar_bushing"][i] = [float(bushings["lumbar", axis][c]) for c in columns]
+    limits = {row["coordinate"]: row for row in table("limits")}
+    turn = math.degrees(1.0)
+    for i, name in enumerate(("lumbar_extension", "knee_angle_r")):
+        row = limits[name]
+        model["limit"][i] = [
+            math.radians(float(row["upper_deg"])),
+            math.radians(float(row["lower_deg"])),
+            float(row["upper_stiffness_Nm_per_deg"]) * turn,
+            float(row["lower_stiffness_Nm_per_deg"]) * turn,
+            float(row["damping_Nm_s_per_deg"]) * turn,
+            math.radians(float(row["transition_deg"])),
+        ]
+
+
+def neutral_jcs(e1: np.ndarray) -> tuple[float, float, float]:
+    """Raw angles of the joint coordinate system (kernels.jcs_angles) [rad] in the neutral pose, where tibia and
+    calcaneus have one frame; `e1` is the talocrural axis in it."""
+    e3 = np.array([0.0, 1.0, 0.0])
+    e2 = np.cross(e3, e1) / np.linalg.norm(np.cross(e3, e1))
+    upright = e3 - (e3 @ e1) * e1
+    upright /= np.linalg.norm(upright)
+    return math.asin(e2 @ upright), math.asin(e1 @ e3), math.asin(e2[2])
+
+
+__all__ = ["GRAVITY", "anatomy", "ankle_muscles", "blocks", "neutral_jcs", "record", "sole"]
