@@ -123,7 +123,7 @@ def hold(
 
 
 @contextmanager
-def handlers(scenario: Scenario) -> Iterator[Handlers]:
+def _handlers(scenario: Scenario) -> Iterator[Handlers]:
     """The child: lands, and holds postures."""
     yield {
         "land": lambda folder: land(scenario, Path(folder)).to_json(),
@@ -132,4 +132,4 @@ def handlers(scenario: Scenario) -> Iterator[Handlers]:
 
 
 if __name__ == "__main__":
-    serve(handlers)
+    serve(_handlers)

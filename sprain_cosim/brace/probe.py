@@ -326,7 +326,7 @@ PROBES: dict[str, Callable[[Rig, float], dict[str, Any]]] = {
 
 
 @contextmanager
-def handlers(subject: tuple[Component, tuple[str, ...]]) -> Iterator[Handlers]:
+def _handlers(subject: tuple[Component, tuple[str, ...]]) -> Iterator[Handlers]:
     """The child: opens the device once, then runs the experiments."""
     component, axes = subject
     Rig(component, axes).close()
@@ -341,4 +341,4 @@ def handlers(subject: tuple[Component, tuple[str, ...]]) -> Iterator[Handlers]:
 
 
 if __name__ == "__main__":
-    serve(handlers)
+    serve(_handlers)

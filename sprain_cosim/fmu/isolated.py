@@ -244,10 +244,10 @@ class Host:
 
 
 @contextlib.contextmanager
-def handlers(component: Component) -> Iterator[Handlers]:
+def _handlers(component: Component) -> Iterator[Handlers]:
     """The child: opens the FMU, then answers for its instance."""
     yield Host(component).handlers()
 
 
 if __name__ == "__main__":
-    serve(handlers)
+    serve(_handlers)

@@ -177,7 +177,7 @@ def _marks(scenario: Openable) -> list[Path]:
 
 
 @contextlib.contextmanager
-def handlers(subject: tuple[Openable, tuple[str, ...], Limits]) -> Iterator[Handlers]:
+def _handlers(subject: tuple[Openable, tuple[str, ...], Limits]) -> Iterator[Handlers]:
     """The child: opens the scenario, then runs trials with values of `names`."""
     scenario, names, limits = subject
 
@@ -204,4 +204,4 @@ def _record(result: Result) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    serve(handlers)
+    serve(_handlers)
