@@ -40,6 +40,11 @@ ISOLATE = click.option(
     is_flag=True,
     help="Every FMU in a process of its own: a crash or a hang ends the run, not this program.",
 )
+IN_PROCESS = click.option(
+    "--in-process",
+    is_flag=True,
+    help="Foreign FMUs without a sandbox: of a run in this process, of trials in their own.",
+)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -75,6 +80,7 @@ def cli() -> None:
     "--check-coupling", is_flag=True, help="Run again at half the step and report the change of every metric."
 )
 @ISOLATE
+@IN_PROCESS
 @OUT
 @click.option("--force", is_flag=True, help="Overwrite an earlier run in --out without a warning.")
 @JSON
@@ -90,6 +96,7 @@ def run_command(
     adaptive: str | None,
     check_coupling: bool,
     isolate: bool,
+    in_process: bool,
     out: Path | None,
     force: bool,
     as_json: bool,
@@ -102,6 +109,8 @@ def run_command(
     chosen = chosen.with_master(scheme, step, stop, identify=identify, adaptive=adaptive)
     if isolate:
         chosen = chosen.isolated()
+    if in_process:
+        chosen = chosen.unconfined()
     for warning in (*chosen.warnings, *chosen.doubts()):
         click.echo(f"warning: {warning}", err=True)
     if out is not None:
@@ -176,6 +185,7 @@ def _print_table(title: str, pose: str | None, result: Result) -> None:
 @click.option("--scheduler", metavar="ADDRESS", help="Run on Dask: tcp://host:8786, or local-cluster.")
 @click.option("--shard", metavar="K/N", help="Run the K-th of N parts; `merge` joins them.")
 @ISOLATE
+@IN_PROCESS
 @click.option("--resume", is_flag=True, help="Continue what --out holds.")
 @click.option("--max-failed", default="1%", show_default=True, help="Share of failed trials that is accepted.")
 @click.option(
@@ -205,6 +215,7 @@ def study_command(
     scheduler: str | None,
     shard: str | None,
     isolate: bool,
+    in_process: bool,
     resume: bool,
     max_failed: str,
     trajectories: str,
@@ -223,6 +234,8 @@ def study_command(
     chosen = _changed(load_study(study), fmus, maps, settings).with_master(scheme, step, stop)
     if isolate:
         chosen = chosen.isolated()
+    if in_process:
+        chosen = chosen.unconfined()
     if inputs is not None:
         if method not in (None, "table") or trials is not None:
             raise InputError("--inputs: its rows are the trials; leave --method and --trials out")
@@ -420,6 +433,7 @@ def check_command(fmu: Path, mapping: Path | None, as_json: bool) -> int:
 @click.option("--workers", type=click.IntRange(1), help="Worker processes of a study (default: one per core).")
 @click.option("--resume", is_flag=True, help="Continue what --out holds of a study.")
 @click.option("--max-failed", default="1%", show_default=True, help="Share of failed landings that is accepted.")
+@IN_PROCESS
 @PROGRESS
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of the comparison (default: runs/compare_NAME).")
 @JSON
@@ -435,6 +449,7 @@ def compare_command(
     workers: int | None,
     resume: bool,
     max_failed: str,
+    in_process: bool,
     progress: str,
     out: Path | None,
     as_json: bool,
@@ -463,6 +478,7 @@ def compare_command(
             resume=resume,
             command=again,
             max_failed=_share(max_failed),
+            in_process=in_process,
             progress=reporter(progress),
             say=lambda name: None if progress == "none" else click.echo(f"{name} ...", err=True),
         )
@@ -793,6 +809,8 @@ def _run(arguments: list[str] | None, received: list[int]) -> int:
         if os.environ.get("SPRAIN_COSIM_DEBUG"):
             raise
         code = _say(_one_line(str(problem)), 4)
+    except MemoryError:
+        code = _say("this machine has too little memory for it", 4)
     except Exception as problem:
         if os.environ.get("SPRAIN_COSIM_DEBUG"):
             raise

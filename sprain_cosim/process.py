@@ -8,7 +8,14 @@
     child.close()             -- SIGKILL to the whole group
 
 An error travels by class: a SprainError that a handler raises is raised by `call` as the same class with the same
-message. What a child prints goes elsewhere than its replies: the last lines are kept for the record."""
+message. What a child prints goes elsewhere than its replies: the last lines are kept for the record.
+
+Every frame carries the trial that it belongs to, a number of its own, the process that wrote it and a checksum. A reply
+of another process (a copy that foreign code made of itself), to another request or of other bytes than were written
+is none: the child counts as crashed.
+
+A child that is to run foreign code works in a scratch folder of its own, which is gone after it, and enters a sandbox
+before the code is loaded. No child imports from the current folder."""
 
 from __future__ import annotations
 
@@ -18,23 +25,37 @@ import math
 import os
 import pickle
 import select
+import shutil
 import signal
+import socket
 import struct
 import subprocess
 import sys
+import tempfile
 import threading
+import zlib
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import monotonic
 from typing import IO, Any, NoReturn
 
 from .errors import EnvironmentProblem, SprainError
+from .sandbox.confinement import Confinement, enter
+from .sandbox.watch import Watch
 
-LENGTH = struct.Struct("<I")
+HEADER = struct.Struct("<IqQI")  # length, trial, number, process; a checksum of these and the content follows
+CHECKSUM = struct.Struct("<I")
 FRAME_LIMIT = 1 << 26  # B, longer replies are not ours
+NO_TRIAL = -1
+PARENTS_TEMPORARY = "SPRAIN_COSIM_TEMPORARY"  # where a child finds what its parent keeps among temporary files
+STRANGE = "something else than the process wrote into the line to its parent"
+START = (  # packages that lie beside this one, in a clone that is not installed, come last
+    "import runpy, sys; root, module = sys.argv.pop(1), sys.argv.pop(1); "
+    "root in sys.path or sys.path.append(root); runpy.run_module(module, run_name='__main__', alter_sys=True)"
+)
 SINGLE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONFAULTHANDLER": ""}
 
 Handlers = Mapping[str, Callable[..., Any]]
@@ -71,8 +92,18 @@ class ProcessEnded(Exception):
 # ---- the line between the two
 
 
+@dataclass(frozen=True)
+class Frame:
+    """What travels: `trial` it belongs to, `number` of the request, `process` that wrote it, `content`."""
+
+    content: bytes
+    trial: int = NO_TRIAL
+    number: int = 0
+    process: int = 0
+
+
 class Line:
-    """Frames over two pipes: a length, then as many bytes."""
+    """Frames over two pipes."""
 
     def __init__(self, source: int, sink: int) -> None:
         """`source`, `sink`: descriptors to read from and to write to."""
@@ -80,19 +111,25 @@ class Line:
         self._poll = select.poll()
         self._poll.register(source, select.POLLIN)
 
-    def send(self, data: bytes) -> None:
-        """Raises OSError when the other end is closed."""
-        view = memoryview(LENGTH.pack(len(data)) + data)
+    def send(self, frame: Frame) -> None:
+        """In the name of this process. Raises OSError when the other end is closed."""
+        head = HEADER.pack(len(frame.content), frame.trial, frame.number, os.getpid())
+        view = memoryview(head + CHECKSUM.pack(_checksum(head, frame.content)) + frame.content)
         while view:
             view = view[os.write(self._sink, view) :]
 
-    def receive(self, deadline: float = math.inf) -> bytes:
-        """One frame. `deadline` [s] by `monotonic`. Raises TimeoutError after it, EOFError when the other end is
-        closed, ValueError for more than a frame may hold."""
-        length: int = LENGTH.unpack(self._read(LENGTH.size, deadline))[0]
+    def receive(self, deadline: float = math.inf) -> Frame:
+        """`deadline` [s] by `monotonic`. Raises TimeoutError after it, EOFError when the other end is closed,
+        ValueError for what is no frame."""
+        head = self._read(HEADER.size, deadline)
+        length, trial, number, process = HEADER.unpack(head)
         if length > FRAME_LIMIT:
-            raise ValueError("the process wrote into the line to its parent")
-        return self._read(length, deadline)
+            raise ValueError(STRANGE)
+        checksum = CHECKSUM.unpack(self._read(CHECKSUM.size, deadline))[0]
+        content = self._read(length, deadline)
+        if checksum != _checksum(head, content):
+            raise ValueError(STRANGE)
+        return Frame(content, trial, number, process)
 
     def close(self) -> None:
         os.close(self._sink)
@@ -112,24 +149,36 @@ class Line:
         return data
 
 
+def _checksum(head: bytes, content: bytes) -> int:
+    return zlib.crc32(content, zlib.crc32(head))
+
+
 # ---- the parent's side
 
 
 class Child:
     """One child process that runs `module`, whose end is `serve(...)`. May be closed from any thread."""
 
-    def __init__(self, module: str, limits: Limits) -> None:
+    def __init__(self, module: str, limits: Limits, watch: Watch | None = None) -> None:
+        """A `watch` sees from outside what the child tries in its sandbox."""
         self.trials, self.memory, self.grown = 0, 0, 0
+        self._number = 0
+        self._scratch, self._watch = _Scratch(), watch
         requests, sink = os.pipe()
         source, replies = os.pipe()
+        report = -1 if watch is None else watch.far.fileno()
+        arguments = [requests, replies, limits.memory, os.getpid(), report]
         self._process = subprocess.Popen(
-            [sys.executable, "-m", module, str(requests), str(replies), str(limits.memory), str(os.getpid())],
+            [*python_command(module), *(str(argument) for argument in arguments)],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            pass_fds=(requests, replies),
+            pass_fds=(requests, replies, *(() if report < 0 else (report,))),
             start_new_session=True,
-            env=os.environ | SINGLE_THREAD,
+            cwd=self._scratch,
+            env=_environment()
+            | {name: str(self._scratch) for name in ("TMPDIR", "NUMBA_CACHE_DIR")}
+            | {PARENTS_TEMPORARY: tempfile.gettempdir()},
         )
         os.close(requests)
         os.close(replies)
@@ -141,15 +190,19 @@ class Child:
         self._closing = threading.Lock()
         self._closed = False
 
-    def open(self, subject: Any, limit: float) -> None:
+    def open(self, subject: Any, limit: float, confinement: Confinement | None = None) -> None:
         """The first request: hands over `subject`, picklable, and waits until the child has opened it, `limit` [s] at
-        most. Raises ProcessEnded, and the SprainError that the child met."""
-        self._exchange(pickle.dumps(subject), limit)
+        most; with a `confinement` in that sandbox. Raises ProcessEnded, and the SprainError that the child met."""
+        if confinement is not None:
+            confinement = replace(confinement, scratch=str(self._scratch))
+            if self._watch is not None:
+                self._watch.confinement = confinement
+        self._exchange(pickle.dumps((confinement, subject)), limit, NO_TRIAL)
 
-    def call(self, name: str, *arguments: Any, limit: float) -> Any:
-        """The value of a handler; arguments and value as JSON has them. `limit` [s] of wall time. Raises ProcessEnded,
-        and the SprainError that the handler raised."""
-        return self._exchange(json.dumps({"call": name, "with": arguments}).encode(), limit)
+    def call(self, name: str, *arguments: Any, limit: float, trial: int = NO_TRIAL) -> Any:
+        """The value of a handler; arguments and value as JSON has them. `limit` [s] of wall time, `trial` that the call
+        belongs to. Raises ProcessEnded, and the SprainError that the handler raised."""
+        return self._exchange(json.dumps({"call": name, "with": arguments}).encode(), limit, trial)
 
     def note(self, memory: int) -> None:
         """Counts a trial; `memory` [B] resident after it. Growth is counted from the tenth trial on, when caches are
@@ -178,12 +231,19 @@ class Child:
             self._closed = True
             _end_group(self._process)
             self._line.close()
+            self._scratch.remove()
 
-    def _exchange(self, request: bytes, limit: float) -> Any:
+    def _exchange(self, request: bytes, limit: float, trial: int) -> Any:
         deadline = monotonic() + limit
+        self._number += 1
         try:
-            self._line.send(request)
-            reply = json.loads(self._line.receive(deadline))
+            self._line.send(Frame(request, trial, self._number))
+            frame = self._line.receive(deadline)
+            if frame.process != self._process.pid:
+                raise ProcessEnded("crashed", f"another process ({frame.process}) answered in its place")
+            if (frame.trial, frame.number) != (trial, self._number):
+                raise ProcessEnded("crashed", f"answered request {frame.number} of trial {frame.trial}")
+            reply = json.loads(frame.content)
         except TimeoutError:
             raise ProcessEnded("timeout", "overran its limit of wall time and was ended") from None
         except json.JSONDecodeError:
@@ -226,36 +286,48 @@ def _error(kind: str, message: str) -> SprainError:
 
 
 def serve(handlers: Callable[[Any], AbstractContextManager[Handlers]]) -> NoReturn:
-    """The whole life of a child that `Child` started: opens the subject that it is sent, answers calls until the line
-    closes, ends the process.
+    """The whole life of a child that `Child` started: enters its sandbox where it has one, opens the subject that it is
+    sent, answers calls until the line closes, ends the process.
 
     `handlers(subject)` opens the subject and gives the functions that can be called, by name. A SprainError, also of
     opening, becomes a reply; any other exception ends the process."""
-    requests, replies, memory, parent = (int(argument) for argument in sys.argv[1:5])
+    requests, replies, memory, parent, report = (int(argument) for argument in sys.argv[1:6])
     _die_with_parent(parent)
     _confine(memory)
     line = Line(requests, replies)
     with contextlib.suppress(EOFError):
-        _answer_all(line, handlers(pickle.loads(line.receive())))
+        first = line.receive()
+        confinement, subject = pickle.loads(first.content)
+        try:
+            if confinement is not None:
+                enter(confinement, socket.socket(fileno=report) if report >= 0 else None)
+            _answer_all(line, first, handlers(subject))
+        except SprainError as problem:
+            line.send(replace(first, content=_refusal(problem)))
     os._exit(0)  # what a foreign library does at the end of a process is not our matter
 
 
-def _answer_all(line: Line, opening: AbstractContextManager[Handlers]) -> None:
-    """Raises EOFError when the line closes; returns when nothing could be opened."""
-    with contextlib.ExitStack() as stack:
-        try:
-            handlers = stack.enter_context(opening)
-        except SprainError as problem:
-            line.send(_refusal(problem))
-            return
-        line.send(_answer(None))
+def _answer_all(line: Line, first: Frame, opening: AbstractContextManager[Handlers]) -> None:
+    """Raises EOFError when the line closes, SprainError when nothing could be opened. A copy of this process that
+    foreign code made ends when it comes back here: it has nothing to say to the parent."""
+    own = os.getpid()
+    with opening as handlers:
+        _only(own)
+        line.send(replace(first, content=_answer(None)))
         while True:
-            request = json.loads(line.receive())
+            frame = line.receive()
+            request = json.loads(frame.content)
             try:
                 reply = _answer(handlers[request["call"]](*request["with"]))
             except SprainError as problem:
                 reply = _refusal(problem)
-            line.send(reply)
+            _only(own)
+            line.send(replace(frame, content=reply))
+
+
+def _only(process: int) -> None:
+    if os.getpid() != process:
+        os._exit(0)
 
 
 def _answer(value: Any) -> bytes:
@@ -346,6 +418,38 @@ def run_program(
         )
     except subprocess.TimeoutExpired:
         raise EnvironmentProblem(f"{command[0]} did not end within {limit:g} s") from None
+
+
+def python_command(module: str) -> list[str]:
+    """Runs a module with this Python; nothing is imported from the current folder."""
+    return [sys.executable, "-P", "-c", START, str(Path(__file__).parent.parent), module]
+
+
+def _environment() -> dict[str, str]:
+    """Of a child: one thread for each library that counts cores, no folder in the search path that depends on where the
+    child stands."""
+    places = [str(Path(p).absolute()) for p in os.environ.get("PYTHONPATH", "").split(os.pathsep) if p]
+    path = {"PYTHONPATH": os.pathsep.join(places)} if places else {}
+    return {k: v for k, v in os.environ.items() if k != "PYTHONPATH"} | SINGLE_THREAD | path
+
+
+class _Scratch(os.PathLike[str]):
+    """A temporary folder, removed by hand: after the process that works in it."""
+
+    def __init__(self) -> None:
+        try:
+            self._path = os.path.realpath(tempfile.mkdtemp(prefix="sprain-cosim-scratch-"))
+        except OSError as problem:
+            raise EnvironmentProblem(f"{tempfile.gettempdir()}: cannot be written: {problem.strerror}") from None
+
+    def __fspath__(self) -> str:
+        return self._path
+
+    def __str__(self) -> str:
+        return self._path
+
+    def remove(self) -> None:
+        shutil.rmtree(self._path, ignore_errors=True)
 
 
 def _end_group(process: subprocess.Popen[bytes]) -> None:

@@ -44,12 +44,62 @@ SUBTALAR = """
 """
 
 
+MISCHIEF = [
+    "none",
+    "fork_once",
+    "fork_stays",
+    "kill_parent",
+    "stop_parent",
+    "leave_session",
+    "write_descriptors",
+    "round_up",
+    "trap",
+    "flush_to_zero",
+    "umask",
+    "environment",
+    "folder",
+    "locale",
+    "handler",
+    "thread",
+    "own_file",
+    "socket",
+    "steal",
+    "exit_in_step",
+    "exit_in_reset",
+    "unknown_status",
+    "negative_status",
+    "close_descriptors",
+    "stop_itself",
+    "daemon",
+    "exit_in_free",
+    "crash_in_free",
+    "exit_in_instantiate",
+    "crash_in_instantiate",
+    "exit_in_start",
+    "hang_in_instantiate",
+]
+HARMED = (
+    SUBTALAR.replace('name="fault"', 'name="mischief"').replace('max="20"', 'max="40"')
+    + """
+    <ScalarVariable name="seen" valueReference="4" causality="output" variability="continuous"><Real unit="1"/></ScalarVariable>
+"""
+)
+
+
+def mischief(target: Path, kind: str = "none", folder: Path | None = None) -> Path:
+    """tests/sources/mischief.c as an FMI 2.0 co-simulation FMU that does a `kind` of harm from the start on; `folder` is
+    what it is after."""
+    macros = (f"-DAT_START={kind.upper()}", f'-DTARGET="{folder}"')
+    return compile_fmu(target, "mischief", HARMED, (2, 5), macros=macros)
+
+
 def compile_fmu(
     target: Path,
     source: str = "faulty",
     variables: str = SUBTALAR,
     outputs: tuple[int, ...] = (2,),
     fault: str = "none",
+    macros: tuple[str, ...] = (),
 ) -> Path:
     """An FMI 2.0 co-simulation FMU of tests/sources/`source`.c; `outputs` are the 1-based indices of the output
     variables, `fault` the one that is set from the start."""
@@ -62,6 +112,7 @@ def compile_fmu(
             "-O1",
             "-w",
             f"-DFAULT_AT_START={FAULTS.index(fault)}",
+            *macros,
             f"-I{HEADERS}",
             "-o",
             library,
@@ -81,6 +132,7 @@ def compile_fmu(
     <Unit name="rad/s"><BaseUnit rad="1" s="-1"/></Unit>
     <Unit name="N"><BaseUnit kg="1" m="1" s="-2"/></Unit>
     <Unit name="m"><BaseUnit m="1"/></Unit>
+    <Unit name="1"><BaseUnit/></Unit>
   </UnitDefinitions>
   <ModelVariables>{variables}</ModelVariables>
   <ModelStructure><Outputs>{structure}</Outputs><InitialUnknowns>{structure}</InitialUnknowns></ModelStructure>

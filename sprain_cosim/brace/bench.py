@@ -1,5 +1,4 @@
-"""One brace on one plant, in a child process: a landing that leaves its folder, and postures in which the brace is
-held.
+"""One brace on one plant, in a child process: a landing, and postures in which the brace is held.
 
 The child opens the scenario it is sent and answers until the line closes, so that a device that crashes or hangs ends
 the child alone."""
@@ -17,6 +16,7 @@ from ..errors import InputError, SimulationError
 from ..folders.run import FILE, RunSummary
 from ..process import Child, Handlers, Limits, ProcessEnded, serve
 from ..scenario import Scenario
+from ..scenario.apart import fetched, served
 from .probe import own_step
 
 if TYPE_CHECKING:
@@ -42,10 +42,17 @@ class Bench:
         """The landing as a table of one row; leaves the run's folder."""
         import pandas as pd
 
-        reply = self._call("land", str(folder))
-        if reply["status"] != "completed":
-            raise SimulationError(reply["message"])
-        return pd.DataFrame([{"trial": 0, "status": reply["status"], "message": "", **reply["metrics"]}])
+        from ..figures.gallery import leave_run
+
+        (folder / FILE).unlink(missing_ok=True)
+        try:
+            result = fetched(self._call)
+        except ValueError:
+            raise SimulationError("the process answered what is no result") from None
+        if result.status != "completed":
+            raise SimulationError(result.message)
+        leave_run(folder, result, RunSummary.of(self.scenario, result))
+        return pd.DataFrame([{"trial": 0, "status": result.status, "message": "", **result.metrics}])
 
     def hold(self, values: Mapping[str, float] | None = None) -> dict[str, float] | None:
         """{posture: N.m that resist it}, with parameter `values` on top of the scenario's; None where the plant cannot
@@ -56,7 +63,7 @@ class Bench:
         try:
             if self._child is None:
                 self._child = Child(__name__, self.limits)
-                self._child.open(self.scenario, self.limits.start)
+                self._child.open(self.scenario.absolute(), self.limits.start, self.scenario.confinement())
             return self._child.call(name, *arguments, limit=self.limits.trial)
         except ProcessEnded as end:
             raise SimulationError(f"the process {end}{self._child.last_words() if self._child else ''}") from None
@@ -73,18 +80,6 @@ class Bench:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def land(scenario: Scenario, folder: Path) -> RunSummary:
-    """One landing; its folder is written when it completed."""
-    (folder / FILE).unlink(missing_ok=True)
-    result = scenario.recording("plant.*").run()
-    summary = RunSummary.of(scenario, result)
-    if result.status == "completed":
-        from ..figures.gallery import leave_run
-
-        leave_run(folder, result, summary)
-    return summary
 
 
 def hold(
@@ -125,8 +120,9 @@ def hold(
 @contextmanager
 def _handlers(scenario: Scenario) -> Iterator[Handlers]:
     """The child: lands, and holds postures."""
+    landing = scenario.recording("plant.*")
     yield {
-        "land": lambda folder: land(scenario, Path(folder)).to_json(),
+        **served(lambda: landing.run(in_process=True)),
         "hold": lambda postures, values: hold(scenario, postures, values),
     }
 

@@ -5,12 +5,14 @@ and 5 physics, measured by probe.py in a child process under a time limit and ju
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from shlex import quote
 
 from ..errors import InputError, SprainError
 from ..fmu import archive, cache
 from ..fmu.component import Component
+from ..fmu.confine import confinement
 from ..mapping import carried, load_mapping
 from ..process import Child, Limits, ProcessEnded
 from .fit import FitReport
@@ -108,7 +110,8 @@ def _judge_behaviour(component: Component, axes: tuple[str, ...], active: bool, 
     child = Child("sprain_cosim.brace.probe", Limits(memory=MEMORY))
     try:
         try:
-            child.open((component, axes), START_LIMIT)
+            placed = replace(component, fmu=component.fmu.absolute())
+            child.open((placed, axes), START_LIMIT, confinement([component]))
         except ProcessEnded as end:
             raise InputError(f"{component.fmu}: cannot be instantiated: {end}{child.last_words()}") from None
         except SprainError as problem:

@@ -82,6 +82,7 @@ def compare_braces(
     progress: Callable[[int, int, int, float], None] | None = None,
     say: Callable[[str], None] = lambda text: None,
     command: str = "",
+    in_process: bool = False,
 ) -> Comparison:
     """Runs the same landings with each brace and with none; writes `out` and returns what it holds, also when braces
     failed.
@@ -94,9 +95,12 @@ def compare_braces(
     trials ... limits, progress  of a study, see `Study.run`
     say                          is called with the name of each brace as it begins
     command                      what the manifests say was typed
+    in_process                   foreign FMUs run without a sandbox; still in processes of their own
 
     Raises InputError before anything has run: names, files, mappings, parameters, a folder in use."""
     source = (load_source(source) if isinstance(source, str) else source).with_master(scheme, step, stop)
+    if in_process:
+        source = source.unconfined()
     folder, limits = Path(out), limits or Limits()
     source, variants = _variants(source, braces, maps or {}, settings or {}, trials)
     _check(folder, list(variants), isinstance(source, Study), resume)

@@ -87,6 +87,8 @@ def _read(path: Path) -> Archive:
                 description = archive.read("modelDescription.xml")
         except InputError:
             raise
+        except MemoryError:
+            raise
         except Exception as problem:  # zipfile raises many kinds for damaged files
             why = "its directory is damaged" if isinstance(problem, OSError) else one_line(problem)
             raise InputError(f"{path}: not a readable zip archive ({why}); export the FMU again") from None
@@ -165,6 +167,8 @@ def member(path: Path, name: str) -> bytes:
     try:
         with zipfile.ZipFile(path) as content:
             return content.read(name)
+    except MemoryError:
+        raise
     except Exception as problem:
         raise InputError(f"{path}: damaged archive ({one_line(problem)}); export the FMU again") from None
 
@@ -174,6 +178,8 @@ def verify(archive: Archive) -> None:
     try:
         with zipfile.ZipFile(archive.path) as content:
             damaged = content.testzip()
+    except MemoryError:
+        raise
     except Exception as problem:
         raise InputError(f"{archive.path}: damaged archive ({one_line(problem)}); export the FMU again") from None
     if damaged is not None:

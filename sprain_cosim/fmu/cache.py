@@ -25,6 +25,7 @@ from typing import IO
 
 from ..errors import EnvironmentProblem, InputError
 from ..files import read_json, write, write_json
+from ..process import PARENTS_TEMPORARY
 from . import archive
 from .archive import Archive
 
@@ -50,7 +51,11 @@ def cache_folder() -> Path:
 
 
 def temporary_folder() -> Path:
-    return Path(tempfile.gettempdir()) / f"{NAME}-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
+    """Of this user among the temporary folders; a child's temporary folder is its scratch, so its parent's counts."""
+    return (
+        Path(os.environ.get(PARENTS_TEMPORARY) or tempfile.gettempdir())
+        / f"{NAME}-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
+    )
 
 
 def unpacked(fmu: Path, sha256: str) -> Path:
@@ -233,6 +238,8 @@ def _unpack(checked: Archive, target: Path) -> Path:
             f"{target.parent}: cannot be written ({problem.strerror}); free some space or set SPRAIN_COSIM_CACHE"
         ) from None
     except (InputError, EnvironmentProblem):
+        raise
+    except MemoryError:
         raise
     except Exception as problem:
         raise InputError(

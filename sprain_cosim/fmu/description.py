@@ -53,6 +53,8 @@ class Description(Element):
             model = _model(checked.sha256, checked.description, checked.names)
         except InputError as problem:
             raise InputError(f"{path}: {problem}") from None
+        except MemoryError:
+            raise
         except Exception as problem:  # what the checks of fmpy let through
             raise InputError(f"{path}: modelDescription.xml is not valid: {first_line(problem)}") from None
         return cls(
@@ -126,6 +128,8 @@ def _parsed(description: bytes) -> Any:
         raise InputError("modelDescription.xml is not valid: an index 0 in ModelStructure; they count from 1")
     try:
         return read_model_description(container)
+    except MemoryError:
+        raise
     except Exception as problem:
         raise InputError(f"modelDescription.xml is not valid: {first_line(problem)}") from None
 

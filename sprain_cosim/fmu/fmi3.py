@@ -102,7 +102,7 @@ class Fmi3CoSimulation(Fmi3Instance):
                 status: int = self._step(
                     self.instance, ctypes.c_double(now), ctypes.c_double(size), self._final, *self._answers
                 )
-                if status > WARNING or self._end.value:
+                if status not in (0, WARNING) or self._end.value:
                     return max(status, DISCARD)
                 if self._early.value and not capabilities.early_return:
                     self.log_message(f"it returned at {self._reached.value:g} s though early return was not allowed")

@@ -18,8 +18,10 @@ import numpy as np
 from ..errors import EnvironmentProblem, SimulationError, SimulationStopped, StepDiscarded
 from . import cache
 from .description import Description, first_line
+from .floating_point import FloatingPoint
+from .foreign import is_foreign
 
-WARNING, DISCARD, PENDING = 1, 2, 5
+WARNING, DISCARD, ERROR, PENDING = 1, 2, 3, 5
 DO_STEP_STATUS, LAST_SUCCESSFUL_TIME = 0, 2  # kinds of GetStatus, GetRealStatus
 POLL = 1e-4  # s
 STATUS = {2: "discarded the call", 3: "reported an error", 4: "reported a fatal error"}
@@ -44,6 +46,7 @@ class FmiInstance:
         self.component = component
         self.label = f"{component.name}_{next(_counter)}"
         self.messages: deque[str] = deque(maxlen=MAX_MESSAGES)
+        self._floating = FloatingPoint() if is_foreign(component.sha256) else None
         folder = cache.unpacked(component.fmu, component.sha256)
         try:
             self.fmu = self.load_library(
@@ -54,6 +57,8 @@ class FmiInstance:
             )
         except Exception as problem:
             raise EnvironmentProblem(f"{component.fmu}: its library cannot be loaded: {first_line(problem)}") from None
+        finally:
+            self._restore()
         self.broken = False
         self.readable = True
         self.saves_before_steps = False
@@ -173,8 +178,10 @@ class FmiInstance:
             buffer[:] = self._bus[place] if buffer.dtype.kind == "f" else np.rint(self._bus[place])
         for function, arguments in calls:
             status = function(*arguments)
-            if status > WARNING:
+            if status:
                 self.check(status, "setting its inputs")
+        if self._floating is not None:
+            self._floating.restore_if_changed()
 
     def get_outputs(self) -> None:
         self._fetch(self._get_calls, self._bus)
@@ -194,8 +201,10 @@ class FmiInstance:
         calls, conversions = prepared
         for function, arguments in calls:
             status = function(*arguments)
-            if status > WARNING:
+            if status:
                 self.check(status, "reading its outputs")
+        if self._floating is not None:
+            self._floating.restore_if_changed()
         for buffer, place in conversions:
             values[place] = buffer
 
@@ -210,7 +219,8 @@ class FmiInstance:
         state = self.save_state() if self.saves_before_steps else None
         try:
             status = self.call_do_step(time, step)
-            if status > WARNING:
+            self._restore()
+            if status not in (0, WARNING):
                 self._not_done(status, time, step, least, state)
         finally:
             if state is not None and not self.broken:
@@ -283,6 +293,7 @@ class FmiInstance:
         """Frees the instance; the library stays loaded, since not every library survives being loaded twice."""
         if not self.broken and self.fmu.component is not None:
             self.free_instance()
+            self._restore()
             self.fmu.component = None
         self.broken = True
 
@@ -294,19 +305,29 @@ class FmiInstance:
         except Exception:
             self.broken = True
             raise SimulationError(f"{self.component.name}: cannot be instantiated{self.last_message()}") from None
+        finally:
+            self._restore()
         self.instance.value = getattr(self.fmu.component, "value", self.fmu.component)
+
+    def _restore(self) -> None:
+        """Rounding mode, traps and the like as they were before the FMU was loaded; those that ship change none."""
+        if self._floating is not None:
+            self._floating.restore()
 
     def call(self, doing: str, function: Any, *arguments: Any) -> Any:
         try:
-            return function(*arguments)
+            try:
+                return function(*arguments)
+            finally:
+                self._restore()
         except SimulationError:
             raise
         except Exception as problem:
             self.check(getattr(problem, "status", 3), doing)
 
     def check(self, status: int, doing: str) -> None:
-        if status > WARNING:
-            self.broken = status >= 4
+        if status not in (0, WARNING):
+            self.broken = status not in (DISCARD, ERROR)
             raise SimulationError(
                 f"{self.component.name}: {STATUS.get(status, f'gave status {status}')} {doing}{self.last_message()}"
             )

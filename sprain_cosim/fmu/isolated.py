@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial
 from typing import Any
 
@@ -19,7 +19,9 @@ import numpy as np
 from ..errors import SimulationError, SprainError
 from ..process import Child, Handlers, Limits, ProcessEnded, serve
 from .component import Component
+from .confine import confinement
 from .instance import Instance, Values
+from .surroundings import Surroundings
 
 START_LIMIT, STEP_LIMIT = 120.0, 10.0  # s of wall time: opening and initialising; any other call
 CLOSE_LIMIT = 1.0
@@ -44,7 +46,7 @@ class Isolated(Component):
     def open(self) -> Instance:
         """Starts a process and opens the FMU there. Raises what the FMU's opening raises there, and SimulationError
         when the process ends or takes too long."""
-        return Proxy(Component(**_fields(self)))
+        return Proxy(replace(Component(**_fields(self)), fmu=self.fmu.absolute()))
 
 
 def isolated(component: Component) -> Isolated:
@@ -66,7 +68,7 @@ class Proxy:
         self._outputs_current = False
         self._child = Child("sprain_cosim.fmu.isolated", Limits())
         try:
-            self._guarded(lambda: self._child.open(component, START_LIMIT), "opening it")
+            self._guarded(lambda: self._child.open(component, START_LIMIT, confinement([component])), "opening it")
         except SprainError:
             self._child.close()
             raise
@@ -179,6 +181,7 @@ class Host:
     """The far side: the instance on a bus of its own. Its methods take and give what travels as JSON."""
 
     def __init__(self, component: Component) -> None:
+        self._surroundings = Surroundings()
         self.instance = component.open()
         self._states: dict[int, Any] = {}
         self._keys = itertools.count()
@@ -227,6 +230,7 @@ class Host:
         return self.get_outputs()
 
     def reset(self) -> None:
+        self._surroundings.restore()
         self.instance.reset()
         self._bus[:] = 0.0
         self._states.clear()

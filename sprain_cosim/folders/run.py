@@ -58,6 +58,8 @@ class RunSummary(Summary):
     version                    of this package
     parameters                 {"component.parameter": as it was set}
     dropped                    parameters that the FMU put in a component's place does not have
+    isolation                  sandbox, process or none: where foreign FMUs ran
+    granted                    {component: what its mapping file allows it beyond the sandbox}
     coupling_check             {metric: its change at half the communication step}; of a run that was checked so
     trial, reproduced          of a study's trial that ran again: its number, and whether its numbers are the same
     """
@@ -83,12 +85,15 @@ class RunSummary(Summary):
     version: str = ""
     parameters: Mapping[str, Any] = field(default_factory=dict)
     dropped: tuple[str, ...] = ()
+    isolation: str = ""
+    granted: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     coupling_check: Mapping[str, float | None] | None = optional()
     trial: int | None = optional()
     reproduced: bool | None = optional()
 
     @classmethod
     def of(cls, scenario: Scenario, result: Result) -> Self:
+        apart = scenario.isolation()
         return cls(
             status=result.status,
             message=result.message,
@@ -110,6 +115,8 @@ class RunSummary(Summary):
             version=__version__,
             parameters=dict(scenario.parameters),
             dropped=tuple(scenario.dropped),
+            isolation=apart.kind,
+            granted=apart.granted,
         )
 
 

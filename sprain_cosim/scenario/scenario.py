@@ -15,10 +15,15 @@ from ..cosim.result import Result
 from ..cosim.system import System, connect
 from ..errors import InputError, SimulationError, nearest, problems_to_error
 from ..fmu.component import Component
-from ..fmu.isolated import isolated
+from ..fmu.confine import confinement
+from ..fmu.foreign import is_foreign
+from ..fmu.isolated import Isolated, isolated
 from ..mapping import carried, read_component
+from ..sandbox.confinement import Confinement
 from ..shipped import fmu_path
 from ..units import quantity, unit
+from .apart import Apart
+from .isolation import Isolation, isolation
 from .title import Ran, heading
 
 ROLES = ("plant", "controller", "brace")
@@ -42,6 +47,7 @@ class Scenario:
     dropped      parameters that the FMU put in a component's place does not have
     maps         {component: mapping file}
     isolate      components that run in a process of their own; those whose modules could clash always do
+    in_process   foreign FMUs run without a sandbox, in `open` and `run` in this very process
     changes      what was changed since the file was read, such as "plant.drop_height = 0.35 m"
     """
 
@@ -55,6 +61,7 @@ class Scenario:
     dropped: tuple[str, ...] = ()
     maps: Mapping[str, Path] = field(default_factory=dict)
     isolate: tuple[str, ...] = ()
+    in_process: bool = False
     changes: tuple[str, ...] = ()
 
     @property
@@ -176,6 +183,15 @@ class Scenario:
         not this process."""
         return replace(self, isolate=names or tuple(self.fmus))
 
+    def unconfined(self) -> Self:
+        """The same without a sandbox: `open` and `run` load foreign FMUs into this very process."""
+        return replace(self, in_process=True)
+
+    def absolute(self) -> Self:
+        """The same with its files by their full paths: for a process that stands in another folder."""
+        fmus, maps = ({name: path.absolute() for name, path in d.items()} for d in (self.fmus, self.maps))
+        return replace(self, fmus=fmus, maps=maps)
+
     def recording(self, *patterns: str) -> Self:
         """The same, with these local variables of its FMUs in the result besides inputs and outputs: "plant.*",
         "plant.*_fibre_length"."""
@@ -210,13 +226,32 @@ class Scenario:
         for name, path in self.fmus.items():
             try:
                 component = read_component(name, path, self.maps.get(name))
-                components.append(
-                    isolated(component) if name in self.isolate or component.capabilities.shared_modules else component
-                )
+                components.append(component)
             except InputError as problem:
                 unreadable.append(f"components.{name}: {problem}")
         problems_to_error(self.source, unreadable)
-        return tuple(components)
+        apart = {c.name for c in components if c.name in self.isolate or c.capabilities.shared_modules}
+        if any(c.name in apart and is_foreign(c.sha256) for c in components):
+            # a process that starts others runs no foreign code: its sandbox would forbid the one or allow the other
+            apart |= {c.name for c in components if is_foreign(c.sha256)}
+        return tuple(isolated(c) if c.name in apart else c for c in components)
+
+    def confinement(self) -> Confinement | None:
+        """The sandbox of a process that runs the whole scenario; None where it runs no foreign code itself: all FMUs
+        ship, or those that do not have processes of their own; also with `in_process`. Raises InputError,
+        EnvironmentProblem."""
+        if self.in_process:
+            return None
+        inside = [component for component in self.components() if not isinstance(component, Isolated)]
+        return confinement(inside, (*self.fmus.values(), *self.maps.values()))
+
+    def foreign(self) -> tuple[str, ...]:
+        """The components that do not ship and share a process with the others. Raises InputError."""
+        return tuple(c.name for c in self.components() if is_foreign(c.sha256) and not isinstance(c, Isolated))
+
+    def isolation(self, of_trials: bool = False) -> Isolation:
+        """Where the FMUs run; `of_trials`: those of a study. Raises InputError."""
+        return isolation(self.components(), self.in_process, of_trials)
 
     def _described(self) -> System:
         components = self.components()
@@ -226,7 +261,7 @@ class Scenario:
 
     def doubts(self) -> list[str]:
         """What is assumed without being said anywhere, one line each: undeclared units of connected variables, a
-        mapping that another replaces."""
+        mapping that another replaces; and what foreign FMUs may do beyond the sandbox."""
         components = self.components()
         connections, _ = connect(components, self.connections)
         found = []
@@ -248,10 +283,22 @@ class Scenario:
                     f"{component.name}: the mapping inside {component.fmu.name} is not used, but "
                     f"{self.maps[component.name]} in its place"
                 )
+        apart = isolation(components, self.in_process)
+        found += [
+            f"{name}: may use {', '.join(words)} beyond the sandbox ({self.maps.get(name, 'its mapping')} allows it)"
+            for name, words in apart.granted.items()
+        ]
+        if apart.gaps:
+            found.append(f"this machine holds foreign FMUs only in part: {'; '.join(apart.gaps)}")
         return found
 
-    def open(self) -> Session:
-        return Session(self)
+    def open(self, in_process: bool = False) -> Session | Apart:
+        """Loads and instantiates the FMUs: in this process where all of them ship (or, with `in_process`, whatever they
+        are), else together in one of their own, in a sandbox. Raises InputError, SimulationError, EnvironmentProblem.
+        """
+        if in_process or self.in_process or not self.foreign():
+            return Session(self)
+        return Apart(self)
 
     def coupling_check(self, result: Result) -> dict[str, float]:
         """Change of every metric when the communication step is halved: how far the coupling of `result` is from
@@ -264,10 +311,10 @@ class Scenario:
             raise SimulationError(f"at half the communication step: {finer.message}")
         return {key: finer.metrics[key] - value for key, value in result.metrics.items()}
 
-    def run(self) -> Result:
-        """One landing. Raises InputError before it, never during it: a failure is in the result's status and
-        message."""
-        with self.open() as session:
+    def run(self, in_process: bool = False) -> Result:
+        """One landing, see `open`. Raises InputError before it, never during it: a failure is in the result's status
+        and message."""
+        with self.open(in_process) as session:
             return session.run()
 
 

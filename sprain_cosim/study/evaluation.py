@@ -77,6 +77,7 @@ def summarise(study: Plan, trials: pd.DataFrame, found: Found | None) -> StudySu
     for name in study.responses:
         if len(done) and name not in metrics:
             raise InputError(f"response {name!r}: no such metric{nearest(name, metrics)}")
+    apart = study.scenario.isolation(of_trials=True)
     summary = StudySummary(
         study=study.source,
         title=study.heading,
@@ -92,6 +93,8 @@ def summarise(study: Plan, trials: pd.DataFrame, found: Found | None) -> StudySu
             if status != "completed"
         },
         dropped=tuple(study.scenario.dropped),
+        isolation=apart.kind,
+        granted=apart.granted,
     )
     if found is not None:
         return _with_search(summary, study, found)

@@ -37,6 +37,7 @@ CHANGES_NO_ROW = {
     "Scenario.warnings": "printed before the run",
     "Scenario.dropped": "what a device lacked, for the summary",
     "Scenario.isolate": "where a component runs; the numbers are the same to the bit",
+    "Scenario.in_process": "as isolate",
 }
 COUNTS_FOR = {
     "responses": SEARCHES,  # the first: others choose what is summarised

@@ -308,6 +308,10 @@ class Plan:
         """The same with every FMU in a process of its own beside its worker."""
         return replace(self, scenario=self.scenario.isolated())
 
+    def unconfined(self) -> Self:
+        """The same without a sandbox around foreign FMUs."""
+        return replace(self, scenario=self.scenario.unconfined())
+
     def with_inputs(self, path: Path) -> Self:
         """Method table: the rows of a CSV file with header `component.parameter [unit]`, an optional column `trial`
         numbering them.

@@ -351,6 +351,8 @@ class StudySummary(Summary):
     questions                  {metric: the probability that it exceeds the injury threshold}
     notes                      what a reader must know about the numbers
     dropped                    parameters that the FMU put in a component's place does not have
+    isolation                  sandbox or process: where the trials ran
+    granted                    {component: what its mapping file allows it beyond the sandbox}
     form, sobol, amv           what a search found; at most one of them is there
     grid                       of a grid
     stopping                   of a study that asks for a half width
@@ -376,6 +378,8 @@ class StudySummary(Summary):
     questions: Mapping[str, Question] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     dropped: tuple[str, ...] = ()
+    isolation: str = ""
+    granted: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     form: FormSearch | None = optional()
     sobol: SobolSearch | None = optional()
     amv: LevelSearch | None = optional()

@@ -23,7 +23,10 @@ from ..cosim.result import Result
 from ..errors import SimulationError, SprainError
 from ..fmu import archive
 from ..fmu.cache import cache_folder
+from ..fmu.surroundings import Surroundings
 from ..process import Child, Handlers, Limits, ProcessEnded, allow_processor_time, resident, serve
+from ..sandbox.confinement import Confinement
+from ..scenario import Scenario
 
 
 @dataclass(frozen=True)
@@ -124,8 +127,8 @@ class Worker:
         return self._child
 
     def _fresh(self) -> Child:
-        """A child that has opened the system. The first on this machine to open an FMU may compile for it, and what it
-        compiled may round otherwise than what later ones load; so it runs no trial."""
+        """A child that has opened the system. Without a sandbox, the first on this machine to open an FMU may compile
+        for it, and what it compiled may round otherwise than what later ones load; so it runs no trial."""
         marks = _marks(self.scenario)
         if any(not mark.exists() for mark in marks):
             self._open().close()
@@ -143,7 +146,7 @@ class Worker:
             child = Child(__name__, self.limits)
             problem = ""
             try:
-                child.open((self.scenario, self.names, self.limits), self.limits.start)
+                child.open((self._placed(), self.names, self.limits), self.limits.start, self._confinement())
                 if not self._stopped:
                     self._opened = True
                     return child
@@ -158,6 +161,13 @@ class Worker:
                 raise SimulationError(problem)
         raise AssertionError("unreachable")
 
+    def _placed(self) -> Openable:
+        return self.scenario.absolute() if isinstance(self.scenario, Scenario) else self.scenario
+
+    def _confinement(self) -> Confinement | None:
+        """The sandbox that the system asks for; a stand-in asks for none."""
+        return self.scenario.confinement() if isinstance(self.scenario, Scenario) else None
+
     def _drop(self) -> None:
         child, self._child = self._child, None
         if child is not None:
@@ -171,8 +181,11 @@ class Worker:
 
 
 def _marks(scenario: Openable) -> list[Path]:
-    """Files whose being there says that an FMU has been opened on this machine before."""
-    fmus: Mapping[str, Path] = getattr(scenario, "fmus", {})
+    """Files whose being there says that an FMU has been opened on this machine before; in a sandbox it leaves nothing
+    that matters."""
+    if not isinstance(scenario, Scenario) or not scenario.in_process:
+        return []
+    fmus: Mapping[str, Path] = scenario.fmus
     return [cache_folder() / "opened" / archive.read(path).sha256[:32] for path in fmus.values()]
 
 
@@ -184,6 +197,7 @@ def _handlers(subject: tuple[Openable, tuple[str, ...], Limits]) -> Iterator[Han
     def run(values: Sequence[float], record: bool) -> dict[str, Any]:
         began = perf_counter()
         allow_processor_time(limits.cpu)
+        surroundings = Surroundings()
         try:
             result = session.run(dict(zip(names, values, strict=True)))
             wall = perf_counter() - began
@@ -192,9 +206,10 @@ def _handlers(subject: tuple[Openable, tuple[str, ...], Limits]) -> Iterator[Han
                 reply |= _record(result)
         except SprainError as problem:
             wall, reply = perf_counter() - began, {"status": "failed", "message": str(problem), "metrics": {}}
+        surroundings.restore()
         return reply | {"wall": wall, "memory": resident()}
 
-    with scenario.open() as session:
+    with scenario.open(in_process=True) if isinstance(scenario, Scenario) else scenario.open() as session:
         yield {"run": run}
 
 

@@ -11,7 +11,7 @@ import sprain_cosim
 from sprain_cosim.cli import cli
 
 COMMANDS = {
-    "run": "--fmu --map --set --scheme --step --check-coupling --isolate --out --json",
+    "run": "--fmu --map --set --scheme --step --check-coupling --isolate --in-process --out --json",
     "study": "--method --trials --seed --inputs --fmu --map --set --workers --scheduler --resume --shard --max-failed "
     "--progress --out --json",
     "merge": "",

@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
 import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -38,7 +43,7 @@ def test_half_a_study_from_here_is_finished_on_dask_though_a_worker_is_killed(
 
     def progress(finished: int, total: int, failed: int, seconds: float) -> None:
         if finished > 10 and not killed:
-            killed.append(os.getpgid(backends[0]._processes[0].pid))
+            killed.append(os.getpgid(backends[0]._processes[0]._process.pid))
             os.killpg(killed[0], signal.SIGKILL)
 
     backends: list[Dask] = []
@@ -104,3 +109,41 @@ def test_no_scheduler_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     with pytest.raises(InputError, match="local-cluster or an address"):
         sc.load_study("study6").run(trials=2, scheduler="somewhere", out=tmp_path / "b")
     assert not list(tmp_path.iterdir()), "nothing is left that would have to be resumed"
+
+
+@pytest.fixture
+def scheduler() -> Iterator[str]:
+    """The address of a scheduler that has no worker."""
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=0, processes=True, dashboard_address=None, silence_logs=50) as cluster:
+        yield cluster.scheduler_address
+
+
+def test_no_worker_is_said_and_ends_the_study(
+    scheduler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("sprain_cosim.study.backends.dask.SAID_AFTER", 1.0)
+    monkeypatch.setenv("SPRAIN_COSIM_WORKER_WAIT", "4")
+    began = time.monotonic()
+    with caplog.at_level(logging.WARNING), pytest.raises(EnvironmentProblem, match=r"no worker for \d+ s; .*--resume"):
+        sc.load_study("study6").run(trials=2, scheduler=scheduler, out=tmp_path / "a")
+    assert time.monotonic() - began < 30.0
+    assert [r.getMessage().partition(": ")[2][:24] for r in caplog.records] == ["no worker has joined for"]
+    monkeypatch.setenv("SPRAIN_COSIM_WORKER_WAIT", "soon")
+    with pytest.raises(InputError, match="must be a number of seconds"):
+        sc.load_study("study6").run(trials=2, scheduler=scheduler, out=tmp_path / "b")
+
+
+def test_a_worker_without_the_package_is_one_line(scheduler: str, tmp_path: Path) -> None:
+    code = "import sys; sys.modules['sprain_cosim'] = None; from distributed.cli.dask_worker import main; main()"
+    options = ["--nthreads", "1", "--no-nanny", "--no-dashboard", "--death-timeout", "20"]
+    environment = os.environ | {"DASK_TEMPORARY_DIRECTORY": str(tmp_path)}
+    quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    worker = subprocess.Popen([sys.executable, "-c", code, scheduler, *options], env=environment, **quiet)  # type: ignore[call-overload]
+    try:
+        with pytest.raises(EnvironmentProblem, match=r"a worker cannot run sprain-cosim \(.*sprain_cosim.*install"):
+            sc.load_study("study6").run(trials=2, scheduler=scheduler, out=tmp_path / "a")
+    finally:
+        worker.kill()
+        worker.wait()

@@ -15,7 +15,6 @@ import logging
 import os
 import pickle
 import queue
-import sys
 import tempfile
 import threading
 from collections.abc import Mapping, Sequence
@@ -27,13 +26,16 @@ from typing import Any
 from ... import __version__
 from ...errors import EnvironmentProblem, InputError
 from ...fmu import cache
-from ...process import Program
+from ...process import Program, python_command
 from ...scenario import Scenario
 from ..ledger import Row
 from ..worker import Outcome, Worker
 from .backend import Job, Task
 
+log = logging.getLogger("sprain_cosim")
 PATIENCE = 10.0  # s for a scheduler to answer
+SAID_AFTER = 10.0  # s without any worker, after which that is said
+WAIT, WAIT_VARIABLE = 600.0, "SPRAIN_COSIM_WORKER_WAIT"  # s without any worker, after which the study ends
 LOG = 20  # messages that Dask keeps for its developers
 AGAIN = 3  # times that a trial is sent anew after it was lost with its machine
 
@@ -61,6 +63,8 @@ class Dask:
         self._task = pickle.dumps((task, hashes))
         self._key = hashlib.sha256(self._task).hexdigest()[:16] + f"-{os.getpid()}"
         self._expected, self._now, self._asked = workers or 1, 0, -PATIENCE
+        self._alone_since, self._said = monotonic(), False
+        self._wait = _wait()
         self._out: dict[Any, tuple[tuple[Job, ...], int]] = {}
         self._delivered: dict[str, Any] = {}
         self._done: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -103,12 +107,18 @@ class Dask:
         except queue.Empty:
             if self._client.status not in ("running", "connecting"):
                 raise self._gone() from None
+            self._look_for_workers()
             return []
         jobs, lost = self._out.pop(future.key)
         try:
             answer = future.result()
         except KilledWorker:
             return self._lost(jobs, lost + 1)
+        except ImportError as problem:
+            raise EnvironmentProblem(
+                f"--scheduler {self._address}: a worker cannot run sprain-cosim ({problem}); install sprain-cosim "
+                f"{__version__} with its libraries where the workers run"
+            ) from None
         except (CancelledError, OSError, TimeoutError):
             if self._client.status != "running":
                 raise self._gone() from None
@@ -126,6 +136,26 @@ class Dask:
         rows: list[Row] = pickle.loads(answer)
         return rows
 
+    def _look_for_workers(self) -> None:
+        """Says once that there are none; raises EnvironmentProblem when that lasts."""
+        self.workers()
+        now = monotonic()
+        if self._now:
+            self._alone_since, self._said = now, False
+        alone = now - self._alone_since
+        if alone > SAID_AFTER and not self._said:
+            self._said = True
+            log.warning(
+                f"--scheduler {self._address}: no worker has joined for {alone:.0f} s; start one with "
+                f"`dask worker ADDRESS` where sprain-cosim {__version__} is installed; the study waits "
+                f"{self._wait:g} s in all ({WAIT_VARIABLE} sets another time)"
+            )
+        if alone > self._wait:
+            raise EnvironmentProblem(
+                f"--scheduler {self._address}: no worker for {alone:.0f} s; what was finished is kept, continue with "
+                "--resume when there are some"
+            )
+
     def close(self) -> list[Row]:
         for process in self._processes:
             process.end()
@@ -142,10 +172,12 @@ class Dask:
         return []
 
     def _submit(self, jobs: tuple[Job, ...], lost: int, files: Sequence[str] = ()) -> None:
-        content = {sha: self._delivered[sha] for sha in files}
-        future = self._client.submit(
-            _batch, self._key, self._task, __version__, pickle.dumps(jobs), content, pure=False, retries=0
-        )
+        arguments = self._key, self._task, __version__, pickle.dumps(jobs)
+        if files:
+            content = {sha: self._delivered[sha] for sha in files}
+            future = self._client.submit(_batch, *arguments, content, pure=False, retries=0)
+        else:
+            future = self._client.submit(pickle.loads, pickle.dumps(_Deferred(arguments)), pure=False, retries=0)
         self._out[future.key] = jobs, lost
         future.add_done_callback(self._done.put)
 
@@ -171,6 +203,17 @@ class Dask:
         )
 
 
+class _Deferred:
+    """A batch that runs where it is unpickled. A worker that lacks the package then reports that as its task's error;
+    given the function itself it would end without a word, since it could not read the message."""
+
+    def __init__(self, arguments: tuple[str, bytes, str, bytes]) -> None:
+        self.arguments = arguments
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _batch, (*self.arguments, {})
+
+
 def _dask_worker(scheduler: str) -> Program:
     """A Dask worker of one thread, which ends when its scheduler does. A process by command line: forking or spawning
     would run the user's script again."""
@@ -187,9 +230,18 @@ def _dask_worker(scheduler: str) -> Program:
         tempfile.gettempdir(),
     ]
     return Program(
-        [sys.executable, "-m", "distributed.cli.dask_worker", scheduler, *options],
+        [*python_command("distributed.cli.dask_worker"), scheduler, *options],
         {"DASK_DISTRIBUTED__ADMIN__LOW_LEVEL_LOG_LENGTH": str(LOG)},
     )
+
+
+def _wait() -> float:
+    """[s]; raises InputError."""
+    text = os.environ.get(WAIT_VARIABLE, "")
+    try:
+        return float(text) if text else WAIT
+    except ValueError:
+        raise InputError(f"{WAIT_VARIABLE} = {text!r}: must be a number of seconds") from None
 
 
 def _hashes(task: Task) -> dict[Path, str]:

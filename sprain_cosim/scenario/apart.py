@@ -1,0 +1,127 @@
+"""A session whose FMUs run in one process of its own, together: a scenario with foreign FMUs. What they do to their
+process ends the run with a message, not this program; nothing is exchanged but parameters and results."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from ..cosim.result import Result
+from ..cosim.transport import encoded, packed, pieces, unpacked
+from ..errors import SimulationError, SprainError
+from ..fmu.surroundings import Surroundings
+from ..process import Child, Handlers, Limits, ProcessEnded, serve
+
+if TYPE_CHECKING:
+    from .scenario import Scenario
+
+LIMITS = Limits(trial=600.0, start=300.0, cpu=2400.0)
+HINT = "it ran in a sandbox: `sprain-cosim check FMU` says what it needs, --in-process runs it without"
+
+
+class Apart:
+    """Runs a scenario many times in a child process, with the same instances; a new child after one that ended. Use as
+    a context manager.
+
+    Raises what the opening of the FMUs raises, SimulationError when their process ends or takes too long meanwhile."""
+
+    def __init__(self, scenario: Scenario, limits: Limits = LIMITS) -> None:
+        self.limits = limits
+        self._child: Child | None = Child(__name__, limits)  # it starts while the system is described here
+        try:
+            self.scenario, self.system = scenario, scenario.system()
+            self._open(self._child)
+        except BaseException:
+            self.close()
+            raise
+
+    def run(self, parameters: Mapping[str, float] | None = None) -> Result:
+        """`parameters` {"component.parameter": value in the parameter's own unit} on top of the scenario's."""
+        if self._child is None:
+            self._child = Child(__name__, self.limits)
+            self._open(self._child)
+        try:
+            result = fetched(partial(self._child.call, limit=self.limits.trial), dict(parameters or {}))
+        except ProcessEnded as end:
+            return self._failed(f"the FMUs' process {end}{self._child.last_words()}; --isolate tells which FMU it is")
+        except SprainError:
+            self.close()
+            raise
+        except ValueError:
+            return self._failed("the FMUs' process answered what is no result")
+        if result.status == "failed" and not len(result.time) and self._confined:
+            return replace(result, message=f"{result.message}; {HINT}")
+        return result
+
+    def close(self) -> None:
+        child, self._child = getattr(self, "_child", None), None
+        if child is not None:
+            child.close()
+
+    def _open(self, child: Child) -> None:
+        confinement = self.scenario.confinement()
+        self._confined = confinement is not None
+        hint = f"; {HINT}" if confinement is not None else ""
+        try:
+            child.open(self.scenario.absolute(), self.limits.start, confinement)
+        except ProcessEnded as end:
+            raise SimulationError(f"the system cannot be opened: its process {end}{child.last_words()}{hint}") from None
+        except SimulationError as problem:
+            raise type(problem)(f"{problem}{hint}") from None
+
+    def _failed(self, message: str) -> Result:
+        self.close()
+        nothing = np.empty((0, 0))
+        return Result(nothing[:, :0].reshape(0), nothing, (), (), "failed", message, self.scenario.master.scheme)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def fetched(call: Callable[..., Any], *arguments: Any) -> Result:
+    """The result of `served` handlers in another process. Raises what `call` raises, ValueError for what is no
+    result."""
+    content = call("run", *arguments)
+    try:
+        return unpacked(content, [call("piece", k) for k in range(int(content["pieces"]))])
+    except (KeyError, TypeError) as problem:
+        raise ValueError(str(problem)) from None
+
+
+def served(run: Callable[..., Result]) -> Handlers:
+    """Handlers for `fetched`: one runs, the other hands the numbers of the last run over piece by piece."""
+    waiting: list[bytes] = []
+
+    def answer(*arguments: Any) -> dict[str, Any]:
+        result = run(*arguments)
+        waiting[:] = pieces(result)
+        return packed(result)
+
+    return {"run": answer, "piece": lambda k: encoded(waiting[k])}
+
+
+@contextlib.contextmanager
+def _handlers(scenario: Scenario) -> Iterator[Handlers]:
+    """The child: runs the scenario."""
+
+    def run(parameters: dict[str, float]) -> Result:
+        surroundings = Surroundings()
+        try:
+            return session.run(parameters)
+        finally:
+            surroundings.restore()
+
+    with scenario.open(in_process=True) as session:
+        yield served(run)
+
+
+if __name__ == "__main__":
+    serve(_handlers)
