@@ -381,21 +381,26 @@ def _without_resume(arguments: list[str]) -> list[str]:
     type=click.Path(path_type=Path),
     help="Mapping file: the FMU's names, signs and units to the contract's.",
 )
+@click.option(
+    "--set", "settings", multiple=True, metavar="NAME=VALUE", help="Of a parameter, or of an input that nothing feeds."
+)
 @JSON
-def check_command(fmu: Path, mapping: Path | None, as_json: bool) -> int:
+def check_command(fmu: Path, mapping: Path | None, settings: tuple[str, ...], as_json: bool) -> int:
     """Does the device FMU fit the brace contract? Exit code 0 fits, 1 does not, 2 not a usable FMU."""
     import shlex
 
-    from .brace.check import check_brace
+    from .brace.check import check_brace, set_options
+    from .scenario import parse_value
 
-    report = check_brace(fmu, mapping)
+    values = {n: parse_value(v) for n, v in (_pair(text, "--set", "NAME=VALUE") for text in settings)}
+    report = check_brace(fmu, mapping, values)
     proposed = Path(f"{fmu.stem}.map.toml")
     if report.proposal and mapping is None and not proposed.exists():
         try:
             proposed.write_text(report.proposal, "utf-8")
             report.next_step = (
                 f"look at the lines marked review in {proposed}, then sprain-cosim check {shlex.quote(str(fmu))} --map "
-                f"{shlex.quote(str(proposed))}"
+                f"{shlex.quote(str(proposed))}{set_options(values)}"
             )
         except OSError as problem:
             report.next_step = (

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from . import keys
-from .contract import INPUTS, OUTPUTS
+from .contract import INPUTS, OUTPUTS, plain
 from .errors import InputError, nearest, problems_to_error
 from .files import parse_toml, read_text
 from .fmu import archive
@@ -142,6 +142,16 @@ FILE = keys.File(
             ),
             keys.Key("inputs", _signals("to", "input", INPUTS), "the input of the FMU that takes the signal"),
             keys.Key("outputs", _signals("from", "output", OUTPUTS), "the output of the FMU that is the signal"),
+            keys.Key(
+                "constants",
+                keys.Named(
+                    "INPUT",
+                    keys.raw("quantity, number, true or false, or a name", {"type": ["string", "number", "boolean"]}),
+                ),
+                'what an input of the FMU holds that nothing feeds, such as supply = "48 V"; `--set` of a run goes '
+                "before it",
+                "the FMU's start value",
+            ),
         )
     ),
 )
@@ -178,6 +188,7 @@ class Mapping:
     continuous     whether its law is continuous in truth, whatever its fixed step
     allowed        what it may do beyond the sandbox
     expect_sha256  of the FMU's file; "": any
+    constants      {the FMU's input that nothing feeds: its value, as it was written}
     """
 
     inputs: MappingOf[str, Signal] = field(default_factory=dict)
@@ -189,6 +200,7 @@ class Mapping:
     continuous: bool = False
     allowed: Allowed = NOTHING
     expect_sha256: str = ""
+    constants: MappingOf[str, Any] = field(default_factory=dict)
 
     @property
     def open_units(self) -> tuple[str, ...]:
@@ -246,6 +258,7 @@ class Mapping:
                         connectors[name] = _renamed(name, found, signal, causality)
                     except InputError as problem:
                         problems.append(f"{place}: {problem}")
+        problems += self._wrong_constants(component, used)
         declared = component.capabilities.fixed_step
         if self.step is not None and declared is not None and abs(self.step - declared) > 1e-9 * declared:
             problems.append(f"step = {1e3 * self.step:g} ms: {component.fmu.name} declares {1e3 * declared:g} ms")
@@ -264,7 +277,34 @@ class Mapping:
             continuous=self.continuous,
             reusable=self.reset or component.capabilities.reusable,
         )
-        return replace(component, connectors=connectors, capabilities=driven, allowed=self.allowed)
+        return replace(
+            component,
+            connectors=connectors,
+            capabilities=driven,
+            allowed=self.allowed,
+            constants={**component.constants, **self.constants},
+        )
+
+    def _wrong_constants(self, component: Component, used: MappingOf[str, str]) -> list[str]:
+        """One line for each constant that cannot be held; `used` {variable: the signal that it is mapped to}."""
+        problems = []
+        for name, value in self.constants.items():
+            place = f"constants.{name}"
+            found = component.connectors.get(name)
+            if found is None:
+                hint = nearest(name, component.inputs)
+                problems.append(f"{place}: {component.fmu.name} has no such variable{hint}")
+            elif found.causality != "input":
+                hint = f"; set it with --set brace.{name}=VALUE" if found.causality == "parameter" else ""
+                problems.append(f"{place}: is of causality {found.causality}; only an input can be held constant{hint}")
+            elif name in used or plain(name) in {plain(signal) for signal in INPUTS}:
+                problems.append(f"{place}: is fed as {used.get(name, name)}; leave one of the two out")
+            else:
+                try:
+                    found.value(value, place)
+                except InputError as problem:
+                    problems.append(str(problem))
+        return problems
 
 
 def _renamed(name: str, found: Connector, signal: Signal, causality: str) -> Connector:
@@ -353,6 +393,7 @@ def parse(text: str, source: str) -> Mapping:
         continuous=content.get("continuous", False),
         allowed=content.get("allow", NOTHING),
         expect_sha256=content.get("expect_sha256", ""),
+        constants=content.get("constants", {}),
     )
 
 

@@ -154,6 +154,7 @@ UNITS = {  # factor to base units and their exponents, as attributes of BaseUnit
     "N.m/rad": (1.0, 'kg="1" m="2" s="-2" rad="-1"'),
     "1/s": (1.0, 's="-1"'),
     "s": (1.0, 's="1"'),
+    "V": (1.0, 'kg="1" m="2" s="-3" A="-1"'),
 }
 
 
@@ -170,10 +171,11 @@ def device(
     behaviour: dict[str, float] | None = None,
     saves: bool = True,
     attributes: str = "",
+    supply: bool = False,
 ) -> Path:
     """tests/sources/device.c as an FMU of the version and kind; `sign` -1 pushes instead of resisting; `declared` False
     leaves the units out; `behaviour` are macros of the source, `saves`: declares that it saves its state, `attributes`
-    further capabilities."""
+    further capabilities; `supply`: an input in V at whose 48 V it gives the torque, and in proportion to it."""
     library = target.with_suffix(".so")
     macros = [
         f"-DFMI={fmi}",
@@ -181,6 +183,7 @@ def device(
         f"-DANGLE_UNIT={UNITS[angle][0]!r}",
         f"-DTORQUE_UNIT={UNITS[torque][0]!r}",
     ]
+    macros += ["-DSUPPLIED=48.0"] if supply else []
     macros += [f"-D{name}={value}" for name, value in (behaviour or {}).items()]
     subprocess.run(
         [
@@ -205,6 +208,7 @@ def device(
         ("stiffness", 2, "parameter", "fixed", "N.m/rad", "20"),
         ("z", 3, "local", "continuous", "rad", "0" if fmi != 2 else None),
         ("der(z)", 4, "local", "continuous", "1/s", None),
+        *([("supply", 6, "input", "continuous", "V", "0")] if supply else []),
         *([("time", 5, "independent", "continuous", "s", None)] if fmi == 3 else []),
     ]
     used = sorted({v[4] for v in variables})

@@ -5,11 +5,13 @@ and 5 physics, measured by probe.py in a child process under a time limit and ju
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from shlex import quote
 
-from ..errors import InputError, SprainError
+from ..contract import INPUTS, plain
+from ..errors import InputError, SprainError, nearest
 from ..fmu import archive, cache
 from ..fmu.component import Component
 from ..fmu.confine import confinement
@@ -25,12 +27,17 @@ START_LIMIT, PROBE_LIMIT = 60.0, 6.0  # s
 MEMORY = 8 << 30  # bytes
 
 
-def check_brace(fmu: Path | str, mapping: Path | str | None = None) -> FitReport:
+def check_brace(
+    fmu: Path | str, mapping: Path | str | None = None, settings: Mapping[str, float | str | bool] | None = None
+) -> FitReport:
     """Judges the device in `fmu`, seen through the file `mapping` or the mapping that the FMU carries.
 
-    Raises InputError when it is not a usable FMU: archive, description, library, or it cannot be instantiated even
-    once."""
-    component = Component.read("brace", fmu)
+    - settings: {parameter, or input that nothing feeds: value, such as "48 V"}; they hold in all measurements
+
+    Raises InputError when it is not a usable FMU (archive, description, library, or it cannot be instantiated even
+    once), and for settings that it does not take."""
+    settings = dict(settings or {})
+    component = _with_settings(Component.read("brace", fmu), settings)
     checked = archive.read(component.fmu)
     archive.verify(checked)
     unusable = component.library_problem()
@@ -51,10 +58,18 @@ def check_brace(fmu: Path | str, mapping: Path | str | None = None) -> FitReport
     if found is not None and found.open_units:
         report.mapping = found.source
         report.problems.append(both_readings(component, found))
-        report.next_step = _next_step(report, fmu, mapping)
+        report.next_step = _next_step(report, fmu, mapping, settings)
         return report
     if found is not None:
         component, report.mapping = found.apply(component), found.source
+        component = replace(component, constants={**component.constants, **settings})
+    fed = [name for name in settings if name in component.inputs and plain(name) in {plain(n) for n in INPUTS}]
+    mapped = [name for name in settings if name not in component.connectors]
+    for name in (*fed, *mapped):
+        raise InputError(f"--set {name}: the plant feeds it; a value holds only where nothing does")
+    if component.constants:
+        held = ", ".join(f"{name} = {value}" for name, value in component.constants.items())
+        report.notes.append(f"measured with {held}")
     axes = contract_axes(component, report)
     if report.fits:
         cache.unpacked(component.fmu, component.sha256)
@@ -63,8 +78,21 @@ def check_brace(fmu: Path | str, mapping: Path | str | None = None) -> FitReport
         except InputError:
             cache.forget(component.sha256)
             raise
-    report.next_step = _next_step(report, fmu, mapping)
+    report.next_step = _next_step(report, fmu, mapping, settings)
     return report
+
+
+def _with_settings(component: Component, settings: Mapping[str, float | str | bool]) -> Component:
+    """The component with these values. Raises InputError for a name or a value that it does not have or take."""
+    for name, value in settings.items():
+        connector = component.connectors.get(name)
+        if connector is None:
+            hint = nearest(name, {**component.parameters, **component.inputs})
+            raise InputError(f"--set {name}: {component.fmu.name} has no such variable{hint}")
+        if connector.causality not in ("parameter", "input"):
+            raise InputError(f"--set {name}: is of causality {connector.causality}, not a parameter")
+        connector.value(value, f"--set {name}")
+    return replace(component, constants={**component.constants, **settings})
 
 
 def _name_clocks(component: Component, report: FitReport) -> None:
@@ -81,15 +109,27 @@ def _name_clocks(component: Component, report: FitReport) -> None:
             report.notes.append(f"has output clocks ({few}), which no run reads")
 
 
-def _next_step(report: FitReport, fmu: Path | str, mapping: Path | str | None) -> str:
+def _next_step(
+    report: FitReport,
+    fmu: Path | str,
+    mapping: Path | str | None,
+    settings: Mapping[str, float | str | bool],
+) -> str:
+    options = set_options(settings)
     if report.proposal:
         other = f"; or {report.next_step}" if report.next_step else ""
-        return f"review the mapping file, then sprain-cosim check {quote(str(fmu))} --map FILE{other}"
+        return f"review the mapping file, then sprain-cosim check {quote(str(fmu))} --map FILE{options}{other}"
     if report.fits:
         mapped = f" --map {quote(f'brace={mapping}')}" if mapping is not None else ""
-        return f"sprain-cosim run incline30 --fmu {quote(f'brace={fmu}')}{mapped}"
+        options = set_options({f"brace.{name}": value for name, value in settings.items()})
+        return f"sprain-cosim run incline30 --fmu {quote(f'brace={fmu}')}{mapped}{options}"
     mapped = f" --map {quote(str(mapping))}" if mapping is not None else ""
-    return report.next_step or f"correct it, then sprain-cosim check {quote(str(fmu))}{mapped}"
+    return report.next_step or f"correct it, then sprain-cosim check {quote(str(fmu))}{mapped}{options}"
+
+
+def set_options(settings: Mapping[str, float | str | bool]) -> str:
+    """As they are typed, with a space before each."""
+    return "".join(f" --set {quote(f'{name}={value}')}" for name, value in settings.items())
 
 
 DOING = {  # by probe, in the order in which they run

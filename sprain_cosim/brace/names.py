@@ -29,11 +29,12 @@ def contract_axes(component: Component, report: FitReport) -> tuple[str, ...]:
     if report.profile is None:
         report.problems.append(f"torques of several profiles ({', '.join(axes)}); map only those of one")
     _judge_missing_inputs(component, axes, inputs, report)
-    for known, have in ((INPUTS, inputs), (OUTPUTS, outputs)):
-        for name, expected in known.items():
+    for signals, have in ((INPUTS, inputs), (OUTPUTS, outputs)):
+        for name, expected in signals.items():
             if plain(name) in have:
                 _judge_variable(have[plain(name)], expected, report)
-    extra = [n for n in component.inputs if plain(n) not in {plain(k) for k in INPUTS}]
+    known = {plain(name) for name in INPUTS}
+    extra = [n for n in component.inputs if plain(n) not in known and n not in component.constants]
     if extra:
         report.notes.append(
             "inputs outside the contract keep their start values: "

@@ -49,9 +49,11 @@ class Rig:
     def __init__(
         self, component: Component, axes: tuple[str, ...], parameters: Mapping[str, float] | None = None
     ) -> None:
-        """`parameters`: other values than the device's own, in its units. Raises SimulationError or EnvironmentProblem
-        when the device cannot be opened."""
-        self.component, self.axes, self._parameters = component, axes, dict(parameters or {})
+        """`parameters`: other values than the device's own, in its units, beside those that it holds as a component.
+        Raises SimulationError or EnvironmentProblem when the device cannot be opened."""
+        self.component, self.axes = component, axes
+        held = {name: component.connectors[name].value(value, name) for name, value in component.constants.items()}
+        self._parameters = {**held, **(parameters or {})}
         inputs = {plain(n): n for n in component.inputs}
         outputs = {plain(n): n for n in component.outputs}
         self.moved = [

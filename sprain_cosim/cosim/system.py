@@ -45,6 +45,18 @@ class System:
             raise InputError(f"{full}: {name} has no variable {rest!r}{nearest(rest, component.connectors)}")
         return connector
 
+    def settable(self, full: str) -> Connector:
+        """The connector of a parameter, or of an input that nothing feeds. Raises InputError for any other."""
+        connector = self.find(full)
+        if connector.causality not in ("parameter", "input"):
+            raise InputError(f"{full}: is {_a(connector.causality)}, not a parameter")
+        if connector.causality == "input" and (full in self.connections or full in self.undeclared):
+            source = self.connections.get(full) or "what is measured of the device"
+            raise InputError(
+                f"{full}: is an input, not a parameter; {source} feeds it, and a value holds only where nothing does"
+            )
+        return connector
+
     def check(self, communication_step: float | None = None) -> list[str]:
         """All problems, one line each; empty when the system can run at `communication_step` [s]."""
         problems = [p for target, source in self.connections.items() for p in self._check_connection(target, source)]
@@ -89,11 +101,9 @@ class System:
 
     def _check_parameter(self, full: str) -> list[str]:
         try:
-            connector = self.find(full)
+            self.settable(full)
         except InputError as problem:
             return [f"parameter {problem}"]
-        if connector.causality != "parameter":
-            return [f"parameter {full}: is {_a(connector.causality)}, not a parameter"]
         return []
 
     def _check_component(self, component: Element) -> list[str]:

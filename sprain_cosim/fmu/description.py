@@ -8,7 +8,7 @@ import math
 import re
 import zipfile
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -34,6 +34,7 @@ class Description(Element):
     library     path of this platform's library inside the archive
     warnings    what is assumed where the description is silent, one line each
     allowed     what it may do beyond the sandbox
+    constants   {parameter, or input that nothing feeds: its value, as it was written}, unless a run sets another
     """
 
     fmu: Path
@@ -43,6 +44,7 @@ class Description(Element):
     library: str
     warnings: tuple[str, ...] = ()
     allowed: Allowed = NOTHING
+    constants: Mapping[str, float | str | bool] = field(default_factory=dict)
 
     @classmethod
     def read(cls, name: str, fmu: Path | str) -> Self:

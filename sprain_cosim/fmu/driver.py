@@ -62,9 +62,9 @@ class Driver:
         stop: float = 10.0,
     ) -> None:
         """A new run from `time` to `stop` [s]. Parameters and inputs that are not named have their start values (inputs
-        without one: 0). Outputs are read before and after the initialisation. Raises InputError for a name that is no
-        parameter or no input that is fed."""
-        settable = self.element.parameters
+        without one: 0). Outputs are read before and after the initialisation. `parameters` may name inputs that are not
+        fed, which hold their value. Raises InputError for a name that is no parameter or no input that is fed."""
+        settable = self.element.parameters | {n: c for n, c in self.element.inputs.items() if n not in self._slots}
         for name in parameters or {}:
             if name not in settable:
                 raise InputError(f"{self.element.name}: no parameter {name!r}{nearest(name, settable)}")

@@ -61,6 +61,7 @@ class FmiInstance:
             self._restore()
         self.broken = False
         self.readable = True
+        self._held: dict[str, float] = {}  # inputs that keep a value over a run
         self.saves_before_steps = False
         self.instance = ctypes.c_void_p()  # one object for all prepared calls, also after a fresh instantiation
         self._new_instance()
@@ -156,6 +157,11 @@ class FmiInstance:
         return calls, conversions
 
     def set_parameters(self, values: Mapping[str, float]) -> None:
+        inputs = self.component.inputs
+        self._held = {name: value for name, value in values.items() if name in inputs}
+        self._set({name: value for name, value in values.items() if name not in inputs})
+
+    def _set(self, values: Mapping[str, float]) -> None:
         for name, value in values.items():
             connector = self.component.connectors[name]
             function, ctype = self.types[connector.fmi_type]
@@ -168,6 +174,7 @@ class FmiInstance:
 
     def enter_initialization(self, time: float, stop: float) -> None:
         self.call("entering initialisation", self.call_enter_initialization, time, stop)
+        self._set(self._held)
 
     def exit_initialization(self) -> None:
         self.call("initialising", self.call_exit_initialization)

@@ -47,10 +47,10 @@ class Instance(Protocol):
         """Chooses variables that `get_locals` writes into `values` (len(names),). A later call replaces the choice."""
 
     def set_parameters(self, values: Mapping[str, float]) -> None:
-        """Sets parameters by name.
+        """Sets parameters by name, and inputs that are not on the bus, which hold their value over the run.
 
         Before: the instance is new or reset. After: the run begins with them. Raises SimulationError for a value that
-        the FMU refuses."""
+        the FMU refuses; for that of an input, `enter_initialization` does."""
 
     def enter_initialization(self, time: float, stop: float) -> None:
         """Begins the initialisation of a run from `time` to `stop`.

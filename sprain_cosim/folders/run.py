@@ -56,7 +56,7 @@ class RunSummary(Summary):
     smallest_step_s            of those [s]
     fmus, sha256               {component: file name}, {component: of the file's content}
     version                    of this package
-    parameters                 {"component.parameter": as it was set}
+    parameters                 {"component.parameter": as it was set}, inputs held constant among them
     dropped                    parameters that the FMU put in a component's place does not have
     isolation                  sandbox, process or none: where foreign FMUs ran
     granted                    {component: what its mapping file allows it beyond the sandbox}
@@ -113,7 +113,7 @@ class RunSummary(Summary):
             fmus={name: path.name for name, path in scenario.fmus.items()},
             sha256={component.name: component.sha256 for component in scenario.components()},
             version=__version__,
-            parameters=dict(scenario.parameters),
+            parameters=scenario.values(),
             dropped=tuple(scenario.dropped),
             isolation=apart.kind,
             granted=apart.granted,

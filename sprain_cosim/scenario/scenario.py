@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
@@ -16,6 +16,7 @@ from ..cosim.system import System, connect
 from ..errors import InputError, SimulationError, nearest, problems_to_error
 from ..fmu.component import Component
 from ..fmu.confine import confinement
+from ..fmu.element import Element
 from ..fmu.foreign import is_foreign
 from ..fmu.isolated import Isolated, isolated
 from ..mapping import carried, read_component
@@ -102,10 +103,7 @@ class Scenario:
         fit."""
         changed = replace(self, parameters={**self.parameters, parameter: value})
         system = changed._described()
-        connector = system.find(parameter)
-        if connector.causality != "parameter":
-            raise InputError(f"{parameter}: is an {connector.causality}, not a parameter")
-        connector.value(value, parameter)
+        system.settable(parameter).value(value, parameter)
         return changed.noted(f"{parameter} = {value}")
 
     def replace_fmu(self, name: str, fmu: Path | str, mapping: Path | str | None = None) -> Self:
@@ -119,9 +117,8 @@ class Scenario:
             {name: Path(mapping)} if mapping is not None else {}
         )
         component = read_component(name, path, maps.get(name))
-        lost = tuple(
-            k for k in self.parameters if k.startswith(f"{name}.") and k.partition(".")[2] not in component.parameters
-        )
+        known = component.parameters | component.inputs
+        lost = tuple(k for k in self.parameters if k.startswith(f"{name}.") and k.partition(".")[2] not in known)
         warning = (
             (
                 f"{name}: {path.name} has no {', '.join(k.partition('.')[2] for k in lost)}; the scenario's value is "
@@ -211,9 +208,9 @@ class Scenario:
         system = self._described()
         problems = system.check(self.master.communication_step)
         values: dict[str, float] = {}
-        for full, value in self.parameters.items():
+        for full, value in {**_constants(system.components), **self.parameters}.items():
             try:
-                values[full] = system.find(full).value(value, full)
+                values[full] = system.settable(full).value(value, full)
             except InputError as problem:
                 problems.append(str(problem) if full in str(problem) else f"parameter {problem}")
         problems_to_error(self.source, _without_repeats(problems))
@@ -253,6 +250,11 @@ class Scenario:
         """Where the FMUs run; `of_trials`: those of a study. Raises InputError."""
         return isolation(self.components(), self.in_process, of_trials)
 
+    def values(self) -> dict[str, Value]:
+        """{"component.variable": value, as it was written} of all that a run sets: the parameters, and what mapping
+        files hold constant. Raises InputError."""
+        return {**_constants(self.components()), **self.parameters}
+
     def _described(self) -> System:
         components = self.components()
         connections, problems = connect(components, self.connections)
@@ -274,6 +276,7 @@ class Scenario:
             }
             connectors = [component.connectors[n] for n in ends if n in component.connectors]
             silent = [c.name for c in connectors if c.unit is None and c.kind == "real"]
+            silent += self._converted(component)
             if silent:
                 found.append(
                     f"{component.name}: {component.fmu.name} declares no unit for {', '.join(silent)}; SI is assumed"
@@ -291,6 +294,12 @@ class Scenario:
         if apart.gaps:
             found.append(f"this machine holds foreign FMUs only in part: {'; '.join(apart.gaps)}")
         return found
+
+    def _converted(self, component: Component) -> list[str]:
+        """Inputs without a unit that hold a value which was written with one."""
+        values = {**_constants([component]), **self.parameters}
+        named = {n: values.get(f"{component.name}.{n}") for n, c in component.inputs.items() if c.unit is None}
+        return [n for n, value in named.items() if isinstance(value, str) and component.connectors[n].kind == "real"]
 
     def open(self, in_process: bool = False) -> Session | Apart:
         """Loads and instantiates the FMUs: in this process where all of them ship (or, with `in_process`, whatever they
@@ -347,6 +356,12 @@ class Session:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _constants(components: Iterable[Element]) -> dict[str, Value]:
+    return {
+        f"{c.name}.{name}": value for c in components if isinstance(c, Component) for name, value in c.constants.items()
+    }
 
 
 def _without_repeats(problems: list[str]) -> list[str]:

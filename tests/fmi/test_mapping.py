@@ -286,3 +286,106 @@ def test_an_fmu_cannot_allow_itself_anything(tmp_path: Path) -> None:
     component = read_component("brace", fmu)
     assert not component.allowed
     assert asked_for(component).words() == ["network", "exec"]
+
+
+HELD = '[constants]\nsupply = "48000 mV"\n'
+
+
+@pytest.mark.parametrize("fmi", [1, 2, 3])
+@pytest.mark.parametrize("isolate", [False, True])
+def test_an_input_that_nothing_feeds_holds_a_constant(
+    fmi: int,
+    isolate: bool,
+    baseline: np.ndarray,  # noqa: F811
+    tmp_path: Path,
+) -> None:
+    """At 48 V the supplied device is the SI brace, at 24 V it gives half; a run's value goes before the file's."""
+    fmu = device(tmp_path / "motor.fmu", fmi, supply=True, declared=fmi > 1)
+    (tmp_path / "m.toml").write_text(HELD)
+    scenario = load_scenario("incline30").replace_fmu("brace", fmu, tmp_path / "m.toml").with_master("gauss-seidel")
+    scenario = scenario.isolated("brace") if isolate else scenario
+    with scenario.open() as session:
+        for result in (session.run(), session.run()):
+            assert result.status == "completed", result.message
+            assert np.abs(np.asarray(result.signals["plant.subtalar_angle"]) - baseline).max() < 1e-9
+    assert scenario.values()["brace.supply"] == "48000 mV"
+    half, none = scenario.override("brace.supply", "24 V"), scenario.override("brace.supply", "0 V")
+    assert half.values()["brace.supply"] == "24 V"
+    peaks = [s.run().metrics["peak_subtalar_angle_deg"] for s in (scenario, half, none)]
+    assert peaks[0] + 0.5 < peaks[1] < peaks[2] - 0.5
+
+
+def test_a_run_and_a_comparison_set_a_constant(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    fmu = device(tmp_path / "motor.fmu", supply=True)
+    run = ["run", "incline30", "--fmu", f"brace={fmu}", "--scheme", "gauss-seidel", "--json"]
+    assert _run([*run, "--set", "brace.supply=48 V"], []) == 0
+    braced = json.loads(capsys.readouterr().out)
+    assert braced["parameters"]["brace.supply"] == "48 V"
+    assert _run(run, []) == 0
+    free = json.loads(capsys.readouterr().out)
+    assert "brace.supply" not in free["parameters"]
+    key = "peak_subtalar_angle_deg"
+    assert braced["metrics"][key] < free["metrics"][key] - 0.5
+    out = tmp_path / "compared"
+    compare = ["compare", "incline30", "--brace", f"motor={fmu}", "--set", "motor.supply=48 V", "--out", str(out)]
+    assert _run([*compare, "--scheme", "gauss-seidel"], []) == 0
+    summary = json.loads((out / "motor" / "summary.json").read_text())
+    assert summary["parameters"]["brace.supply"] == "48 V"
+    assert summary["metrics"][key] == pytest.approx(braced["metrics"][key], abs=1e-9)
+    capsys.readouterr()
+    for wrong, words in (
+        ("brace.supply=48", "needs a unit, for example"),
+        ("brace.supply=48 A", "has the dimension A"),
+        ("brace.suply=48 V", "did you mean supply"),
+        ("brace.subtalar_angle=1 deg", "is an input, not a parameter; plant.subtalar_angle feeds it"),
+    ):
+        assert _run([*run, "--set", wrong], []) == 2
+        assert re.fullmatch(f"error: .*{re.escape(words)}.*\n", capsys.readouterr().err)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ('supply = "48 A"', "constants.supply = '48 A': A has the dimension A, expected"),
+        ("supply = 48", "constants.supply = 48: needs a unit"),
+        ('suply = "48 V"', "constants.suply: motor.fmu has no such variable (did you mean supply"),
+        ('stiffness = "3 N.m/rad"', "only an input can be held constant; set it with --set brace.stiffness=VALUE"),
+        ('subtalar_angle = "3 deg"', "constants.subtalar_angle: is fed as subtalar_angle"),
+        ("supply = [48]", "constants.supply = [48]: expected a number"),
+    ],
+)
+def test_a_constant_that_cannot_be_held(content: str, message: str, tmp_path: Path) -> None:
+    fmu = device(tmp_path / "motor.fmu", supply=True)
+    (tmp_path / "m.toml").write_text(f"[constants]\n{content}\n")
+    with pytest.raises(InputError, match=re.escape(message)) as caught:
+        read_component("brace", fmu, tmp_path / "m.toml")
+    assert "\n" not in str(caught.value)
+
+
+def test_check_measures_with_what_is_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without its supply the device gives nothing; --set reaches the probes and the next line."""
+    fmu = device(tmp_path / "motor.fmu", supply=True)
+    assert not check_brace(fmu).facts["landing"]["peak_torque_Nm"]["subtalar"]
+    report = check_brace(fmu, settings={"supply": "48 V"})
+    plain = check_brace(device(tmp_path / "plain.fmu"))
+    assert report.facts["landing"]["peak_torque_Nm"] == pytest.approx(plain.facts["landing"]["peak_torque_Nm"])
+    softer = check_brace(fmu, settings={"supply": "48 V", "stiffness": "2 N.m/rad"})
+    assert (
+        softer.facts["landing"]["peak_torque_Nm"]["subtalar"]
+        < 0.5 * plain.facts["landing"]["peak_torque_Nm"]["subtalar"]
+    )
+    assert _run(["check", str(fmu), "--set", "supply=48 V", "--set", "stiffness=30 N.m/rad"], []) == 0
+    shown = capsys.readouterr().out
+    assert "measured with supply = 48 V, stiffness = 30 N.m/rad" in shown
+    assert f"--fmu brace={fmu} --set 'brace.supply=48 V' --set 'brace.stiffness=30 N.m/rad'" in shown
+    (tmp_path / "m.toml").write_text(HELD)
+    held = check_brace(fmu, tmp_path / "m.toml")
+    assert held.facts["landing"]["peak_torque_Nm"] == pytest.approx(plain.facts["landing"]["peak_torque_Nm"])
+    for wrong, words in (
+        ("suply=48 V", "did you mean supply"),
+        ("supply=48", "needs a unit"),
+        ("subtalar_angle=3 deg", "the plant feeds it"),
+        ("subtalar_torque=3 N.m", "is of causality output, not a parameter"),
+    ):
+        assert _run(["check", str(fmu), "--set", wrong], []) == 2
+        assert re.fullmatch(f"error: --set .*{re.escape(words)}.*\n", capsys.readouterr().err)

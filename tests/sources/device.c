@@ -37,9 +37,14 @@
 #define WAITS 0
 #endif
 
-enum { ANGLE, TORQUE, STIFFNESS, STATE, RATE, TIME, VARIABLES };
+enum { ANGLE, TORQUE, STIFFNESS, STATE, RATE, TIME, SUPPLY, VARIABLES };
 typedef struct { double value[VARIABLES]; double reached; int ended, mode, waits; } Device;
 static const double TAU = 0.01;
+#ifdef SUPPLIED /* V: the supply at which it gives the torque; in proportion to it */
+#define GAIN (d->value[SUPPLY] / SUPPLIED)
+#else
+#define GAIN 1.0
+#endif
 
 #ifdef FOOT /* instead of a brace: a foot (inertia 0.005 kg m2) that a torque, held over the step, turns; it starts at 0.1 rad */
 static void fresh(Device* d) { memset(d, 0, sizeof *d); d->value[TORQUE] = 0.1; }
@@ -53,7 +58,7 @@ static void advance(Device* d, double h) {
 static void fresh(Device* d) { memset(d, 0, sizeof *d); d->value[STIFFNESS] = 20.0; }
 static void evaluate(Device* d) {
     double x = ANGLE_UNIT * d->value[ANGLE];
-    d->value[TORQUE] = SIGN * (-d->value[STIFFNESS] * x * (1 + 4 * x * x) - 5.0 * (x - d->value[STATE])) / TORQUE_UNIT;
+    d->value[TORQUE] = SIGN * GAIN * (-d->value[STIFFNESS] * x * (1 + 4 * x * x) - 5.0 * (x - d->value[STATE])) / TORQUE_UNIT;
     d->value[RATE] = (x - d->value[STATE]) / TAU;
 }
 static void advance(Device* d, double h) {
