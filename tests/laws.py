@@ -40,17 +40,21 @@ def sampled(target: Path, axis: str, k: float, c: float, period: float, fixed: b
     return _compiled(target, variables, ("-DLAW=SAMPLED", "-DWHEN=END", macros), period if fixed else None, saves)
 
 
-BRACES = ("STRAP", "SLACK", "THICK", "DAHL", "CABLE", "LATE")
+BRACES = ("STRAP", "SLACK", "THICK", "DAHL", "CABLE", "LATE")  # right in sign and size; the others of laws.c are not
 
 
-def brace(target: Path, law: str, saves: bool = False) -> Path:
-    """One of BRACES about the subtalar axis, computed in a step only."""
+def brace(target: Path, law: str, saves: bool = False, **macros: float) -> Path:
+    """A law of laws.c about the subtalar axis, computed in a step only; `macros`: numbers of the law."""
     variables: list[Variable] = [
         ("subtalar_angle", "input", "rad", 0.0),
         ("subtalar_velocity", "input", "rad/s", 0.0),
         ("subtalar_torque", "output", "N.m", None),
     ]
-    return _compiled(target, variables, (f"-DLAW={law}", "-DWHEN=STEP", "-DSTART_VALUES={0}"), None, saves)
+    return _compiled(target, variables, _given(law, macros), None, saves)
+
+
+def _given(law: str, macros: dict[str, float]) -> tuple[str, ...]:
+    return (f"-DLAW={law}", "-DWHEN=STEP", "-DSTART_VALUES={0}", *(f"-D{k}={v!r}" for k, v in macros.items()))
 
 
 def controller(target: Path, when: str = "at once", gain: float = 0.0, base: float = 0.0) -> Path:

@@ -140,9 +140,10 @@ DOING = {  # by probe, in the order in which they run
     "state": "saving and restoring its state in a landing",
     "finite": "over the physiological range at up to 1000 deg/s",
     "recorded": "through a recorded landing",
+    "closed_landing": "through a recorded landing from zero and back to zero",
     "static": "held at angles",
-    "moving": "passed through zero at 200 deg/s",
-    "cycle": "in closed cycles of +-15 deg",
+    "moving": "passed through zero at 200 and 1000 deg/s",
+    "cycle": "in closed cycles of +-15 deg, and as far and fast as a landing",
 }
 
 
@@ -164,7 +165,7 @@ def _judge_behaviour(component: Component, axes: tuple[str, ...], active: bool, 
     judge_dynamics(measured, report)
     for k, axis in enumerate(axes):
         judge_physics(axis, k, measured, step, active, report)
-    judge_landing(measured, axes, report)
+    judge_landing(measured, axes, step, active, report)
 
 
 def _measure(child: Child, component: Component, report: FitReport) -> tuple[Measured, float]:

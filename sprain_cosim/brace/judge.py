@@ -9,10 +9,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..contract import POSITIVE
+from ..contract import MAX_VELOCITY_DEG_S, POSITIVE
 from ..fmu.element import Capabilities
 from .fit import FitReport
-from .probe import CYCLE_SPEED, STATIC_DEG
+from .probe import ROUNDING, STATIC_DEG, STEP
 
 SMALL = 1e-9  # N.m, N.m/rad and so on: as good as zero
 LEAST, LARGEST = 0.5, 1000.0  # N.m at the peak of a landing; beyond, a unit is suspected
@@ -78,9 +78,15 @@ def _same_call_by_call(calls: dict[float, list[float]]) -> bool:
     """Whether two neighbouring steps give one sequence of torques, which changes from call to call."""
     ordered = sorted(calls)
     return any(
-        len(set(calls[long])) >= 3 and calls[short][: len(calls[long])] == calls[long]
+        _distinct(calls[long]) >= 3 and calls[short][: len(calls[long])] == calls[long]
         for short, long in itertools.pairwise(ordered)
     )
+
+
+def _distinct(torques: list[float]) -> int:
+    """How many values differ by more than rounding."""
+    rounding = ROUNDING * max(abs(t) for t in torques)
+    return 1 + sum(after - before > rounding for before, after in itertools.pairwise(sorted(torques)))
 
 
 def _rate(period: float, continuous: bool) -> str:
@@ -140,13 +146,42 @@ def judge_dynamics(measured: Measured, report: FitReport) -> None:
 
 
 @dataclass(frozen=True)
+class CycleWork:
+    """What a device does on a closed path, all numbers in J but the last.
+
+    - path: the path in words
+    - taken: energy taken from the foot; stored: the most that was taken or given meanwhile
+    - turning: W; times an age [s] of the torque: what a torque so old gives
+    """
+
+    path: str
+    taken: float
+    stored: float
+    turning: float
+
+    def gives(self, age: float) -> bool:
+        """Whether it gives more than torques of this mean age [s] explain, and 1 % of what it stores."""
+        return self.taken < -max(1e-6, 1e-2 * self.stored + 1.3 * age * self.turning)
+
+    @property
+    def gives_little(self) -> bool:
+        """Whether it gives more than rounding and solvers explain."""
+        return self.taken < -max(1e-6, 1e-3 * self.stored)
+
+    @property
+    def takes(self) -> bool:
+        return self.taken > max(1e-6, 1e-3 * self.stored)
+
+
+@dataclass(frozen=True)
 class AxisMeasurement:
     """One axis of a device, in the contract's signs and SI units.
 
     - pairs: (angle [deg], torque [N.m] there, torque at the opposite angle) of held angles, rising
     - rest: torque at zero angle [N.m]
-    - damping: N.m.s/rad, passing zero at 200 deg/s
-    - taken, stored: energy taken from the foot in a closed cycle, and the most that is stored meanwhile [J]
+    - one_sided: (angle [deg], torque [N.m]) of held angles whose opposite lies beyond the range
+    - damping, fast_damping: N.m.s/rad, passing zero at 200 and 1000 deg/s
+    - near, far: work in a closed cycle of +-15 deg, and in one as far and fast as a landing
     - declared: stiffness at 5 deg that the device declares, and that of its torque [N.m/rad]; or None
     - others_resist: whether another axis gives a torque at a held angle
     - secants: secant stiffness -(torque - rest)/angle [N.m/rad] by angle [deg]
@@ -154,10 +189,12 @@ class AxisMeasurement:
 
     axis: str
     pairs: list[tuple[float, float, float]]
+    one_sided: list[tuple[float, float]]
     rest: float
     damping: float
-    taken: float
-    stored: float
+    fast_damping: float
+    near: CycleWork
+    far: CycleWork
     declared: tuple[float, float] | None
     others_resist: bool
     secants: dict[float, float] = field(init=False)
@@ -168,6 +205,7 @@ class AxisMeasurement:
             for d, *both in self.pairs
             for sign, torque in zip((1, -1), both, strict=True)
         }
+        secants |= {d: -(torque - self.rest) / math.radians(d) for d, torque in self.one_sided}
         object.__setattr__(self, "secants", secants)
 
     @classmethod
@@ -176,14 +214,18 @@ class AxisMeasurement:
         static = measured["static"]
         others = [t for a, rows in static["torque"].items() if a != axis for _, *both in rows for t in both]
         declared = static["declared"].get(axis)
-        taken, stored = measured["cycle"]["cycle"][axis]
         return cls(
             axis,
             [(d, plus, minus) for d, plus, minus in static["torque"][axis]],
+            [(d, torque) for d, torque in static["one_sided"][axis]],
             static["rest"][k],
             measured["moving"]["damping"][axis],
-            taken,
-            stored,
+            measured["moving"]["fast_damping"][axis],
+            CycleWork("a cycle of +-15 deg", *measured["cycle"]["cycle"][axis]),
+            CycleWork(
+                f"a cycle up to {STATIC_DEG[-1]:g} deg at up to {MAX_VELOCITY_DEG_S:g} deg/s",
+                *measured["cycle"]["far_cycle"][axis],
+            ),
             None if declared is None else (declared[0], declared[1]),
             any(abs(t) > SMALL for t in others),
         )
@@ -208,15 +250,31 @@ class AxisMeasurement:
         return max(SMALL, 1e-6 * self.largest)
 
     @property
+    def over_centre(self) -> bool:
+        """Whether it pushes near the middle and resists further out, on every side on which it pushes."""
+        sides = [[abs(d) for d in self.pushing if sign * d > 0] for sign in (1, -1)]
+        beyond = [[abs(d) for d in self.resisting if sign * d > 0] for sign in (1, -1)]
+        return all(out and min(out) > max(near) for near, out in zip(sides, beyond, strict=True) if near)
+
+    def age(self, measured: Measured, step: float) -> float:
+        """Mean age [s] of the torque by its own hold or delay. Within the usual step nobody can tell a late answer from
+        the exchange itself."""
+        every = measured["recorded"]["changes_every"] or 0.0
+        return max(0.5 * every, step if self.late(step) or step <= STEP else 0.5 * step)
+
+    @property
     def facts(self) -> dict[str, Any]:
         return {
             "torque_at_rest_Nm": self.rest,
             "secant_stiffness_Nm_per_rad": {f"{d:g}deg": s for d, s in self.secants.items()},
             "torque_Nm": {
                 f"{sign * d:g}deg": t for d, plus, minus in self.pairs for sign, t in ((1, plus), (-1, minus))
-            },
+            }
+            | {f"{d:g}deg": t for d, t in self.one_sided},
             "damping_Nms_per_rad": self.damping,
-            "energy_taken_per_cycle_J": self.taken,
+            "fast_damping_Nms_per_rad": self.fast_damping,
+            "energy_taken_per_cycle_J": self.near.taken,
+            "energy_taken_per_far_cycle_J": self.far.taken,
         }
 
     def late(self, step: float) -> bool:
@@ -229,26 +287,43 @@ def judge_physics(axis: str, k: int, measured: Measured, step: float, active: bo
     found = AxisMeasurement.read(axis, k, measured)
     report.facts[axis] = found.facts
     sink = report.warnings if active else report.problems
+    age = found.age(measured, step)
+    giving = [work for work in (found.near, found.far) if work.gives(age)]
+    pushes_any_passing_foot = not found.resisting and found.damping < -SMALL
     if found.pushing and not found.resisting:
         _report_pushing_everywhere(found, active, sink, report)
-        return
-    if found.pushing:
-        sink.append(
-            f"{axis}: pushes the foot away from rest at {_degrees(found.pushing)}, and back at "
-            f"{_degrees(found.resisting)}: it resists in part of the range only"
-            + ("" if active else "; correct its law, or write active = true in a mapping file if it is meant to")
+    elif found.pushing:
+        _report_pushing_in_part(found, bool(giving), active, report)
+    if giving and active:
+        report.notes.append(f"{axis}: active, {_gifts(giving)}")
+    elif giving and (found.resisting or not found.pushing) and not pushes_any_passing_foot:
+        report.problems.append(
+            f"{axis}: does net work on the foot, which a passive brace cannot: {_gifts(giving)}; "
+            + ("correct its law" if found.resisting else _sign_advice(axis, report))
+            + ", or write active = true in a mapping file if it is meant to"
         )
-    if not found.resisting and not found.pushing:
+        if not found.resisting:
+            _propose_sign(axis, report)
+    if found.resisting:
+        _judge_damping(found, step, age, report)
+        _note_hold(found, age, bool(giving), report)
+        _note_stiffness(found, report)
+        _judge_declared_stiffness(found, report)
+    elif not found.pushing and (pushes_any_passing_foot or not giving):
         _judge_without_stiffness(found, sink, report)
-        return
-    _judge_damping(found, step, report)
-    energy = _judge_energy(found, step, active, report)
-    _note_stiffness(found, energy, report)
-    _judge_declared_stiffness(found, report)
 
 
-def judge_landing(measured: Measured, axes: tuple[str, ...], report: FitReport) -> None:
+def judge_landing(measured: Measured, axes: tuple[str, ...], step: float, active: bool, report: FitReport) -> None:
     """Torque and work over the recorded landing."""
+    work = CycleWork("the recorded landing, from zero and back to zero", *measured["closed_landing"]["work"])
+    age = max(AxisMeasurement.read(axis, k, measured).age(measured, step) for k, axis in enumerate(axes))
+    if work.gives(age) and active:
+        report.notes.append(f"active, {_gifts([work])}")
+    elif work.gives(age) and report.fits:
+        report.problems.append(
+            f"does net work on the foot, which a passive brace cannot: {_gifts([work])}; is the sign of its torque "
+            "right? Correct it, or write active = true in a mapping file if it is meant to"
+        )
     recorded = measured["recorded"]
     peak = max(recorded["peak_torque"])
     if peak > LARGEST or 0 < peak < LEAST:
@@ -259,12 +334,13 @@ def judge_landing(measured: Measured, axes: tuple[str, ...], report: FitReport) 
     report.facts["landing"] = {
         "peak_torque_Nm": dict(zip(axes, recorded["peak_torque"], strict=True)),
         "work_taken_J": recorded["work_taken"],
+        "work_taken_from_zero_to_zero_J": work.taken,
     }
 
 
 def _report_pushing_everywhere(found: AxisMeasurement, active: bool, sink: list[str], report: FitReport) -> None:
     axis, at = found.axis, max(found.pushing)
-    push = next(plus if at > 0 else minus for d, plus, minus in found.pairs if d == abs(at))
+    push = found.rest - found.secants[at] * math.radians(at)
     way = (
         f"{POSITIVE[axis]} {at:g} deg ({axis} +)"
         if at > 0
@@ -291,43 +367,75 @@ def _judge_without_stiffness(found: AxisMeasurement, sink: list[str], report: Fi
             f"{axis}: no static stiffness, damping {damping:.3g} N.m.s/rad: it slows the foot; velocity and torque "
             "both of the other sign would look the same"
         )
+    elif found.fast_damping < -SMALL:
+        sink.append(
+            f"sign: {axis} moving at {MAX_VELOCITY_DEG_S:g} deg/s through zero is pushed faster (damping "
+            f"{found.fast_damping:.3g} N.m.s/rad); {_sign_advice(axis, report)}"
+        )
+        _propose_sign(axis, report)
+    elif found.near.takes or found.far.takes:
+        work = found.near if found.near.takes else found.far
+        report.notes.append(f"{axis}: no torque at held angles; takes {work.taken:.3g} J in {work.path}: it resists")
     elif found.others_resist:
         report.notes.append(f"{axis}: left free")
     else:
-        where = f"at held angles up to {STATIC_DEG[-1]:g} deg nor when passing zero"
+        where = (
+            f"at held angles up to {STATIC_DEG[-1]:g} deg, passing zero at {MAX_VELOCITY_DEG_S:g} deg/s, nor in closed "
+            "cycles"
+        )
         report.warnings.append(f"{axis}: no torque {where}: no probe can tell its sign; it is assumed right")
 
 
-def _judge_damping(found: AxisMeasurement, step: float, report: FitReport) -> None:
+def _judge_damping(found: AxisMeasurement, step: float, age: float, report: FitReport) -> None:
     if found.late(step):
         report.notes.append(
             f"{found.axis}: answers one communication step late, which the coupling cannot make good: better send the "
             "torque at the end of the step"
         )
-    elif found.damping < -max(SMALL, 1e-5 * found.largest):
+    elif found.damping < -max(SMALL, 1e-5 * found.largest, 2.0 * age * found.largest if age > step else 0.0):
         report.warnings.append(
             f"{found.axis}: pushes a passing foot faster (damping {found.damping:.3g} N.m.s/rad): is the sign of "
             f"{found.axis}_velocity right?"
         )
 
 
-def _judge_energy(found: AxisMeasurement, step: float, active: bool, report: FitReport) -> str:
-    """What the device does with energy in a closed cycle, in words."""
-    taken, stored = found.taken, found.stored
-    # an elastic torque that is late by h gives 2 pi w h of what it stores
-    delay = 13 * CYCLE_SPEED * step if found.late(step) else 0.0
-    if taken < -max(1e-6, (1e-3 + delay) * stored):
-        if not active:
-            report.warnings.append(
-                f"{found.axis}: gives {-taken:.3g} J in a closed cycle: an active device; say so with active = true in "
-                "a mapping file"
-            )
-        return f"gives {-taken:.3g} J in a cycle of +-15 deg"
-    return f"takes {taken:.3g} J in a cycle" if taken > 1e-3 * stored else "elastic"
+def _gifts(works: list[CycleWork]) -> str:
+    return ", ".join(f"gives {-work.taken:.3g} J in {work.path}" for work in works)
 
 
-def _note_stiffness(found: AxisMeasurement, energy: str, report: FitReport) -> None:
+def _report_pushing_in_part(found: AxisMeasurement, giving: bool, active: bool, report: FitReport) -> None:
+    where = (
+        f"{found.axis}: pushes the foot away from rest at {_degrees(found.pushing)}, and back at "
+        f"{_degrees(found.resisting)}"
+    )
+    if found.over_centre and not giving:
+        report.warnings.append(
+            f"{where}: over centre, it gives back no more than it takes, but its rest is not stable: the foot snaps to "
+            "either side; is it meant to?"
+        )
+        return
+    (report.warnings if active else report.problems).append(
+        f"{where}: it resists in part of the range only"
+        + ("" if active else "; correct its law, or write active = true in a mapping file if it is meant to")
+    )
+
+
+def _note_hold(found: AxisMeasurement, age: float, giving: bool, report: FitReport) -> None:
+    """What the hold or the delay of a passive device gives."""
+    if found.near.gives_little and not giving:
+        report.notes.append(
+            f"{found.axis}: gives {-found.near.taken:.3g} J in {found.near.path}: no more than torques that are "
+            f"{1e3 * age:.3g} ms old on average do, like a negative damping of about "
+            f"{age * found.largest:.2g} N.m.s/rad"
+        )
+
+
+def _note_stiffness(found: AxisMeasurement, report: FitReport) -> None:
     axis = found.axis
+    near = found.near
+    energy = (
+        _gifts([near]) if near.gives_little else f"takes {near.taken:.3g} J in a cycle" if near.takes else "elastic"
+    )
     d, plus, minus = next((p for p in found.pairs if p[0] == 10.0), found.pairs[-1])
     does = "pushes it back with" if plus < 0 else "gives"
     report.notes.append(

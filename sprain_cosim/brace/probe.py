@@ -10,7 +10,7 @@ import csv
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +28,12 @@ from ..units import Unit
 STEP = 0.5e-3
 STEPS = (0.1e-3, 0.2e-3, 0.5e-3, 1e-3, 2e-3, 5e-3)
 HOLD = 20e-3  # s, after which a held angle counts as static
-STATIC_DEG = (2.0, 5.0, 10.0, 20.0, 30.0)
+STATIC_DEG = (2.0, 5.0, 10.0, 20.0, 30.0, 45.0)  # the last as far as a landing goes
 SWEEP_DEG_S = 200.0
+LEAD = 0.1  # s, from zero to the first angles of the landing, and back
 CYCLE = 0.2  # s
 CYCLE_SPEED = 2 * math.pi / CYCLE  # rad/s
+ROUNDING = 1e-12  # relative: torques that differ by less are the same
 SI = Unit("1")
 Array = NDArray[np.float64]
 
@@ -249,7 +251,8 @@ def recorded(rig: Rig, h: float) -> dict[str, Any]:
 def _regular(torques: Array, h: float) -> float | None:
     """The time [s] between changes of torques (n, axes) that lie `h` [s] apart; None where they change at every call,
     or irregularly, or hardly at all."""
-    changes = np.flatnonzero((np.diff(torques, axis=0) != 0.0).any(axis=1))
+    rounding = ROUNDING * np.abs(torques).max()
+    changes = np.flatnonzero((np.abs(np.diff(torques, axis=0)) > rounding).any(axis=1))
     gaps = np.diff(changes)
     if len(gaps) < 4 or gaps.min() < 2 or gaps.max() - gaps.min() > 1:
         return None
@@ -257,10 +260,11 @@ def _regular(torques: Array, h: float) -> float | None:
 
 
 def static(rig: Rig, h: float) -> dict[str, Any]:
-    """Torque of each axis at held angles, the others at zero; declared stiffness at zero beside the difference
+    """Torque of each axis at held angles, the others at zero: pairs of opposite angles, and those angles whose opposite
+    lies beyond the range; rest is held at zero as long. Declared stiffness at 5 degrees beside the difference
     quotient."""
-    rig.begin()
-    out: dict[str, Any] = {"rest": rig.torques().tolist(), "torque": {}, "declared": {}}
+    still = np.zeros(len(rig.axes))
+    out: dict[str, Any] = {"rest": rig.hold(still, h).tolist(), "torque": {}, "one_sided": {}, "declared": {}}
     for k, axis in enumerate(rig.axes):
         low, high = RANGE_DEG[axis]
         pairs = []
@@ -273,6 +277,12 @@ def static(rig: Rig, h: float) -> dict[str, Any]:
                 ]
             )
         out["torque"][axis] = pairs
+        out["one_sided"][axis] = [
+            [at, float(rig.hold(rig.along(k, math.radians(at)), h)[k])]
+            for d in STATIC_DEG
+            for at in (d, -d)
+            if low <= at <= high and not low <= -at <= high
+        ]
         if f"{axis}_stiffness" in rig.named:
             middle = math.radians(5.0)
             rig.hold(rig.along(k, middle), h)
@@ -283,9 +293,14 @@ def static(rig: Rig, h: float) -> dict[str, Any]:
 
 
 def moving(rig: Rig, h: float) -> dict[str, Any]:
-    """Damping of each axis: torque at zero angle when passing it fast in either direction [N.m.s/rad]."""
+    """Damping of each axis [N.m.s/rad]: torque at zero angle when passing it in either direction, at 200 deg/s and as
+    fast as a landing."""
+    slow, fast = math.radians(SWEEP_DEG_S), math.radians(MAX_VELOCITY_DEG_S)
+    return {"damping": _damping(rig, slow, h), "fast_damping": _damping(rig, fast, h)}
+
+
+def _damping(rig: Rig, speed: float, h: float) -> dict[str, float]:
     out = {}
-    speed = math.radians(SWEEP_DEG_S)
     count = max(2, round(5e-3 / h))
     for k, axis in enumerate(rig.axes):
         at_zero = []
@@ -295,35 +310,83 @@ def moving(rig: Rig, h: float) -> dict[str, Any]:
                 torque = rig.step(rig.along(k, sign * speed * h * (i - count)), rig.along(k, sign * speed), h)
             at_zero.append(float(torque[k]))
         out[axis] = -(at_zero[0] - at_zero[1]) / (2 * speed)
-    return {"damping": out}
+    return out
+
+
+@dataclass
+class Work:
+    """What a device does on a path: a sum over its calls, by the trapezoidal rule.
+
+    taken    energy taken from the foot so far [J]
+    stored   the most that was taken or given meanwhile [J]
+    turning  sum of |change of torque| times |speed| [W]; times an age in s: the energy that torques so old may give
+    """
+
+    taken: float = 0.0
+    stored: float = 0.0
+    turning: float = 0.0
+
+    def add(self, torques: Array, before: Array, moved: Array, h: float) -> None:
+        """A call of `h` [s]: torques [N.m] at its end and before, the angles moved [rad] (n axes each)."""
+        self.taken -= float((0.5 * (torques + before) * moved).sum())
+        self.stored = max(self.stored, abs(self.taken))
+        self.turning += float((np.abs(torques - before) * np.abs(moved)).sum()) / h
+
+    def as_list(self) -> list[float]:
+        return [self.taken, self.stored, self.turning]
 
 
 def cycle(rig: Rig, h: float) -> dict[str, Any]:
-    """Energy taken from the foot in one closed cycle of +-15 degrees in 200 ms [J], after one to settle; and the most
-    that is stored meanwhile."""
-    amplitude = math.radians(15.0)
-    n = max(8, round(CYCLE / h))
-    out = {}
+    """Work of each axis in one closed cycle, after one to settle: +-15 degrees in 200 ms, and as far and as fast as a
+    landing goes (45 degrees where the range allows, 1000 deg/s)."""
+    far = {}
     for k, axis in enumerate(rig.axes):
-        rig.begin()
-        taken, stored, most = 0.0, 0.0, 0.0
-        before, torque_before = 0.0, 0.0
-        for i in range(1, 2 * n + 1):
-            phase = 2 * math.pi * i / n
-            angle = amplitude * math.sin(phase)
-            torque = float(rig.step(rig.along(k, angle), rig.along(k, amplitude * CYCLE_SPEED * math.cos(phase)), h)[k])
-            if i > n:
-                work = -0.5 * (torque + torque_before) * (angle - before)
-                taken += work
-                stored += work
-                most = max(most, abs(stored))
-            before, torque_before = angle, torque
-        out[axis] = [taken, most]
-    return {"cycle": out}
+        low, high = (max(RANGE_DEG[axis][0], -STATIC_DEG[-1]), min(RANGE_DEG[axis][1], STATIC_DEG[-1]))
+        amplitude, middle = math.radians(high - low) / 2, math.radians(high + low) / 2
+        far[axis] = _cycle(rig, k, middle, amplitude, math.radians(MAX_VELOCITY_DEG_S) / amplitude, h)
+    near = {a: _cycle(rig, k, 0.0, math.radians(15.0), CYCLE_SPEED, h) for k, a in enumerate(rig.axes)}
+    return {"cycle": near, "far_cycle": far}
+
+
+def _cycle(rig: Rig, k: int, middle: float, amplitude: float, speed: float, h: float) -> list[float]:
+    """Work about axis `k` in a sine of `amplitude` [rad] about `middle` [rad], of about `speed` [rad/s]."""
+    n = 4 * max(2, round(2 * math.pi / speed / h / 4))  # up and down through the same angles
+    speed = 2 * math.pi / (n * h)
+    rig.begin()
+    work = Work()
+    before, torques_before = np.zeros(len(rig.axes)), np.zeros(len(rig.axes))
+    for i in range(1, 2 * n + 1):
+        phase = 2 * math.pi * i / n
+        angles = rig.along(k, middle + amplitude * math.sin(phase))
+        torques = rig.step(angles, rig.along(k, amplitude * speed * math.cos(phase)), h)
+        if i > n:
+            work.add(torques, torques_before, angles - before, h)
+        before, torques_before = angles, torques
+    return work.as_list()
+
+
+def closed_landing(rig: Rig, h: float) -> dict[str, Any]:
+    """Work of all axes in the landing, led to its first angles from zero and from its last ones back to zero: what an
+    elastic device stores it has given back by then."""
+    angles, velocities = landing(rig.axes, h)
+    lead = np.arange(h, LEAD, h)[:, None] / LEAD
+    blend, rate = 0.5 - 0.5 * np.cos(np.pi * lead), 0.5 * np.pi / LEAD * np.sin(np.pi * lead)
+    first, last, rest = angles[0], angles[-1], 0 * angles[:1]
+    angles = np.concatenate([first * blend, angles, last * (1 - blend), rest])
+    velocities = np.concatenate([first * rate, velocities, -last * rate, rest])
+    rig.begin()
+    work = Work()
+    before = np.zeros(len(rig.axes))
+    torques_before = rig.step(before, before, h)
+    for a, v in zip(angles, velocities, strict=True):
+        torques = rig.step(a, v, h)
+        work.add(torques, torques_before, a - before, h)
+        before, torques_before = a, torques
+    return {"work": work.as_list()}
 
 
 PROBES: dict[str, Callable[[Rig, float], dict[str, Any]]] = {
-    f.__name__: f for f in (start, steps, repeat, reset, state, finite, recorded, static, moving, cycle)
+    f.__name__: f for f in (start, steps, repeat, reset, state, finite, recorded, closed_landing, static, moving, cycle)
 }
 
 

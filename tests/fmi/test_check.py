@@ -15,6 +15,7 @@ from sprain_cosim.cli import cli
 from sprain_cosim.mapping import parse
 from sprain_cosim.shipped import shipped_fmus
 from tests.fake import FakeComponent, connector
+from tests.laws import BRACES, brace, sampled
 from tests.native import FAULTS, QUIRKS, SUBTALAR, compile_fmu, device, quirk
 
 OWN = [n for n in shipped_fmus() if n.startswith("brace_")]
@@ -106,7 +107,7 @@ HABITS = {  # quirk: (verdict, a word of the report)
     "preload": ("fits", "the other way"),
     "plastic": ("fits", "takes 2.5"),
     "damper": ("fits", "it slows the foot; velocity and torque both of the other sign would look the same"),
-    "snap": ("does not fit", "away from rest at +20, +30 deg"),
+    "snap": ("does not fit", "away from rest at +20, +30, +45 deg"),
     "ball": ("does not fit", "no brace"),
     "once": ("fits", "one instance per process"),
 }
@@ -128,6 +129,64 @@ def test_a_damper_of_the_wrong_sign(tmp_path: Path) -> None:
     assert "pushed faster" in report.problems[0]
     (tmp_path / "map.toml").write_text(report.proposal)
     assert check_brace(tmp_path / "device.fmu", tmp_path / "map.toml").fits
+
+
+WRONG = {  # law of laws.c: words of the problem
+    "LOCK": "does net work on the foot, which a passive brace cannot: gives 4.29 J in a cycle of +-15 deg",
+    "STOP": "sign: foot rolled outward (supination) 45 deg (subtalar +): the brace pushes it further with 10.5 N.m",
+}
+
+
+@pytest.mark.parametrize("law", WRONG)
+def test_a_wrong_sign_beyond_a_threshold(law: str, tmp_path: Path) -> None:
+    """Neither shows at small angles held or at 200 deg/s; the mapping that the report proposes makes it fit."""
+    fmu = brace(tmp_path / "device.fmu", law)
+    report = check_brace(fmu)
+    assert not report.fits
+    assert WRONG[law] in report.text()
+    (tmp_path / "map.toml").write_text(report.proposal)
+    assert check_brace(fmu, tmp_path / "map.toml").verdict == "fits"
+
+
+def test_an_active_device_is_told_how_much(tmp_path: Path) -> None:
+    (tmp_path / "map.toml").write_text("active = true")
+    report = check_brace(brace(tmp_path / "device.fmu", "LOCK"), tmp_path / "map.toml")
+    assert report.fits
+    assert any(note.startswith("subtalar: active, gives 4.29 J in a cycle of +-15 deg") for note in report.notes)
+    assert report.facts["landing"]["work_taken_from_zero_to_zero_J"] < -1.0
+
+
+def test_over_centre(tmp_path: Path) -> None:
+    """Conservative: a warning; no reason to call it active or wrong."""
+    report = check_brace(brace(tmp_path / "device.fmu", "OVER"))
+    assert report.verdict == "fits with warnings", report.text()
+    assert report.warnings[0].startswith(
+        "subtalar: pushes the foot away from rest at -10, -5, -2, +2, +5, +10 deg, and back at"
+    )
+    assert "over centre" in report.warnings[0]
+
+
+@pytest.mark.parametrize("law", BRACES)
+def test_braces_with_free_steps_fit(law: str, tmp_path: Path) -> None:
+    """Slack, friction, hysteresis, preload that shows after the first step only, a late answer: none is a sign."""
+    report = check_brace(brace(tmp_path / "device.fmu", law))
+    assert report.fits, report.text()
+    assert not any(word in w for w in report.warnings for word in ("sign", "away", "work")), report.text()
+
+
+@pytest.mark.parametrize("fixed", [True, False])
+def test_a_hold_is_no_active_device(fixed: bool, tmp_path: Path) -> None:
+    """A spring that is sampled gives energy by its hold alone: a note."""
+    report = check_brace(sampled(tmp_path / "device.fmu", "subtalar", 60.0, 0.0, 0.01, fixed=fixed))
+    assert report.verdict == "fits", report.text()
+    assert any("sampled" in note for note in report.notes)
+    if not fixed:
+        note = next(n for n in report.notes if "no more than torques" in n)
+        assert "that are 5 ms old on average do, like a negative damping of about 0.3 N.m.s/rad" in note
+
+
+def test_a_last_digit_that_wobbles_is_no_step_of_its_own(tmp_path: Path) -> None:
+    assert check_brace(brace(tmp_path / "device.fmu", "WOBBLE")).verdict == "fits"
 
 
 @pytest.mark.parametrize(("fmi", "angle", "torque"), ALL)

@@ -1,15 +1,24 @@
 /* Laws for FMI 2 co-simulation (macro LAW). SAMPLED: torque = -k angle - c velocity, evaluated at the end of the initialisation and
    every `period`, held in between. Braces with free steps, computed in a step only: STRAP slack up to 8 deg, then stiffening, with Coulomb and
    viscous friction, never pushing; SLACK up to 12 deg, then 900 N.m/rad; THICK: shear-thickening in the speed, found from the angle; DAHL:
-   hysteresis; CABLE: wound in by a motor that is sampled every 5 ms; LATE: a spring that answers one step late; OVER: an over-centre spring.
+   hysteresis; CABLE: wound in by a motor that is sampled every 5 ms; LATE: a spring that answers one step late; OVER: an over-centre spring;
+   LOCK: locks above 300 deg/s, then pushes outward (pushes back with RIGHT); STOP: an end stop at 35 deg, the wrong way; WOBBLE: a spring whose last digit
+   wobbles; SLOW: a spring that takes PAUSE microseconds a step; FED: 15 N.m per unit of its angle, in degrees.
    CONTROLLER: excitations of eight muscles = base + gain * max(0, stretch velocity), at once.
    WHEN: outputs are computed AT_ONCE, at the END of the initialisation and in steps, or in a STEP only. START_VALUES of all variables. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 #include "fmi2Functions.h"
 
-enum { SAMPLED, CONTROLLER, STRAP, SLACK, THICK, DAHL, CABLE, LATE, OVER };
+#ifndef SIGN
+#define SIGN 1.0
+#endif
+#ifndef PAUSE
+#define PAUSE 0
+#endif
+enum { SAMPLED, CONTROLLER, STRAP, SLACK, THICK, DAHL, CABLE, LATE, OVER, LOCK, STOP, WOBBLE, SLOW, FED };
 enum { AT_ONCE, END, STEP };
 enum { ANGLE, VELOCITY, TORQUE, STIFFNESS, DAMPING, PERIOD };
 enum { STRETCH = 0, EXCITATION = 8, GAIN = 16, BASE = 17, VARIABLES = 18 };
@@ -42,6 +51,21 @@ static double brace(Model* m, double h) {
             return -0.05 * fmax(0.0, 5.0 + 1500.0 * fmax(x - 0.1, 0.0) + m->state);
         case OVER:
             return 30.0 * x - 300.0 * x * x * x;
+        case LOCK:
+            if (fabs(w) > 300.0 * DEG && !m->due) { m->due = 1; m->state = x; }
+            if (fabs(w) < 0.3) m->due = 0;
+            return m->due ? SIGN * 20.0 * (x - m->state) : 0.0;
+        case STOP:
+            s = x - 35.0 * DEG;
+            return s > 0 ? 60.0 * s : 0.0;
+        case WOBBLE:
+            m->state += 1;
+            return -40.0 * (1 + 2.3e-16 * (fmod(m->state, 3.0) - 1)) * x;
+        case SLOW:
+            usleep(PAUSE);
+            return -40.0 * x;
+        case FED:
+            return -15.0 * x / DEG;
         default: /* LATE */
             return -60.0 * m->last;
     }
