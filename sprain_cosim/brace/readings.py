@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from ..contract import AXES, POSITIVE
 from ..errors import SprainError
 from ..fmu.component import Component
+from ..fmu.confine import confinement
 from ..mapping import Mapping
 from ..process import Child, Limits
 from .probe import own_step
@@ -32,7 +34,8 @@ def _reading(component: Component) -> str:
         return "cannot be measured, since no axis has both an angle and a torque"
     child = Child("sprain_cosim.brace.probe", Limits(memory=MEMORY))
     try:
-        child.open((component, axes), START_LIMIT)
+        placed = replace(component, fmu=component.fmu.absolute())  # the child has a folder of its own
+        child.open((placed, axes), START_LIMIT, confinement([component]))
         measured = child.call("run", "static", own_step(component), limit=PROBE_LIMIT)
     except SprainError as problem:
         return f"cannot be measured: {problem}"
