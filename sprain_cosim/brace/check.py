@@ -23,6 +23,7 @@ from .names import contract_axes, contradicting_units
 from .probe import own_step
 from .readings import both_readings
 
+AXES_DRAWN = "what is positive about each axis: docs/figures/axes.png, shown in docs/brace-contract.md, Axes and signs"
 START_LIMIT, PROBE_LIMIT = 60.0, 6.0  # s
 MEMORY = 8 << 30  # bytes
 
@@ -71,6 +72,8 @@ def check_brace(
         held = ", ".join(f"{name} = {value}" for name, value in component.constants.items())
         report.notes.append(f"measured with {held}")
     axes = contract_axes(component, report)
+    if report.proposal:
+        report.notes.append(AXES_DRAWN)
     if report.fits:
         cache.unpacked(component.fmu, component.sha256)
         try:

@@ -405,11 +405,13 @@ def test_proposal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     device(Path("vendor.fmu"), names=("In1_InvAngle", "M_out"))
     told = CliRunner().invoke(cli, ["check", "vendor.fmu"], standalone_mode=False)
     assert told.return_value == 1
+    assert "docs/figures/axes.png" in " ".join(told.output.split())
     text = Path("vendor.map.toml").read_text()
     assert 'subtalar_angle = { to = "In1_InvAngle" }\n' in text
     assert 'subtalar_torque = { from = "M_out" }   # review' in text
     told = CliRunner().invoke(cli, ["check", "vendor.fmu", "--map", "vendor.map.toml", "--json"], standalone_mode=False)
     assert told.return_value == 0
+    assert "axes.png" not in told.output
     content = json.loads(told.output)
     assert content["verdict"].startswith("fits")
     assert content["facts"]["subtalar"]["torque_Nm"]["10deg"] == pytest.approx(-4.03, abs=0.01)
