@@ -58,6 +58,7 @@ def check_brace(
     report.problems += contradicting_units(component, {s.variable: s.unit is not None for s in signals})
     if found is not None and found.open_units:
         report.mapping = found.source
+        cache.unpacked(component.fmu, component.sha256)
         report.problems.append(both_readings(component, found))
         report.next_step = _next_step(report, fmu, mapping, settings)
         return report
