@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping as MappingOf
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -46,6 +47,20 @@ def _factor(value: Any, place: str) -> float:
     return float(value)
 
 
+def _factors(value: Any, place: str) -> float | tuple[float, ...]:
+    if isinstance(value, list) and value:
+        return tuple(_factor(number, place) for number in value)
+    return _factor(value, place)
+
+
+def _variables(value: Any, place: str) -> tuple[str, ...]:
+    names = [value] if isinstance(value, str) else value
+    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
+        table = place.rpartition(".")[0]
+        raise InputError(f'{table}: needs {{ from = "variable of the FMU" }}, or several: {{ from = ["a", "b"] }}')
+    return tuple(names)
+
+
 def _unit(value: Any, place: str) -> Unit:
     table = place.rpartition(".")[0]
     if not isinstance(value, str):
@@ -64,14 +79,25 @@ def _allowed(value: Any, place: str) -> Allowed:
     return allowed(value)
 
 
+def _or_list(form: MappingOf[str, Any]) -> dict[str, Any]:
+    """The JSON Schema of one, or of a list of some."""
+    return {"anyOf": [form, {"type": "array", "items": form, "minItems": 1}]}
+
+
 def _signals(link: str, causality: str, known: MappingOf[str, Unit]) -> keys.Named:
     needs = f'needs {{ {link} = "variable of the FMU" }}'
+    several = link == "from"
+    linked = keys.text(f"{{table}}: {needs}")
+    if several:
+        linked = keys.Value("text, or list of text", _or_list({"type": "string"}), _variables)
     entry = keys.Table(
         (
-            keys.Key(link, keys.text(f"{{table}}: {needs}"), f"{causality} of the FMU", needs=needs),
+            keys.Key(link, linked, f"{causality} of the FMU{'; of several, the sum' * several}", needs=needs),
             keys.Key(
                 "factor",
-                keys.Value("number", FACTOR, _factor),
+                keys.Value("number, or one for each", _or_list(FACTOR), _factors)
+                if several
+                else keys.Value("number", FACTOR, _factor),
                 "what arrives is factor * what comes + offset, in the FMU's unit; not 0",
                 "1",
             ),
@@ -161,15 +187,15 @@ FILE = keys.File(
 class Signal:
     """Where a signal of the contract goes to or comes from: factor * what comes + offset arrives.
 
-    variable  of the FMU
-    factor    not 0
-    arm       [m] of the lever between the FMU's force, travel or speed and the signal; None: there is none
-    offset    in the FMU's unit
-    unit      the FMU's; None: as declared; UNKNOWN: still to be stated
+    variables  of the FMU; of an output there may be several, which are added
+    factors    of each, not 0
+    arm        [m] of the lever between the FMU's force, travel or speed and the signal; None: there is none
+    offset     in the FMU's unit
+    unit       the FMU's; None: as declared; UNKNOWN: still to be stated
     """
 
-    variable: str
-    factor: float = 1.0
+    variables: tuple[str, ...]
+    factors: tuple[float, ...]
     offset: float = 0.0
     unit: Unit | None = None
     arm: float | None = None
@@ -230,34 +256,7 @@ class Mapping:
         used: dict[str, str] = {}
         for causality, signals in (("input", self.inputs), ("output", self.outputs)):
             for name, signal in signals.items():
-                place = f"{causality}s.{name} = {signal.variable}"
-                found = component.connectors.get(signal.variable)
-                if found is None:
-                    problems.append(
-                        f"{place}: {component.fmu.name} has no such "
-                        f"variable{nearest(signal.variable, component.select(causality))}"
-                    )
-                    continue
-                if found.causality != causality:
-                    problems.append(
-                        f"{place}: is of causality {found.causality}; only an {causality} can be mapped here"
-                    )
-                elif not found.scalar_number:
-                    problems.append(f"{place}: is of type {found.kind}; only scalar numbers can be mapped")
-                elif signal.variable in used:
-                    problems.append(f"{place}: is mapped to {used[signal.variable]} already")
-                elif name != signal.variable and name in component.connectors:
-                    problems.append(
-                        f"{place}: the FMU has a variable {name} of its own, which would be hidden; leave the line "
-                        "out or map that one"
-                    )
-                else:
-                    used[signal.variable] = name
-                    connectors.pop(signal.variable, None)
-                    try:
-                        connectors[name] = _renamed(name, found, signal, causality)
-                    except InputError as problem:
-                        problems.append(f"{place}: {problem}")
+                problems += _put(name, signal, component, causality, connectors, used)
         problems += self._wrong_constants(component, used)
         declared = component.capabilities.fixed_step
         if self.step is not None and declared is not None and abs(self.step - declared) > 1e-9 * declared:
@@ -307,7 +306,65 @@ class Mapping:
         return problems
 
 
-def _renamed(name: str, found: Connector, signal: Signal, causality: str) -> Connector:
+def _put(
+    name: str,
+    signal: Signal,
+    component: Component,
+    causality: str,
+    connectors: dict[str, Connector],
+    used: dict[str, str],
+) -> list[str]:
+    """Puts the signal's connector in the place of its variables, which are noted in `used`; returns the problems met,
+    one line each."""
+    problems, parts = list[str](), list[Connector]()
+    for variable, factor in zip(signal.variables, signal.factors, strict=True):
+        place = f"{causality}s.{name} = {variable}"
+        found = component.connectors.get(variable)
+        if found is None:
+            hint = nearest(variable, component.select(causality))
+            problems.append(f"{place}: {component.fmu.name} has no such variable{hint}")
+        elif found.causality != causality:
+            problems.append(f"{place}: is of causality {found.causality}; only an {causality} can be mapped here")
+        elif not found.scalar_number:
+            problems.append(f"{place}: is of type {found.kind}; only scalar numbers can be mapped")
+        elif variable in used:
+            problems.append(f"{place}: is mapped to {used[variable]} already")
+        elif name not in signal.variables and name in component.connectors:
+            problems.append(
+                f"{place}: the FMU has a variable {name} of its own, which would be hidden; leave the line out or map "
+                "that one"
+            )
+        else:
+            used[variable] = name
+            connectors.pop(variable, None)
+            try:
+                parts.append(_renamed(name, found, signal, factor, causality))
+            except InputError as problem:
+                problems.append(f"{place}: {problem}")
+    if not problems:
+        connectors[name] = parts[0] if len(parts) == 1 else _sum(name, signal, parts)
+    return problems
+
+
+def _sum(name: str, signal: Signal, parts: Sequence[Connector]) -> Connector:
+    """The output that is the sum of these, in the contract's unit."""
+    dependencies = [part.depends_on for part in parts]
+    named = zip(signal.variables, parts, strict=True)
+    return Connector(
+        name,
+        parts[0].reference,
+        "output",
+        "real",
+        OUTPUTS[name],
+        description=f"sum of {', '.join(signal.variables)}",
+        depends_on=(
+            None if None in dependencies else tuple(dict.fromkeys(n for found in dependencies for n in found or ()))
+        ),
+        parts=tuple(replace(part, name=variable) for variable, part in named),
+    )
+
+
+def _renamed(name: str, found: Connector, signal: Signal, weight: float, causality: str) -> Connector:
     signal_unit = (INPUTS if causality == "input" else OUTPUTS)[name]
     if signal.unit == UNKNOWN:
         readings = next((pair for end, pair in READINGS.items() if name.endswith(end)), (signal_unit.name,))
@@ -324,10 +381,10 @@ def _renamed(name: str, found: Connector, signal: Signal, causality: str) -> Con
             + ('lever of the force with arm = "40 mm"' if force else "true one with unit = ...")
         )
     if causality == "input":
-        factor = own.factor / signal.factor
+        factor = own.factor / weight
         offset = own.offset - signal.offset * factor
     else:
-        factor = own.factor * signal.factor
+        factor = own.factor * weight
         offset = own.offset + signal.offset * own.factor
     lever = 1.0 if signal.arm is None else signal.arm if causality == "output" else 1.0 / signal.arm
     low, high = sorted((found.minimum, found.maximum))
@@ -382,6 +439,8 @@ def parse(text: str, source: str) -> Mapping:
     """Raises InputError with all problems."""
     problems: list[str] = []
     content: dict[str, Any] = FILE.table.read(parse_toml(text, source), "", problems)
+    wrong = {name: _wrong_sum(entry) for name, entry in content.get("outputs", {}).items() if "from" in entry}
+    problems += [f"outputs.{name}: {problem}" for name, problem in wrong.items() if problem]
     problems_to_error(source, problems)
     return Mapping(
         inputs={name: _signal(entry, "to") for name, entry in content.get("inputs", {}).items()},
@@ -398,4 +457,17 @@ def parse(text: str, source: str) -> Mapping:
 
 
 def _signal(entry: MappingOf[str, Any], link: str) -> Signal:
-    return Signal(entry[link], entry.get("factor", 1.0), entry.get("offset", 0.0), entry.get("unit"), entry.get("arm"))
+    variables = (entry[link],) if link == "to" else entry[link]
+    factor = entry.get("factor", 1.0)
+    factors = factor if isinstance(factor, tuple) else (factor,) * len(variables)
+    return Signal(variables, factors, entry.get("offset", 0.0), entry.get("unit"), entry.get("arm"))
+
+
+def _wrong_sum(entry: MappingOf[str, Any]) -> str:
+    """What is wrong with an output's entry as a sum; empty where nothing is."""
+    count, factor = len(entry["from"]), entry.get("factor")
+    if isinstance(factor, tuple) and len(factor) != count:
+        return f"factor has {len(factor)} numbers for {count} variables"
+    if count > 1 and "offset" in entry:
+        return "offset belongs to a single variable, not to a sum"
+    return ""

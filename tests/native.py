@@ -154,6 +154,8 @@ UNITS = {  # factor to base units and their exponents, as attributes of BaseUnit
     "N.m/rad": (1.0, 'kg="1" m="2" s="-2" rad="-1"'),
     "1/s": (1.0, 's="-1"'),
     "s": (1.0, 's="1"'),
+    "N": (1.0, 'kg="1" m="1" s="-2"'),
+    "kN": (1e3, 'kg="1" m="1" s="-2"'),
     "V": (1.0, 'kg="1" m="2" s="-3" A="-1"'),
 }
 
@@ -172,10 +174,12 @@ def device(
     saves: bool = True,
     attributes: str = "",
     supply: bool = False,
+    cables: bool = False,
 ) -> Path:
     """tests/sources/device.c as an FMU of the version and kind; `sign` -1 pushes instead of resisting; `declared` False
     leaves the units out; `behaviour` are macros of the source, `saves`: declares that it saves its state, `attributes`
-    further capabilities; `supply`: an input in V at whose 48 V it gives the torque, and in proportion to it."""
+    further capabilities; `supply`: an input in V at whose 48 V it gives the torque, and in proportion to it; `cables`:
+    the outputs medial [N] and lateral [kN], cables on 40 mm whose difference gives the torque."""
     library = target.with_suffix(".so")
     macros = [
         f"-DFMI={fmi}",
@@ -209,6 +213,8 @@ def device(
         ("z", 3, "local", "continuous", "rad", "0" if fmi != 2 else None),
         ("der(z)", 4, "local", "continuous", "1/s", None),
         *([("supply", 6, "input", "continuous", "V", "0")] if supply else []),
+        *([("medial", 7, "output", "continuous", "N", None)] if cables else []),
+        *([("lateral", 8, "output", "continuous", "kN", None)] if cables else []),
         *([("time", 5, "independent", "continuous", "s", None)] if fmi == 3 else []),
     ]
     used = sorted({v[4] for v in variables})
@@ -247,15 +253,17 @@ def device(
                 else f"<Float64 {common}{unit(u)}{start}{derivative}/>"
             )
         if fmi == 2:
+            pulls = "".join(f'<Unknown index="{k}"/>' for k, v in enumerate(variables, 1) if v[1] in (7, 8))
             structure = (
-                '<Outputs><Unknown index="2"/></Outputs><Derivatives><Unknown index="5"/></Derivatives>'
-                '<InitialUnknowns><Unknown index="2"/><Unknown index="4"/><Unknown index="5"/></InitialUnknowns>'
+                f'<Outputs><Unknown index="2"/>{pulls}</Outputs><Derivatives><Unknown index="5"/></Derivatives>'
+                f'<InitialUnknowns><Unknown index="2"/><Unknown index="4"/><Unknown index="5"/>{pulls}</InitialUnknowns>'
             )
         else:
-            structure = (
-                '<Output valueReference="1"/><ContinuousStateDerivative valueReference="4"/><InitialUnknown '
-                'valueReference="1"/>'
+            pulls = [k for k in (7, 8) if cables]
+            structure = "".join(f'<Output valueReference="{k}"/>' for k in (1, *pulls)) + (
+                '<ContinuousStateDerivative valueReference="4"/><InitialUnknown valueReference="1"/>'
             )
+            structure += "".join(f'<InitialUnknown valueReference="{k}"/>' for k in pulls)
             structure += '<InitialUnknown valueReference="4"/><EventIndicator valueReference="3"/>'
         identity = 'guid="{device}" numberOfEventIndicators="1"' if fmi == 2 else 'instantiationToken="{device}"'
         body = f"""<fmiModelDescription fmiVersion="{fmi}.0" modelName="device" {identity}>

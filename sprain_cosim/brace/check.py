@@ -55,7 +55,7 @@ def check_brace(
     if inside is not None and mapping is not None:
         report.notes.append(f"the mapping inside the FMU is not used, but {mapping} in its place")
     signals = () if found is None else (*found.inputs.values(), *found.outputs.values())
-    report.problems += contradicting_units(component, {s.variable: s.unit is not None for s in signals})
+    report.problems += contradicting_units(component, {v: s.unit is not None for s in signals for v in s.variables})
     if found is not None and found.open_units:
         report.mapping = found.source
         cache.unpacked(component.fmu, component.sha256)

@@ -51,7 +51,9 @@ def propose(component: Component) -> str:
                 if connector.scalar_number and could_be(connector, kind):
                     lines.append(_line(name, connector, kind, link, WORDS_JCS if jcs else WORDS, taken))
         if not taken:
-            lines += [_lever_line(n, jcs) for n, c in component.outputs.items() if link == "from" and _is_force(c)]
+            forces = [n for n, c in component.outputs.items() if link == "from" and _is_force(c)]
+            lines += [_lever_line([name], jcs) for name in forces]
+            lines += [_lever_line(forces, jcs)] if len(forces) > 1 else []
             lines.append("# no candidate found")
     shown = "\n".join(lines)
     rest = [
@@ -75,10 +77,14 @@ def _is_force(connector: Connector) -> bool:
     return any(word in connector.name.lower() for word in ("force", "tension", "pull"))
 
 
-def _lever_line(name: str, jcs: bool) -> str:
-    axis = _axis(name, WORDS_JCS if jcs else WORDS)[0] or next(iter(WORDS))
-    entry = f'{axis}_torque = {{ from = "{name}", arm = "40 mm" }}'
-    return f"# {entry}   # review: a force; state its lever arm and take the first # away"
+def _lever_line(names: list[str], jcs: bool) -> str:
+    axis = _axis(names[0], WORDS_JCS if jcs else WORDS)[0] or next(iter(WORDS))
+    if len(names) == 1:
+        entry = f'{axis}_torque = {{ from = "{names[0]}", arm = "40 mm" }}'
+        return f"# {entry}   # review: a force; state its lever arm and take the first # away"
+    listed, signs = ", ".join(f'"{name}"' for name in names), ", ".join("1" for _ in names)
+    entry = f'{axis}_torque = {{ from = [{listed}], factor = [{signs}], arm = "40 mm" }}'
+    return f"# {entry}   # review: or their sum; -1 for one that pulls the other way"
 
 
 def _kind(connector: Connector) -> bool:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from . import archive, library
 from .description import Description
 from .instance import Instance
 from .opener import open_fmu
+from .sums import Summed, part_name
 
 
 @dataclass(frozen=True)
@@ -36,4 +37,8 @@ class Component(Description):
 
     def open(self) -> Instance:
         """Loads the FMU's code into this process and instantiates it. Raises SimulationError or EnvironmentProblem."""
-        return open_fmu(self)
+        sums = {name: connector.parts for name, connector in self.connectors.items() if connector.parts}
+        if not sums:
+            return open_fmu(self)
+        parts = {part_name(name, part): part for name, several in sums.items() for part in several}
+        return Summed(open_fmu(replace(self, connectors={**self.connectors, **parts})), sums)

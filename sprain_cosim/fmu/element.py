@@ -29,6 +29,7 @@ class Connector:
     description  text for people
     depends_on   inputs that act on this output directly; None: not declared, so all may
     fmi_type     the type's name in the version of FMI, such as Float64
+    parts        of an output that is their sum, in SI: the FMU's own outputs, each with the unit that takes it to SI
     """
 
     name: str
@@ -43,6 +44,7 @@ class Connector:
     description: str = ""
     depends_on: tuple[str, ...] | None = None
     fmi_type: str = "Real"
+    parts: tuple[Connector, ...] = ()
 
     @property
     def scalar_number(self) -> bool:

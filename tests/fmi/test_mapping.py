@@ -6,6 +6,7 @@ import hashlib
 import json
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -13,8 +14,10 @@ import numpy as np
 import pytest
 
 from sprain_cosim import check_brace, load_scenario, load_study
+from sprain_cosim.brace.proposal import propose
 from sprain_cosim.cli import _run
 from sprain_cosim.errors import InputError
+from sprain_cosim.fmu.component import Component
 from sprain_cosim.mapping import INSIDE, asked_for, parse, read_component
 from sprain_cosim.shipped import PACKAGE
 from tests.docs_commands import blocks
@@ -389,3 +392,74 @@ def test_check_measures_with_what_is_set(tmp_path: Path, capsys: pytest.CaptureF
     ):
         assert _run(["check", str(fmu), "--set", wrong], []) == 2
         assert re.fullmatch(f"error: --set .*{re.escape(words)}.*\n", capsys.readouterr().err)
+
+
+CABLES = 'subtalar_torque = { from = ["medial", "lateral"], factor = [1, -1], arm = "40 mm" }'
+FAR = ("subtalar_angle", "M_out")  # the torque itself under a name that the contract does not know
+
+
+@pytest.mark.parametrize(("fmi", "model_exchange"), [(1, False), (2, False), (3, False), (2, True)])
+@pytest.mark.parametrize("isolate", [False, True])
+def test_two_cables_are_one_torque(
+    fmi: int,
+    model_exchange: bool,
+    isolate: bool,
+    baseline: np.ndarray,  # noqa: F811
+    tmp_path: Path,
+) -> None:
+    """Their difference on 40 mm is the torque of the SI brace, though one is in N and the other in kN."""
+    fmu = device(tmp_path / "d.fmu", fmi, model_exchange, names=FAR, cables=True)
+    (tmp_path / "m.toml").write_text(f"[outputs]\n{CABLES}\n")
+    scenario = load_scenario("incline30").replace_fmu("brace", fmu, tmp_path / "m.toml").with_master("gauss-seidel")
+    result = (scenario.isolated("brace") if isolate else scenario).run()
+    assert result.status == "completed", result.message
+    assert np.abs(np.asarray(result.signals["plant.subtalar_angle"]) - baseline).max() < (
+        1e-6 if model_exchange else 1e-9
+    )
+
+
+def test_a_sum_is_checked_identified_and_proposed(tmp_path: Path) -> None:
+    """`check` and the coupling that measures stiffness see the sum as they see the torque itself."""
+    fmu, plain = device(tmp_path / "d.fmu", names=FAR, cables=True), device(tmp_path / "plain.fmu")
+    (tmp_path / "m.toml").write_text(f"[outputs]\n{CABLES}\n")
+    (tmp_path / "own.toml").write_text('[outputs]\nsubtalar_torque = { from = ["M_out"], factor = [1] }\n')
+    report, same = check_brace(fmu, tmp_path / "m.toml"), check_brace(plain)
+    assert report.fits, report.text()
+    for fact in ("torque_Nm", "secant_stiffness_Nm_per_rad"):
+        assert report.facts["subtalar"][fact] == pytest.approx(same.facts["subtalar"][fact], rel=1e-9)
+    runs = [
+        load_scenario("incline30").replace_fmu("brace", f, m).with_master("impedance").run()
+        for f, m in ((fmu, tmp_path / "m.toml"), (plain, None), (fmu, tmp_path / "own.toml"))
+    ]
+    angles_of = [np.asarray(run.signals["plant.subtalar_angle"]) for run in runs]
+    assert np.abs(angles_of[0] - angles_of[1]).max() < 1e-9
+    assert np.array_equal(angles_of[2], angles_of[1])
+    component = read_component("brace", fmu, tmp_path / "m.toml")
+    assert "medial" not in component.connectors
+    assert component.outputs["subtalar_torque"].description == "sum of medial, lateral"
+    bare = Component.read("brace", fmu)
+    pulling = replace(bare, connectors={n: c for n, c in bare.connectors.items() if n != "M_out"})
+    line = next(line for line in propose(pulling).splitlines() if "or their sum" in line)
+    assert parse(f"[outputs]\n{line.removeprefix('# ')}", "here").apply(pulling).outputs["subtalar_torque"].parts
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ('from = ["medial", "lateral"], factor = [1, -1, 1], arm = "40 mm"', "factor has 3 numbers for 2 variables"),
+        ('from = ["medial", "lateral"], factor = [1, 0], arm = "40 mm"', "factor must not be 0"),
+        ('from = ["medial", "lateral"], offset = 1, arm = "40 mm"', "offset belongs to a single variable"),
+        ('from = ["medial", "medial"], arm = "40 mm"', "medial: is mapped to subtalar_torque already"),
+        ('from = ["medial", "latral"], arm = "40 mm"', "no such variable (did you mean lateral"),
+        ('from = ["medial", "lateral"]', 'state the lever of the force with arm = "40 mm"'),
+        ('from = ["medial", "M_out"], arm = "40 mm"', "M_out: its unit N.m has the dimension"),
+        ("from = []", 'needs { from = "variable of the FMU" }'),
+        ('from = ["medial", 3]', 'needs { from = "variable of the FMU" }'),
+    ],
+)
+def test_a_sum_that_cannot_be_made(entry: str, message: str, tmp_path: Path) -> None:
+    fmu = device(tmp_path / "d.fmu", names=FAR, cables=True)
+    (tmp_path / "m.toml").write_text(f"[outputs]\nsubtalar_torque = {{ {entry} }}\n")
+    with pytest.raises(InputError, match=re.escape(message)) as caught:
+        read_component("brace", fmu, tmp_path / "m.toml")
+    assert "\n" not in str(caught.value)

@@ -37,7 +37,7 @@
 #define WAITS 0
 #endif
 
-enum { ANGLE, TORQUE, STIFFNESS, STATE, RATE, TIME, SUPPLY, VARIABLES };
+enum { ANGLE, TORQUE, STIFFNESS, STATE, RATE, TIME, SUPPLY, MEDIAL, LATERAL, VARIABLES };
 typedef struct { double value[VARIABLES]; double reached; int ended, mode, waits; } Device;
 static const double TAU = 0.01;
 #ifdef SUPPLIED /* V: the supply at which it gives the torque; in proportion to it */
@@ -60,6 +60,10 @@ static void evaluate(Device* d) {
     double x = ANGLE_UNIT * d->value[ANGLE];
     d->value[TORQUE] = SIGN * GAIN * (-d->value[STIFFNESS] * x * (1 + 4 * x * x) - 5.0 * (x - d->value[STATE])) / TORQUE_UNIT;
     d->value[RATE] = (x - d->value[STATE]) / TAU;
+    /* the same torque by two cables on 40 mm, which pull with at least 5 N: in N and in kN */
+    double pull = d->value[TORQUE] * TORQUE_UNIT / 0.04;
+    d->value[MEDIAL] = 5.0 + (pull > 0 ? pull : 0.0);
+    d->value[LATERAL] = 1e-3 * (5.0 + (pull < 0 ? -pull : 0.0));
 }
 static void advance(Device* d, double h) {
     double x = ANGLE_UNIT * d->value[ANGLE];
