@@ -5,6 +5,7 @@ and 5 physics, measured by probe.py in a child process under a time limit and ju
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -17,10 +18,14 @@ from ..fmu.component import Component
 from ..fmu.confine import confinement
 from ..mapping import carried, load_mapping
 from ..process import Child, Limits, ProcessEnded
+from ..sandbox.confinement import Confinement
+from ..sandbox.kernel import offered
+from ..sandbox.watch import Watch
+from .conduct import note_conduct
 from .fit import FitReport
 from .judge import Measured, judge_dynamics, judge_landing, judge_physics, judge_steps
 from .names import contract_axes, contradicting_units
-from .probe import own_step
+from .probe import BEGINS, FREED, FREEING, own_step
 from .readings import both_readings
 
 AXES_DRAWN = "what is positive about each axis: docs/figures/axes.png, shown in docs/brace-contract.md, Axes and signs"
@@ -152,24 +157,47 @@ DOING = {  # by probe, in the order in which they run
 
 
 def _judge_behaviour(component: Component, axes: tuple[str, ...], active: bool, report: FitReport) -> None:
-    child = Child("sprain_cosim.brace.probe", Limits(memory=MEMORY))
-    try:
+    sandbox = confinement([component])
+    with Watch(sandbox or Confinement((), ""), mark=BEGINS) as watch:
+        child = Child(
+            "sprain_cosim.brace.probe", Limits(memory=MEMORY), watch if sandbox and offered().seccomp else None
+        )
+        changed: list[str] = []
         try:
-            placed = replace(component, fmu=component.fmu.absolute())
-            child.open((placed, axes), START_LIMIT, confinement([component]))
-        except ProcessEnded as end:
-            raise InputError(f"{component.fmu}: cannot be instantiated: {end}{child.last_words()}") from None
-        except SprainError as problem:
-            raise InputError(f"{component.fmu}: cannot be instantiated: {problem}") from None
-        measured, step = _measure(child, component, report)
-    finally:
-        child.close()
+            try:
+                placed = replace(component, fmu=component.fmu.absolute())
+                child.open((placed, axes), START_LIMIT, sandbox)
+            except ProcessEnded as end:
+                raise InputError(f"{component.fmu}: {_where(child)}: {end}{_words(child)}") from None
+            except SprainError as problem:
+                raise InputError(f"{component.fmu}: cannot be instantiated: {problem}") from None
+            measured, step = _measure(child, component, report)
+            with contextlib.suppress(ProcessEnded, SprainError):
+                changed = child.call("conduct", limit=PROBE_LIMIT)
+        finally:
+            child.close()
+        note_conduct(watch.attempts, changed, report)
     if not report.fits:
         return
     judge_dynamics(measured, report)
     for k, axis in enumerate(axes):
         judge_physics(axis, k, measured, step, active, report)
     judge_landing(measured, axes, step, active, report)
+
+
+def _is_freed(child: Child) -> bool:
+    """Whether the process ended while the device was freed: the probes say when they begin with that."""
+    return child.log().splitlines()[-1:] == [FREEING]
+
+
+def _where(child: Child) -> str:
+    return "crashes while it is freed" if _is_freed(child) else "cannot be instantiated"
+
+
+def _words(child: Child) -> str:
+    """The device's last words, without those of the probes."""
+    said = [line for line in child.log().splitlines() if line not in (FREEING, FREED)]
+    return f"; it said: {said[-1].strip()}" if said else ""
 
 
 def _measure(child: Child, component: Component, report: FitReport) -> tuple[Measured, float]:
@@ -183,7 +211,8 @@ def _measure(child: Child, component: Component, report: FitReport) -> tuple[Mea
         try:
             measured[probe] = child.call("run", probe, step, limit=PROBE_LIMIT)
         except ProcessEnded as end:
-            report.problems.append(f"{doing}: the device {end}{child.last_words()}")
+            freed = ", while it was freed" if _is_freed(child) else ""
+            report.problems.append(f"{doing}: the device {end}{freed}{_words(child)}")
         except SprainError as problem:
             report.problems.append(f"{doing}: {str(problem).removeprefix('brace: ')}")
         else:

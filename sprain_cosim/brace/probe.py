@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import csv
 import math
+import os
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,9 @@ from ..errors import SimulationError
 from ..fmu.component import Component
 from ..fmu.driver import Driver
 from ..fmu.element import Element
+from ..fmu.floating_point import FloatingPoint
+from ..fmu.opener import preload
+from ..fmu.surroundings import Surroundings
 from ..process import Handlers, serve
 from ..units import Unit
 
@@ -36,6 +40,9 @@ CYCLE_SPEED = 2 * math.pi / CYCLE  # rad/s
 ROUNDING = 1e-12  # relative: torques that differ by less are the same
 SI = Unit("1")
 Array = NDArray[np.float64]
+
+FREEING, FREED = "the device is freed", "the device was freed"
+BEGINS, ENDS = ".device-begins", ".device-ends"  # files that tell a watch what is the device's doing
 
 
 class Rig:
@@ -394,15 +401,33 @@ PROBES: dict[str, Callable[[Rig, float], dict[str, Any]]] = {
 def _handlers(subject: tuple[Component, tuple[str, ...]]) -> Iterator[Handlers]:
     """The child: opens the device once, then runs the experiments."""
     component, axes = subject
-    Rig(component, axes).close()
+    preload()
+    surroundings = Surroundings()
+    FloatingPoint.watched = True
+    landing(axes, STEP)  # what it imports
+    Path(BEGINS).write_bytes(b"")
+    free(Rig(component, axes))
 
     def run(name: str, h: float) -> dict[str, Any]:
         rig = Rig(component, axes)
         found = PROBES[name](rig, h)
-        rig.close()
+        free(rig)
         return found
 
-    yield {"run": run}
+    def conduct() -> list[str]:
+        with suppress(OSError):
+            (Path(folder) / ENDS).write_bytes(b"")
+        return [*surroundings.restore(), *sorted(FloatingPoint.noticed)]
+
+    folder = os.getcwd()
+    yield {"run": run, "conduct": conduct}
+
+
+def free(rig: Rig) -> None:
+    """Closes it, and says so before: what crashes then crashes while it is freed."""
+    print(FREEING, flush=True)
+    rig.close()
+    print(FREED, flush=True)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from ..errors import SprainError
 from ..fmu.component import Component
 from ..fmu.confine import confinement
 from ..mapping import Mapping
-from ..process import Child, Limits
+from ..process import Child, Limits, ProcessEnded
 from .probe import own_step
 
 AT = 20.0  # deg, at which the torques are shown
@@ -37,7 +37,7 @@ def _reading(component: Component) -> str:
         placed = replace(component, fmu=component.fmu.absolute())  # the child has a folder of its own
         child.open((placed, axes), START_LIMIT, confinement([component]))
         measured = child.call("run", "static", own_step(component), limit=PROBE_LIMIT)
-    except SprainError as problem:
+    except (SprainError, ProcessEnded) as problem:
         return f"cannot be measured: {problem}"
     finally:
         child.close()

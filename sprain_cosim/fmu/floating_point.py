@@ -5,7 +5,7 @@ notice."""
 from __future__ import annotations
 
 import ctypes
-from typing import Any
+from typing import Any, ClassVar
 
 SIZE = 64  # B, more than any platform's fenv_t
 ONE, LITTLE, MORE = 1.0, 2.0**-53, 1.5 * 2.0**-53  # half and three quarters of the last place of ONE
@@ -13,32 +13,47 @@ NEXT = ONE + 2.0**-52
 TINY, HALF = 2.0**-1022, 0.5
 
 
-def _functions() -> tuple[Any, Any] | None:
-    """fegetenv and fesetenv, called without letting other threads in; None where the platform has none."""
-    for library in (None, "libm.so.6", "ucrtbase"):
+def _library() -> Any:
+    """Called without letting other threads in; None where the platform has none."""
+    for name in (None, "libm.so.6", "ucrtbase"):
         try:
-            found = ctypes.PyDLL(library)
-            return found.fegetenv, found.fesetenv
+            found = ctypes.PyDLL(name)
+            _ = found.fegetenv, found.fesetenv, found.fegetround
+            return found
         except (OSError, AttributeError, TypeError):
             continue
     return None
 
 
-_found = _functions()
+_libm = _library()
 
 
 class FloatingPoint:
-    """The environment as it was when this was made."""
+    """The environment as it was when this was made. While `watched`, what was found changed is `noticed`: rounding,
+    traps."""
+
+    watched: ClassVar[bool] = False
+    noticed: ClassVar[set[str]] = set()
 
     def __init__(self) -> None:
         self._saved = ctypes.create_string_buffer(SIZE)
-        if _found is not None:
-            _found[0](self._saved)
+        if _libm is not None:
+            _libm.fegetenv(self._saved)
 
     def restore(self) -> None:
         """All of it, whatever it is now."""
-        if _found is not None:
-            _found[1](self._saved)
+        if _libm is None:
+            return
+        if self.watched:
+            self._notice()
+        _libm.fesetenv(self._saved)
+
+    def _notice(self) -> None:
+        """By functions that no trap hinders."""
+        if _libm.fegetround():  # 0 is to nearest
+            self.noticed.add("rounding mode")
+        if hasattr(_libm, "fegetexcept") and _libm.fegetexcept():
+            self.noticed.add("traps of arithmetic")
 
     def restore_if_changed(self) -> None:
         """Six times as fast where nothing changed: rounding and tiny numbers are tried out. A trap goes off at that."""

@@ -6,6 +6,20 @@ from .description import Description
 from .instance import Instance
 
 
+def preload() -> None:
+    """Imports what opening an FMU imports, so that what happens from then on is the FMU's doing."""
+    import fmpy.fmi1
+    import fmpy.fmi2
+    import fmpy.fmi3
+    import fmpy.logging
+    import fmpy.validation  # noqa: F401
+
+    from . import fmi1, fmi3, model_exchange  # noqa: F401
+    from .fmi2 import callbacks
+
+    callbacks()
+
+
 def open_fmu(description: Description) -> Instance:
     """Loads the FMU's library into this process and instantiates it. Raises SimulationError or EnvironmentProblem."""
     kind = description.capabilities.fmi_version, description.capabilities.model_exchange

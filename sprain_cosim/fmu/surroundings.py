@@ -51,7 +51,7 @@ class Surroundings:
         if self._stop_timers():
             changed.append("timers")
         for name, handler in self._handlers.items():
-            if _handler(name) != handler:
+            if _identity(_handler(name)) != _identity(handler):
                 changed.append(f"handler of {name}")
                 _libc().sigaction(int(getattr(signal, name)), handler, None)
         return changed
@@ -88,6 +88,11 @@ def _variables() -> list[bytes]:
         found.append(line)
         k += 1
     return found
+
+
+def _identity(action: bytes) -> bytes:
+    """Function, the first signals of the mask, flags; the rest of a struct sigaction is not always written."""
+    return action[:16] + action[136:140]
 
 
 def _handler(name: str) -> bytes:

@@ -44,10 +44,12 @@ class Attempt:
 
 @dataclass
 class Watch:
-    """Open before the process starts, pass `far` to it, and it to `enter`. Use as a context manager."""
+    """Open before the process starts, pass `far` to it, and it to `enter`. Use as a context manager. When a file of the
+    name `mark` is opened, what was seen before it is forgotten."""
 
     confinement: Confinement
     attempts: dict[Attempt, None] = field(default_factory=dict)
+    mark: str = ""
 
     def __enter__(self) -> Watch:
         self._near, self.far = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -128,6 +130,8 @@ class Watch:
         else:
             attempt = Attempt(name, name)
         if attempt is not None:
+            if self.mark and Path(attempt.detail).name == self.mark:
+                self.attempts.clear()
             self.attempts.setdefault(attempt)
 
     def _opening(self, name: str, process: int, arguments: tuple[int, ...]) -> Attempt | None:
