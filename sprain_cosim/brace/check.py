@@ -63,7 +63,6 @@ def check_brace(
     report.problems += contradicting_units(component, {v: s.unit is not None for s in signals for v in s.variables})
     if found is not None and found.open_units:
         report.mapping = found.source
-        cache.unpacked(component.fmu, component.sha256)
         report.problems.append(both_readings(component, found))
         report.next_step = _next_step(report, fmu, mapping, settings)
         return report
