@@ -321,6 +321,10 @@ def _put(
         place = f"{causality}s.{name} = {variable}"
         found = component.connectors.get(variable)
         if found is None:
+            array = component.connectors.get(variable.partition("[")[0])
+            if array is not None and array.kind == "array":
+                problems.append(f"{place}: {array.name} is an array, whose elements cannot be mapped; export scalars")
+                continue
             hint = nearest(variable, component.select(causality))
             problems.append(f"{place}: {component.fmu.name} has no such variable{hint}")
         elif found.causality != causality:

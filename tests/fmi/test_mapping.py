@@ -463,3 +463,23 @@ def test_a_sum_that_cannot_be_made(entry: str, message: str, tmp_path: Path) -> 
     with pytest.raises(InputError, match=re.escape(message)) as caught:
         read_component("brace", fmu, tmp_path / "m.toml")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("fmi", [1, 2, 3])
+def test_names_with_brackets(fmi: int, baseline: np.ndarray, tmp_path: Path) -> None:  # noqa: F811
+    """Exporters name the scalars of a vector so; they are names as any other."""
+    fmu = device(tmp_path / "vendor.fmu", fmi, names=("phi[1]", "u[1]"))
+    (tmp_path / "m.toml").write_text('[inputs]\nsubtalar_angle = "phi[1]"\n[outputs]\nsubtalar_torque = "u[1]"\n')
+    scenario = load_scenario("incline30").replace_fmu("brace", fmu, tmp_path / "m.toml").with_master("gauss-seidel")
+    result = scenario.run()
+    assert result.status == "completed", result.message
+    assert np.abs(np.asarray(result.signals["plant.subtalar_angle"]) - baseline).max() < 1e-9
+
+
+def test_an_element_of_an_array_is_refused_by_name(tmp_path: Path) -> None:
+    fmu = device(tmp_path / "vendor.fmu", 3, names=("phi", "M_out"))
+    bare = Component.read("brace", fmu)
+    arrays = {n: replace(c, kind="array") if n == "phi" else c for n, c in bare.connectors.items()}
+    mapping = parse('[inputs]\nsubtalar_angle = "phi[1]"\n', "here")
+    with pytest.raises(InputError, match=r"phi\[1\]: phi is an array, whose elements cannot be mapped; export scalars"):
+        mapping.apply(replace(bare, connectors=arrays))
