@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import __version__, signals
-from .errors import InputError, SimulationError, SprainError
+from .errors import InputError, SimulationError, SprainError, visible
 
 if TYPE_CHECKING:
     from .cosim.result import Result
@@ -842,4 +842,4 @@ def _say(message: str, code: int) -> int:
 
 
 def _one_line(text: str) -> str:
-    return " ".join(text.split())
+    return visible(" ".join(text.split()))

@@ -55,6 +55,11 @@ def problems_to_error(place: str, problems: Iterable[str]) -> None:
         raise InputError(f"{place}: {len(found)} problems: " + "; ".join(f"({k}) {p}" for k, p in enumerate(found, 1)))
 
 
+def visible(text: str) -> str:
+    """The text with control characters shown instead of sent to a terminal."""
+    return "".join(c if c.isprintable() or c in "\n\t" else ascii(c)[1:-1] for c in text)
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """' (did you mean X?)' for the nearest of the known names, or the known names themselves if they are few."""
     known = list(known)

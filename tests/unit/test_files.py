@@ -158,3 +158,9 @@ def test_only_this_module_renames_files_and_parses_toml_or_json_from_disk() -> N
     for path in sorted(PACKAGE.rglob("*.py")):
         calls = {ast.unparse(node.func) for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)}
         assert path.name == "files.py" or not calls & forbidden, path
+
+
+def test_control_characters_are_shown_not_sent() -> None:
+    from sprain_cosim.errors import visible
+
+    assert visible("a\x1b[31mred\x07\x9b2J\u202eé ·\n") == "a\\x1b[31mred\\x07\\x9b2J\\u202eé ·\n"
