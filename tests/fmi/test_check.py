@@ -263,10 +263,10 @@ def test_proposal_for_a_joint_coordinate_system() -> None:
     }
     text = propose(FakeComponent("brace", connectors))  # type: ignore[arg-type]
     parsed = parse(text, "proposal")
-    assert {k: v.variable for k, v in parsed.inputs.items()} == {
+    assert {k: v.variables[0] for k, v in parsed.inputs.items()} == {
         "dorsiflexion_angle": "DorsiFlex_Ang", "inversion_angle": "Inv_Ang", "internal_rotation_angle": "IntRot_Ang",
     }  # fmt: skip
-    assert {k: v.variable for k, v in parsed.outputs.items()} == {
+    assert {k: v.variables[0] for k, v in parsed.outputs.items()} == {
         "dorsiflexion_torque": "DorsiFlex_Mom", "inversion_torque": "Inv_Mom", "internal_rotation_torque": "IntRot_Mom",
     }  # fmt: skip
 
@@ -280,10 +280,10 @@ def test_proposal_of_three_axes_the_other_way_round() -> None:
     text = propose(FakeComponent("brace", connectors))  # type: ignore[arg-type]
     parsed = parse(text, "proposal")
     vendors = {"inversion": "eversion", "dorsiflexion": "plantarflexion", "internal_rotation": "external_rotation"}
-    assert {k: (s.variable, s.factor) for k, s in parsed.inputs.items()} == {
+    assert {k: (*s.variables, *s.factors) for k, s in parsed.inputs.items()} == {
         f"{own}_angle": (f"{vendor}_angle", -1.0) for own, vendor in vendors.items()
     }
-    assert {k: (s.variable, s.factor) for k, s in parsed.outputs.items()} == {
+    assert {k: (*s.variables, *s.factors) for k, s in parsed.outputs.items()} == {
         f"{own}_torque": (f"{vendor}_moment", -1.0) for own, vendor in vendors.items()
     }
     assert len(parsed.open_units) == 6
