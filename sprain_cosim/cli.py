@@ -393,7 +393,7 @@ def check_command(fmu: Path, mapping: Path | None, settings: tuple[str, ...], as
     from .scenario import parse_value
 
     values = {n: parse_value(v) for n, v in (_pair(text, "--set", "NAME=VALUE") for text in settings)}
-    report = check_brace(fmu, mapping, values)
+    report = check_brace(fmu, mapping, values, lambda line: click.echo(line, err=True))
     proposed = Path(f"{fmu.stem}.map.toml")
     if report.proposal and mapping is None and not proposed.exists():
         try:

@@ -295,6 +295,8 @@ QUIRKS = [
     "snap",
     "ball",
     "once",
+    "nearly",
+    "bad_reset",
 ]
 
 

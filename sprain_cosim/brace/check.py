@@ -6,7 +6,7 @@ and 5 physics, measured by probe.py in a child process under a time limit and ju
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from shlex import quote
@@ -29,16 +29,21 @@ from .probe import BEGINS, FREED, FREEING, own_step
 from .readings import both_readings
 
 AXES_DRAWN = "what is positive about each axis: docs/figures/axes.png, shown in docs/brace-contract.md, Axes and signs"
-START_LIMIT, PROBE_LIMIT = 60.0, 6.0  # s
+START_LIMIT, PROBE_LIMIT = 60.0, 6.0  # s; a slow device has the time of its calls on top, LONGEST at most
+LONGEST = 900.0  # s
 MEMORY = 8 << 30  # bytes
 
 
 def check_brace(
-    fmu: Path | str, mapping: Path | str | None = None, settings: Mapping[str, float | str | bool] | None = None
+    fmu: Path | str,
+    mapping: Path | str | None = None,
+    settings: Mapping[str, float | str | bool] | None = None,
+    say: Say | None = None,
 ) -> FitReport:
     """Judges the device in `fmu`, seen through the file `mapping` or the mapping that the FMU carries.
 
     - settings: {parameter, or input that nothing feeds: value, such as "48 V"}; they hold in all measurements
+    - say: takes a line of progress, where the device is slow
 
     Raises InputError when it is not a usable FMU (archive, description, library, or it cannot be instantiated even
     once), and for settings that it does not take."""
@@ -82,7 +87,7 @@ def check_brace(
     if report.fits:
         cache.unpacked(component.fmu, component.sha256)
         try:
-            _judge_behaviour(component, axes, found is not None and found.active, report)
+            _judge_behaviour(component, axes, found is not None and found.active, report, say)
         except InputError:
             cache.forget(component.sha256)
             raise
@@ -140,10 +145,10 @@ def set_options(settings: Mapping[str, float | str | bool]) -> str:
     return "".join(f" --set {quote(f'{name}={value}')}" for name, value in settings.items())
 
 
-DOING = {  # by probe, in the order in which they run
+DOING = {  # by probe, in the order in which they run; a reset that nothing uses comes last
+    "pace": "in its first steps",
     "steps": "trying communication steps",
     "start": "instantiated twice and started",
-    "reset": "two landings in a row, reset between",
     "repeat": "two landings in a row, each with a fresh instance",
     "state": "saving and restoring its state in a landing",
     "finite": "over the physiological range at up to 1000 deg/s",
@@ -152,10 +157,14 @@ DOING = {  # by probe, in the order in which they run
     "static": "held at angles",
     "moving": "passed through zero at 200 and 1000 deg/s",
     "cycle": "in closed cycles of +-15 deg, and as far and fast as a landing",
+    "reset": "two landings in a row, reset between",
 }
+Say = Callable[[str], None]
 
 
-def _judge_behaviour(component: Component, axes: tuple[str, ...], active: bool, report: FitReport) -> None:
+def _judge_behaviour(
+    component: Component, axes: tuple[str, ...], active: bool, report: FitReport, say: Say | None
+) -> None:
     sandbox = confinement([component])
     with Watch(sandbox or Confinement((), ""), mark=BEGINS) as watch:
         child = Child(
@@ -170,7 +179,7 @@ def _judge_behaviour(component: Component, axes: tuple[str, ...], active: bool, 
                 raise InputError(f"{component.fmu}: {_where(child)}: {end}{_words(child)}") from None
             except SprainError as problem:
                 raise InputError(f"{component.fmu}: cannot be instantiated: {problem}") from None
-            measured, step = _measure(child, component, report)
+            measured, step = _measure(child, component, len(axes), report, say)
             with contextlib.suppress(ProcessEnded, SprainError):
                 changed = child.call("conduct", limit=PROBE_LIMIT)
         finally:
@@ -199,21 +208,30 @@ def _words(child: Child) -> str:
     return f"; it said: {said[-1].strip()}" if said else ""
 
 
-def _measure(child: Child, component: Component, report: FitReport) -> tuple[Measured, float]:
+def _measure(
+    child: Child, component: Component, axes: int, report: FitReport, say: Say | None
+) -> tuple[Measured, float]:
     """The results of all probes and the step [s] they ran with; a probe that ends the check leaves a problem in
     `report`."""
     measured: Measured = {}
     step = own_step(component)
-    for probe, doing in DOING.items():
+    order = list(DOING)
+    if component.capabilities.reusable:  # all later ones use it
+        order.remove("reset")
+        order.insert(order.index("start") + 1, "reset")
+    for probe in order:
         if probe == "state" and not component.capabilities.state:
             continue
+        needs = _time_needed(measured.get("pace", {}), axes, step)
+        if say is not None and needs > PROBE_LIMIT:
+            say(f"{DOING[probe]}, up to {needs:.0f} s ...")
         try:
-            measured[probe] = child.call("run", probe, step, limit=PROBE_LIMIT)
+            measured[probe] = child.call("run", probe, step, limit=min(PROBE_LIMIT + 2 * needs, LONGEST))
         except ProcessEnded as end:
             freed = ", while it was freed" if _is_freed(child) else ""
-            report.problems.append(f"{doing}: the device {end}{freed}{_words(child)}")
+            _report_failure(probe, f"the device {end}{freed}{_words(child)}", component, report)
         except SprainError as problem:
-            report.problems.append(f"{doing}: {str(problem).removeprefix('brace: ')}")
+            _report_failure(probe, str(problem).removeprefix("brace: "), component, report)
         else:
             if probe == "steps":
                 step = judge_steps(measured[probe]["taken"], step, component.capabilities, report)
@@ -225,3 +243,21 @@ def _measure(child: Child, component: Component, report: FitReport) -> tuple[Mea
         if not report.fits:
             break
     return measured, step
+
+
+def _time_needed(pace: dict[str, float], axes: int, step: float) -> float:
+    """Time [s] that any probe needs at most of a device with this `pace`: a second of its own time about every axis."""
+    calls, starts = axes * (1.0 / step + 200), 20 * axes
+    return calls * pace.get("call", 0.0) + starts * pace.get("start", 0.0)
+
+
+def _report_failure(probe: str, failure: str, component: Component, report: FitReport) -> None:
+    if probe != "reset":
+        report.problems.append(f"{DOING[probe]}: {failure}")
+    elif component.capabilities.reusable:
+        report.problems.append(
+            f"{DOING[probe]}: {failure}; a study would use it, since reset = true says so; take that line out of the "
+            "mapping file"
+        )
+    else:
+        report.notes.append(f"its reset fails ({failure}); no run uses it, every run takes a fresh instance")

@@ -15,7 +15,8 @@ from .fit import FitReport
 from .probe import ROUNDING, STATIC_DEG, STEP
 
 SMALL = 1e-9  # N.m, N.m/rad and so on: as good as zero
-LEAST, LARGEST = 0.5, 1000.0  # N.m at the peak of a landing; beyond, a unit is suspected
+LEAST, LARGEST, STIFFEST = 0.5, 600.0, 800.0  # N.m in a landing, N.m/rad; assumed: beyond, a unit is suspected
+REPLAYED = 1e-6  # of the largest torque: what a restored state may miss
 Measured = dict[str, dict[str, Any]]  # results by probe
 
 
@@ -127,15 +128,21 @@ def judge_dynamics(measured: Measured, report: FitReport) -> None:
             f"takes any step, but its torque changes only every {1e3 * every:g} ms: a sampled controller inside; runs "
             "exchange values with it at the communication step"
         )
-    reset = measured["reset"]
-    report.facts["reset_works"] = bool(reset["equal"])
-    if not reset["equal"]:
-        report.warnings.append(
-            f"its reset leaves something behind (up to {reset['difference']:.3g} N.m); every run takes a fresh instance"
+    reset = measured.get("reset")
+    report.facts["reset_works"] = bool(reset and reset["equal"])
+    if reset is not None and not reset["equal"]:
+        report.notes.append(
+            f"its reset leaves something behind (up to {reset['difference']:.3g} N.m); no run uses it, every run takes "
+            "a fresh instance"
         )
     state = measured.get("state")
     report.facts["state_works"] = bool(state and state["equal"])
-    if state is not None and not state["equal"]:
+    if state is not None and not state["equal"] and state["difference"] <= REPLAYED * state["largest"]:
+        report.notes.append(
+            f"a saved state replays torques that differ by {state['difference'] / state['largest']:.1g} of the "
+            "largest: the tolerance of its solver"
+        )
+    elif state is not None and not state["equal"]:
         report.problems.append(
             f"claims to restore its state, but then replays other torques (by up to {state['difference']:.3g} N.m); "
             "withdraw the claim"
@@ -326,7 +333,13 @@ def judge_landing(measured: Measured, axes: tuple[str, ...], step: float, active
         )
     recorded = measured["recorded"]
     peak = max(recorded["peak_torque"])
-    if peak > LARGEST or 0 < peak < LEAST:
+    stiffest = max(AxisMeasurement.read(axis, k, measured).largest for k, axis in enumerate(axes))
+    if peak > LARGEST or stiffest > STIFFEST:
+        report.warnings.append(
+            f"up to {peak:.3g} N.m in a landing and {stiffest:.3g} N.m/rad: more than {LARGEST:g} N.m or "
+            f"{STIFFEST:g} N.m/rad is assumed implausible of a brace: are its units right, those of its angles too?"
+        )
+    elif 0 < peak < LEAST:
         report.warnings.append(
             f"at most {peak:.3g} N.m in a landing, where braces give tens: are its units right, those of its angles "
             "too?"

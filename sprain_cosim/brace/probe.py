@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -158,6 +159,20 @@ def landing(axes: tuple[str, ...], h: float) -> tuple[Array, Array]:
 # ---- the experiments: each gets a fresh rig and returns numbers
 
 
+def pace(rig: Rig, h: float) -> dict[str, Any]:
+    """Wall time [s] of a start and of a call; 0 where the device refuses the step, which the next probe looks into."""
+    still = np.zeros(len(rig.axes))
+    clock = [monotonic()]
+    with suppress(SimulationError):
+        rig.begin()
+        clock.append(monotonic())
+        for _ in range(5):
+            rig.step(still, still, h)
+            clock.append(monotonic())
+    first, *calls = [*np.diff(clock).tolist(), 0.0]
+    return {"start": first, "call": float(np.median(calls)) if calls else 0.0}
+
+
 def start(rig: Rig, h: float) -> dict[str, Any]:
     """Instantiated twice; outputs at the start values."""
     second = None if rig.component.capabilities.single else Rig(rig.component, rig.axes)
@@ -225,7 +240,11 @@ def state(rig: Rig, h: float) -> dict[str, Any]:
     rig.driver.restore_state(saved)
     second = np.array([rig.step(a, v, h) for a, v in zip(angles[middle:], velocities[middle:], strict=True)])
     rig.driver.free_state(saved)
-    return {"equal": bool(np.array_equal(first, second)), "difference": float(np.abs(first - second).max())}
+    return {
+        "equal": bool(np.array_equal(first, second)),
+        "difference": float(np.abs(first - second).max()),
+        "largest": float(np.abs(first).max()),
+    }
 
 
 def finite(rig: Rig, h: float) -> dict[str, Any]:
@@ -392,9 +411,8 @@ def closed_landing(rig: Rig, h: float) -> dict[str, Any]:
     return {"work": work.as_list()}
 
 
-PROBES: dict[str, Callable[[Rig, float], dict[str, Any]]] = {
-    f.__name__: f for f in (start, steps, repeat, reset, state, finite, recorded, closed_landing, static, moving, cycle)
-}
+EXPERIMENTS = (pace, start, steps, repeat, reset, state, finite, recorded, closed_landing, static, moving, cycle)
+PROBES: dict[str, Callable[[Rig, float], dict[str, Any]]] = {f.__name__: f for f in EXPERIMENTS}
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from tests.laws import BRACES, brace, sampled
 from tests.native import FAULTS, QUIRKS, SUBTALAR, compile_fmu, device, quirk
 
 OWN = [n for n in shipped_fmus() if n.startswith("brace_")]
-HANGS = ("hang_step", "hang_start", "hang_reset", "spin")
+HANGS = ("hang_step", "hang_start", "spin")
 HARMLESS = ("none", "leak", "flood", "change_folder", "change_locale", "fork", "huge")
 
 
@@ -70,7 +70,7 @@ def test_own_braces_fit(name: str) -> None:
     assert not report.warnings, report.text()
 
 
-@pytest.mark.parametrize("fault", [f for f in FAULTS if f not in HANGS and f != "hang_load"])
+@pytest.mark.parametrize("fault", [f for f in FAULTS if f not in HANGS and f not in ("hang_load", "hang_reset")])
 def test_faults(fault: str, tmp_path: Path) -> None:
     report = check_brace(compile_fmu(tmp_path / "device.fmu", fault=fault))
     assert report.fits == (fault in HARMLESS), report.text()
@@ -100,7 +100,9 @@ HABITS = {  # quirk: (verdict, a word of the report)
         "fixed step of its own that it does not declare: takes 1, 2, 5 ms, refuses 0.1, 0.2, 0.5 ms",
     ),
     "silent": ("does not fit", "whatever step it is asked for"),
-    "stale_reset": ("fits with warnings", "every run takes a fresh instance"),
+    "stale_reset": ("fits", "no run uses it, every run takes a fresh instance"),
+    "bad_reset": ("fits", "its reset fails"),
+    "nearly": ("fits", "the tolerance of its solver"),
     "stale_state": ("does not fit", "withdraw the claim"),
     "memory": ("does not fit", "runs cannot be repeated"),
     "extra": ("does not fit", "strap_tension is nan"),
@@ -229,6 +231,24 @@ def test_a_reset_that_is_said_to_work(tmp_path: Path) -> None:
     assert check_brace(quirk(tmp_path / "plain.fmu", "plain"), tmp_path / "map.toml").facts["reset_works"]
     report = check_brace(quirk(tmp_path / "stale.fmu", "stale_reset"), tmp_path / "map.toml")
     assert "take that line out" in report.problems[0]
+    report = check_brace(quirk(tmp_path / "bad.fmu", "bad_reset"), tmp_path / "map.toml")
+    assert "reset = true says so; take that line out" in report.problems[0]
+
+
+def test_a_reset_that_hangs_and_that_no_run_uses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "PROBE_LIMIT", 2.0)
+    report = check_brace(compile_fmu(tmp_path / "device.fmu", fault="hang_reset"))
+    assert report.verdict == "fits", report.text()
+    assert any("its reset fails (the device overran its limit" in note for note in report.notes)
+
+
+def test_a_slow_device_has_the_time_it_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """1 ms a step: its cycles take longer than the limit of a quick device; what is done meanwhile is shown."""
+    monkeypatch.setattr(module, "PROBE_LIMIT", 1.0)
+    lines: list[str] = []
+    report = check_brace(brace(tmp_path / "device.fmu", "SLOW", PAUSE=1000), say=lines.append)
+    assert report.verdict == "fits", report.text()
+    assert any(line.startswith("in closed cycles") for line in lines)
 
 
 @pytest.mark.parametrize("name", ["stale_reset", "plain"])
@@ -363,6 +383,14 @@ def test_a_unit_that_is_declared_wrong(torque: str, factor: float, tmp_path: Pat
     report = check_brace(device(tmp_path / "device.fmu"), tmp_path / "map.toml")
     assert report.verdict == "fits with warnings"
     assert "are its units right" in report.warnings[0]
+
+
+def test_a_law_per_radian_that_is_fed_degrees(tmp_path: Path) -> None:
+    """744 N.m in a landing, 859 N.m/rad."""
+    report = check_brace(brace(tmp_path / "device.fmu", "FED"))
+    assert report.verdict == "fits with warnings"
+    warning = report.warnings[0]
+    assert " N.m in a landing and 859 N.m/rad: more than 600 N.m or 800 N.m/rad is assumed implausible" in warning
 
 
 def test_a_unit_whose_factor_contradicts_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,11 +1,11 @@
 /* Devices with one habit each (macro QUIRK), FMI 2 co-simulation: what `check` must notice, or must not mistake for a fault. Base law: -20 angle.
-   BALL is no brace at all: a ball that bounces. */
+   NEARLY replays a restored state to 1e-7 only; BAD_RESET: its reset is an error. BALL is no brace at all: a ball that bounces. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "fmi2Functions.h"
 
-enum { PLAIN, LATE, REFUSES, SILENT, STALE_RESET, STALE_STATE, MEMORY, EXTRA, PRELOAD, PLASTIC, DAMPER, SNAP, BALL, ONCE };
+enum { PLAIN, LATE, REFUSES, SILENT, STALE_RESET, STALE_STATE, MEMORY, EXTRA, PRELOAD, PLASTIC, DAMPER, SNAP, BALL, ONCE, NEARLY, BAD_RESET };
 enum { ANGLE, VELOCITY, TORQUE, TENSION, STATE, TIME, VARIABLES };
 typedef struct { double value[VARIABLES]; } Device;
 static const double OWN = 1e-3;
@@ -15,7 +15,7 @@ static int alive;
 static double law(Device* d) {
     double x = d->value[ANGLE], w = d->value[VELOCITY], slip;
     switch (QUIRK) {
-        case SILENT: case STALE_RESET: case STALE_STATE: return -20.0 * x - 5.0 * (x - d->value[STATE]);
+        case SILENT: case STALE_RESET: case STALE_STATE: case NEARLY: return -20.0 * x - 5.0 * (x - d->value[STATE]);
         case MEMORY: return -20.0 * x - lasting;
         case PRELOAD: return -60.0 * (x + 0.1) - 400.0 * pow(x + 0.1, 3);
         case PLASTIC: /* a strap that slips beyond 3 N.m */
@@ -44,7 +44,7 @@ static fmi2Status advance(Device* d, double h) {
         d->value[TIME] -= 9.81 * h;
         d->value[STATE] += d->value[TIME] * h;
         if (d->value[STATE] < 0) { d->value[STATE] = 0; d->value[TIME] *= -0.8; }
-    } else if (QUIRK == SILENT || QUIRK == STALE_RESET || QUIRK == STALE_STATE) d->value[STATE] = x + (d->value[STATE] - x) * exp(-(QUIRK == SILENT ? OWN : h) / 0.01);
+    } else if (QUIRK == SILENT || QUIRK == STALE_RESET || QUIRK == STALE_STATE || QUIRK == NEARLY) d->value[STATE] = x + (d->value[STATE] - x) * exp(-(QUIRK == SILENT ? OWN : h) / 0.01);
     lasting += 1e-3;
     evaluate(d);
     return fmi2OK;
@@ -72,7 +72,7 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean t, fmi2Real tol, fmi
 fmi2Status fmi2EnterInitializationMode(fmi2Component c) { return fmi2OK; }
 fmi2Status fmi2ExitInitializationMode(fmi2Component c) { evaluate(c); return fmi2OK; }
 fmi2Status fmi2Terminate(fmi2Component c) { return fmi2OK; }
-fmi2Status fmi2Reset(fmi2Component c) { fresh(c); return fmi2OK; }
+fmi2Status fmi2Reset(fmi2Component c) { fresh(c); return QUIRK == BAD_RESET ? fmi2Error : fmi2OK; }
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real v[]) {
     for (size_t i = 0; i < n; i++) v[i] = ((Device*)c)->value[vr[i]];
     return fmi2OK;
@@ -88,6 +88,7 @@ fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate s) {
     double kept = ((Device*)c)->value[STATE];
     memcpy(c, s, sizeof(Device));
     if (QUIRK == STALE_STATE) ((Device*)c)->value[STATE] = kept;
+    if (QUIRK == NEARLY) ((Device*)c)->value[STATE] *= 1 + 1e-6;
     return fmi2OK;
 }
 fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate* s) { free(*s); *s = NULL; return fmi2OK; }
