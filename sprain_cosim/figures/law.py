@@ -33,7 +33,7 @@ def torque_angle(braces: Mapping[str, float] = BRACES, span: float = 35.0) -> Fi
     Euler axis."""
     note = (
         f"P(f t) of the body-fixed X-Y-Z angles of the calcaneus in the tibia, zero at neutral ({PASSIVE_SOURCE}). "
-        "Computed from the law alone, without a landing."
+        "Computed from the law alone: no landing, no initial pose."
     )
     figure, axes = sheet([3.1] * 3, note, sharex=True)
     degrees = np.linspace(-span, span, 281)

@@ -421,9 +421,9 @@ def test_what_pushes_away_hides_no_growth_by_the_coupling() -> None:
     plant = FakeComponent(
         "plant",
         {**plain.connectors, **inertia},
-        plain.law,
-        lambda s, i: [*s, INERTIA, INERTIA],
-        np.array([1e-3, 0.1, 0.0, 1.0]),
+        advance=plain.advance,
+        output=lambda s, i: [*s, INERTIA, INERTIA],
+        initial=np.array([1e-3, 0.1, 0.0, 1.0]),
     )
     parts = (plant, brace)
     system = System(parts, connect(parts, {})[0])
