@@ -330,7 +330,7 @@ CHECKS = (
     Check("paper-16", "Published trials one by one: bias", WHOLE, TRIALS, bias, quick=False, needs=("reference",)),
     Check(
         "paper-17",
-        "Published trials one by one: RMS error, moonshot",
+        "Published trials one by one: RMS error, narrower bound",
         WHOLE,
         TRIALS,
         trial_by_trial(0.05),
