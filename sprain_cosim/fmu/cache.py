@@ -1,9 +1,10 @@
 """Where FMUs are kept on this machine: unpacked once per content and verified whenever one is opened, and whole, so
 that a study runs on with the files it began with.
 
-    fmus/<SHA-256>/content        the unpacked archive
-    fmus/<SHA-256>/manifest.json  of every file: size, SHA-256, and the times and number by which a change is noticed
-    files/<SHA-256>/<name>        files as they were when somebody asked to keep them
+    unpacked/<SHA-256>/content  the unpacked archive
+    unpacked/<SHA-256>/manifest.json  of every file: size, SHA-256, and the times and number by which a change is
+                                noticed
+    files/<SHA-256>/<name>      files as they were when somebody asked to keep them
 
 The folder is the user's own. One that others made is read and not written; one that others may write to is not used.
 What cannot be written there goes to a folder of the user's own among the temporary ones, with one warning."""
@@ -30,6 +31,7 @@ from . import archive
 from .archive import Archive
 
 CONTENT, MANIFEST, FORMAT = "content", "manifest.json", 1
+UNPACKED = "unpacked"  # version 0.1 has a folder `fmus` of another layout in the same place
 LENGTH = 32  # digits of the SHA-256 in names
 LARGEST_MANIFEST = 16 << 20  # B
 NAME = "sprain-cosim"
@@ -64,7 +66,7 @@ def unpacked(fmu: Path, sha256: str) -> Path:
 
     Raises InputError when the file has another content meanwhile or damaged entries, EnvironmentProblem when there is
     no place for it."""
-    entry = f"fmus/{sha256[:LENGTH]}"
+    entry = f"{UNPACKED}/{sha256[:LENGTH]}"
     for root in _readable():
         if _sound(root / entry, sha256):
             return root / entry / CONTENT
@@ -113,7 +115,7 @@ def found(name: str, sha256: str) -> Path | None:
 def forget(sha256: str) -> None:
     """Removes what `unpacked` made."""
     for root in _readable():
-        _remove(root / "fmus" / sha256[:LENGTH])
+        _remove(root / UNPACKED / sha256[:LENGTH])
 
 
 def file_sha256(path: Path) -> str:
@@ -160,7 +162,7 @@ def _made(root: Path) -> str:
         root.mkdir(mode=0o700 if default else 0o755, parents=True, exist_ok=True)
         if default and _mine(root):
             root.chmod(0o700)
-        for part in ("fmus", "files"):
+        for part in (UNPACKED, "files"):
             (root / part).mkdir(mode=0o755, exist_ok=True)
             if not os.access(root / part, os.W_OK | os.X_OK):
                 return "cannot be written (Permission denied)"
@@ -176,7 +178,7 @@ def _trusted(root: Path) -> bool:
     was named, whoever."""
     if not hasattr(os, "getuid"):
         return root.is_dir()
-    for folder in (root, root / "fmus", root / "files"):
+    for folder in (root, root / UNPACKED, root / "files"):
         try:
             status = folder.lstat() if folder != root else folder.stat()
         except OSError:

@@ -108,5 +108,5 @@ def test_unpacking_once_and_at_the_same_time(tmp_path: Path, monkeypatch: pytest
     with ThreadPoolExecutor(8) as pool:
         folders = set(pool.map(lambda _: cache.unpacked(GOOD, checked.sha256), range(32)))
     assert len(folders) == 1
-    assert [p.name for p in (tmp_path / "fmus").iterdir()] == [checked.sha256[:32]]
+    assert [p.name for p in (tmp_path / "unpacked").iterdir()] == [checked.sha256[:32]]
     assert (next(iter(folders)) / "modelDescription.xml").read_bytes() == DESCRIPTION
