@@ -239,7 +239,7 @@ def test_a_stretch_that_ends_within_a_step_counts_for_its_part() -> None:
     signal = [0.0] * 10 + [2.0, -1.0] + [-1.0] * 40
     found = []
     for k, value in enumerate(signal):
-        bench.step(k * h, h, **{f"{EVERTOR}_stretch_velocity": value})
+        bench.move(k * h, h, **{f"{EVERTOR}_stretch_velocity": value})
         found.append(bench[f"{EVERTOR}_excitation"])
     answer = 2.0 * np.array([0.5 * 2.0, 2.0 / 3.0 * 0.5 * 2.0])  # rising from 0 to 2 over one step, then falling
     lag = 20  # the delay in steps; after it follow the two steps that lead to the samples 10 and 11

@@ -127,7 +127,7 @@ def test_interrupt_keeps_what_is_finished_and_says_how_to_go_on(
     assert not (out / "trials.csv").exists()
     assert not [p.name for p in out.iterdir() if p.name.startswith(".") and p.name != ".lock"]
     if number == signal.SIGINT:
-        assert finish(out, "--resume", "--workers", "2") == whole
+        assert finish(out, "--resume", "--workers", "2").startswith(whole)  # what was finished beyond is kept
 
 
 def kills(out: Path, count: int, trials: int, rng: random.Random) -> bytes:
