@@ -220,7 +220,9 @@ def test_held_at_the_value_that_was_set(study) -> None:
 def test_a_study_goes_on(study) -> None:
     with pytest.raises(InputError, match="--resume"):
         compare_braces("study6", {"paper": "brace_bushing", "linear": "brace_linear"}, out=study.out, trials=8)
-    with pytest.raises(InputError, match=r"holds another study \(marginals\.brace\.angle_scale"):  # other parameters than the folder was made with
+    with pytest.raises(
+        InputError, match=r"holds another study \(marginals\.brace\.angle_scale"
+    ):  # other parameters than the folder was made with
         compare_braces(
             "study6",
             {"paper": "brace_bushing", "linear": "brace_linear"},
