@@ -11,12 +11,13 @@ import pandas as pd
 import pytest
 
 from sprain_cosim.animate.film import animate
-from sprain_cosim.brace.bench import land
 from sprain_cosim.cli import _run
 from sprain_cosim.errors import InputError
+from sprain_cosim.figures.gallery import leave_run
 from sprain_cosim.fmu.cache import cache_folder
 from sprain_cosim.folders.landing import load_landing, load_landings
-from sprain_cosim.scenario import load_scenario
+from sprain_cosim.folders.run import RunSummary
+from sprain_cosim.scenario import Scenario, load_scenario
 from sprain_cosim.shipped import fmu_path
 from tests.cli.test_run import call, refused
 
@@ -80,6 +81,13 @@ def test_trials_of_a_study(place: Path) -> None:
     assert pd.read_csv(place / "two.csv")["plant.subtalar_angle [rad]"].max() * 57.29577951308232 == pytest.approx(
         peaks[2], rel=1e-8
     )
+
+
+def land(scenario: Scenario, folder: Path) -> RunSummary:
+    result = scenario.recording("plant.*").run()
+    summary = RunSummary.of(scenario, result)
+    leave_run(folder, result, summary)
+    return summary
 
 
 def test_another_fmu_is_named(place: Path, tmp_path: Path) -> None:
