@@ -24,7 +24,7 @@ def confinement(components: Iterable[Component], files: Iterable[Path] = ()) -> 
     """The sandbox of a process that runs the components together and reads `files`; None where none is foreign. Unpacks
     them, which the process itself no longer could. Raises what the unpacking raises."""
     components = tuple(components)
-    strangers = [component for component in components if is_foreign(component.sha256)]
+    strangers = [component for component in components if is_foreign(component.fmu, component.sha256)]
     if not strangers:
         return None
     entries = [cache.unpacked(component.fmu, component.sha256).parent for component in components]

@@ -46,7 +46,7 @@ class FmiInstance:
         self.component = component
         self.label = f"{component.name}_{next(_counter)}"
         self.messages: deque[str] = deque(maxlen=MAX_MESSAGES)
-        self._floating = FloatingPoint() if is_foreign(component.sha256) else None
+        self._floating = FloatingPoint() if is_foreign(component.fmu, component.sha256) else None
         folder = cache.unpacked(component.fmu, component.sha256)
         try:
             self.fmu = self.load_library(

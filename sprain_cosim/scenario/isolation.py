@@ -30,7 +30,7 @@ class Isolation:
 def isolation(components: Iterable[Component], in_process: bool, of_trials: bool = False) -> Isolation:
     """`of_trials`: those of a study, which have a process of their own whatever they are."""
     components = tuple(components)
-    strangers = [c for c in components if is_foreign(c.sha256)]
+    strangers = [c for c in components if is_foreign(c.fmu, c.sha256)]
     if in_process or not strangers:
         concerned = strangers or components
         apart = of_trials or all(isinstance(c, Isolated) for c in concerned)

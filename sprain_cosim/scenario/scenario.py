@@ -228,9 +228,9 @@ class Scenario:
                 unreadable.append(f"components.{name}: {problem}")
         problems_to_error(self.source, unreadable)
         apart = {c.name for c in components if c.name in self.isolate or c.capabilities.shared_modules}
-        if any(c.name in apart and is_foreign(c.sha256) for c in components):
+        if any(c.name in apart and is_foreign(c.fmu, c.sha256) for c in components):
             # a process that starts others runs no foreign code: its sandbox would forbid the one or allow the other
-            apart |= {c.name for c in components if is_foreign(c.sha256)}
+            apart |= {c.name for c in components if is_foreign(c.fmu, c.sha256)}
         return tuple(isolated(c) if c.name in apart else c for c in components)
 
     def confinement(self) -> Confinement | None:
@@ -244,7 +244,7 @@ class Scenario:
 
     def foreign(self) -> tuple[str, ...]:
         """The components that do not ship and share a process with the others. Raises InputError."""
-        return tuple(c.name for c in self.components() if is_foreign(c.sha256) and not isinstance(c, Isolated))
+        return tuple(c.name for c in self.components() if is_foreign(c.fmu, c.sha256) and not isinstance(c, Isolated))
 
     def isolation(self, of_trials: bool = False) -> Isolation:
         """Where the FMUs run; `of_trials`: those of a study. Raises InputError."""

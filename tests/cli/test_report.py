@@ -93,7 +93,7 @@ def test_a_landing_a_search_and_two_poses(results: Path) -> None:
     assert head["sha256"]["brace"] in page.sections["provenance"]
     assert {"landing", "moment_angle", "phase", "sharing"} <= figures(page)
     _, page = made(results / "amv")
-    assert "how far a level is off" in page.sections["verdict"]
+    assert "The method's own check of slopes, curvature and order says" in page.sections["verdict"]
     assert "importance" in page.sections["sensitivities"]
     _, page = made(results / "study", results / "touching", results / "amv")
     assert {"poses", "amv", "percentiles"} <= figures(page)
