@@ -127,7 +127,10 @@ def test_interrupt_keeps_what_is_finished_and_says_how_to_go_on(
     assert not (out / "trials.csv").exists()
     assert not [p.name for p in out.iterdir() if p.name.startswith(".") and p.name != ".lock"]
     if number == signal.SIGINT:
-        assert finish(out, "--resume", "--workers", "2").startswith(whole)  # what was finished beyond is kept
+        resumed = finish(out, "--resume", "--workers", "2")
+        rows = resumed.count(b"\n") - 1  # what was finished beyond the trials asked for is kept
+        assert rows >= TRIALS
+        assert resumed == (whole if rows == TRIALS else finish(tmp_path / "fresh", "--workers", "2", trials=rows))
 
 
 def kills(out: Path, count: int, trials: int, rng: random.Random) -> bytes:
