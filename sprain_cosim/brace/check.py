@@ -57,11 +57,7 @@ def check_brace(
     inside = carried(component)
     found = load_mapping(mapping) if mapping is not None else inside
     report = FitReport(str(fmu), component.capabilities.interface, component.capabilities.tool)
-    if component.capabilities.shared_modules:
-        report.notes.append("its Python modules could clash with another FMU's: a run gives it a process of its own")
-    _name_clocks(component, report)
-    if component.capabilities.single:
-        report.notes.append("allows one instance per process: two of them in one run need --isolate")
+    _note_description(component, report)
     if inside is not None and mapping is not None:
         report.notes.append(f"the mapping inside the FMU is not used, but {mapping} in its place")
     signals = () if found is None else (*found.inputs.values(), *found.outputs.values())
@@ -74,10 +70,7 @@ def check_brace(
     if found is not None:
         component, report.mapping = found.apply(component), found.source
         component = replace(component, constants={**component.constants, **settings})
-    fed = [name for name in settings if name in component.inputs and plain(name) in {plain(n) for n in INPUTS}]
-    mapped = [name for name in settings if name not in component.connectors]
-    for name in (*fed, *mapped):
-        raise InputError(f"--set {name}: the plant feeds it; a value holds only where nothing does")
+    _refuse_fed(component, settings)
     if component.constants:
         held = ", ".join(f"{name} = {value}" for name, value in component.constants.items())
         report.notes.append(f"measured with {held}")
@@ -93,6 +86,24 @@ def check_brace(
             raise
     report.next_step = _next_step(report, fmu, mapping, settings)
     return report
+
+
+def _note_description(component: Component, report: FitReport) -> None:
+    """Notes about what the description says of processes and clocks."""
+    if component.capabilities.shared_modules:
+        report.notes.append("its Python modules could clash with another FMU's: a run gives it a process of its own")
+    _name_clocks(component, report)
+    if component.capabilities.single:
+        report.notes.append("allows one instance per process: two of them in one run need --isolate")
+
+
+def _refuse_fed(component: Component, settings: Mapping[str, float | str | bool]) -> None:
+    """Raises InputError for a setting of an input that the plant feeds: by the contract's name, or through the map."""
+    signals = {plain(name) for name in INPUTS}
+    fed = [name for name in settings if name in component.inputs and plain(name) in signals]
+    mapped = [name for name in settings if name not in component.connectors]
+    for name in (*fed, *mapped):
+        raise InputError(f"--set {name}: the plant feeds it; a value holds only where nothing does")
 
 
 def _with_settings(component: Component, settings: Mapping[str, float | str | bool]) -> Component:

@@ -43,29 +43,40 @@ def propose(component: Component) -> str:
     names = [n for c in ("input", "output") for n, v in component.select(c).items() if v.scalar_number and _kind(v)]
     jcs = any(_axis(name, WORDS_JCS)[0] == "internal_rotation" for name in names)
     lines = ["# Proposed by sprain-cosim check: look at every line, then delete this one."]
-    for section, link, kinds in (("inputs", "to", ("angle", "velocity")), ("outputs", "from", ("torque",))):
-        lines.append(f"[{section}]")
-        taken: set[str] = set()
-        for kind in kinds:
-            for name, connector in component.select(section[:-1]).items():
-                if connector.scalar_number and could_be(connector, kind):
-                    lines.append(_line(name, connector, kind, link, WORDS_JCS if jcs else WORDS, taken))
-        if not taken:
-            forces = [n for n, c in component.outputs.items() if link == "from" and _is_force(c)]
-            lines += [_lever_line([name], jcs) for name in forces]
-            lines += [_lever_line(forces, jcs)] if len(forces) > 1 else []
-            lines.append("# no candidate found")
-    shown = "\n".join(lines)
+    lines += ["[inputs]", *_candidates(component, "input", "to", ("angle", "velocity"), jcs)]
+    lines += ["[outputs]", *_candidates(component, "output", "from", ("torque",), jcs)]
+    lines += _unused(component, "\n".join(lines))
+    return "\n".join(lines) + "\n"
+
+
+def _candidates(component: Component, causality: str, link: str, kinds: tuple[str, ...], jcs: bool) -> list[str]:
+    """Lines for variables that may be one of the kinds; where none may, forces with a lever arm."""
+    lines: list[str] = []
+    taken: set[str] = set()
+    for kind in kinds:
+        for name, connector in component.select(causality).items():
+            if connector.scalar_number and could_be(connector, kind):
+                lines.append(_line(name, connector, kind, link, WORDS_JCS if jcs else WORDS, taken))
+    if not taken:
+        forces = [n for n, c in component.outputs.items() if causality == "output" and _is_force(c)]
+        lines += [_lever_line([name], jcs) for name in forces]
+        lines += [_lever_line(forces, jcs)] if len(forces) > 1 else []
+        lines.append("# no candidate found")
+    return lines
+
+
+def _unused(component: Component, shown: str) -> list[str]:
+    """The other scalar variables, as comments."""
     rest = [
         f"#   {causality} {name} [{connector.unit.name if connector.unit else 'no unit'}]"
         for causality in ("input", "output")
         for name, connector in component.select(causality).items()
         if connector.scalar_number and f'"{name}"' not in shown
     ]
-    if rest:
-        lines += ["# Not used above; an entry may name any of these:", *rest[:LISTED]]
-        lines += [f"#   and {len(rest) - LISTED} more"] if len(rest) > LISTED else []
-    return "\n".join(lines) + "\n"
+    if not rest:
+        return []
+    more = [f"#   and {len(rest) - LISTED} more"] if len(rest) > LISTED else []
+    return ["# Not used above; an entry may name any of these:", *rest[:LISTED], *more]
 
 
 def _is_force(connector: Connector) -> bool:
