@@ -34,7 +34,6 @@ import sys
 import tempfile
 import threading
 import zlib
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
@@ -49,6 +48,7 @@ from .sandbox.watch import Watch
 HEADER = struct.Struct("<IqQI")  # length, trial, number, process; a checksum of these and the content follows
 CHECKSUM = struct.Struct("<I")
 FRAME_LIMIT = 1 << 26  # B, longer replies are not ours
+TAIL = 1 << 14  # B, of what a child printed: kept by size, for a child may print in many small pieces
 NO_TRIAL = -1
 PARENTS_TEMPORARY = "SPRAIN_COSIM_TEMPORARY"  # where a child finds what its parent keeps among temporary files
 STRANGE = "something else than the process wrote into the line to its parent"
@@ -183,7 +183,7 @@ class Child:
         os.close(requests)
         os.close(replies)
         self._line = Line(source, sink)
-        self._tail: deque[bytes] = deque(maxlen=4)
+        self._tail = b""
         assert self._process.stdout is not None
         self._reader = threading.Thread(target=self._drain, args=(self._process.stdout,), daemon=True)
         self._reader.start()
@@ -215,7 +215,7 @@ class Child:
     def log(self) -> str:
         """The last lines that the child printed."""
         self._reader.join(0.2)
-        text = b"".join(self._tail).decode("utf-8", "replace")
+        text = self._tail.decode("utf-8", "replace")
         return "\n".join(text.splitlines()[-20:])[-4000:]
 
     def last_words(self, before: str = "; it said: ") -> str:
@@ -271,7 +271,7 @@ class Child:
     def _drain(self, stream: IO[bytes]) -> None:
         with stream, contextlib.suppress(OSError, ValueError):
             while piece := stream.read1(1 << 16):  # type: ignore[attr-defined]
-                self._tail.append(piece[-4096:])
+                self._tail = (self._tail + piece)[-TAIL:]
 
 
 def _error(kind: str, message: str) -> SprainError:

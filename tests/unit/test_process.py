@@ -111,8 +111,16 @@ def test_the_last_words_are_kept(child: Child) -> None:
     child.call("print", "first\nlast", limit=ENOUGH)
     with pytest.raises(ProcessEnded):
         child.call("bug", limit=ENOUGH)
-    assert child.log().startswith("first\nlast\nTraceback")
+    assert child.log().startswith("first\nlast\nTraceback")  # a traceback comes in many small pieces
     assert child.last_words() == "; it said: ZeroDivisionError: division by zero"
+
+
+def test_what_is_printed_in_many_pieces_is_kept_by_size(child: Child) -> None:
+    for number in range(12):
+        child.call("print", f"piece {number}", limit=ENOUGH)
+    with pytest.raises(ProcessEnded):
+        child.call("exit", 3, limit=ENOUGH)
+    assert child.log().splitlines() == [f"piece {number}" for number in range(12)]
 
 
 def test_a_call_that_hangs_ends_at_its_limit_with_the_group(child: Child) -> None:
