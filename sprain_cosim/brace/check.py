@@ -215,8 +215,8 @@ def _where(child: Child) -> str:
 
 def _words(child: Child) -> str:
     """The device's last words, without those of the probes."""
-    said = [line for line in child.log().splitlines() if line not in (FREEING, FREED)]
-    return f"; it said: {said[-1].strip()}" if said else ""
+    printed = [line for line in child.log().splitlines() if line not in (FREEING, FREED)]
+    return f"; it said: {printed[-1].strip()}" if printed else ""
 
 
 def _measure(

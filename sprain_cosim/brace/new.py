@@ -108,12 +108,12 @@ def _call(command: list[str], folder: Path) -> None:
     ended = run_program(command, folder)
     if ended.returncode == 0:
         return
-    said = [line.strip() for line in (ended.stderr + ended.stdout).splitlines() if line.strip()]
-    if any("CMAKE_C_COMPILER" in line or "CMAKE_MAKE_PROGRAM" in line for line in said):
+    output = [line.strip() for line in (ended.stderr + ended.stdout).splitlines() if line.strip()]
+    if any("CMAKE_C_COMPILER" in line or "CMAKE_MAKE_PROGRAM" in line for line in output):
         raise EnvironmentProblem(
             f"CMake finds no C compiler or build tool; install one of {', '.join(COMPILERS)} and make or ninja"
         )
     worst = next(
-        (line for line in said if "error" in line.lower()), said[-1] if said else f"exit code {ended.returncode}"
+        (line for line in output if "error" in line.lower()), output[-1] if output else f"exit code {ended.returncode}"
     )
     raise InputError(f"{folder}: does not compile: {worst}")

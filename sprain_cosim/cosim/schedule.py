@@ -163,10 +163,10 @@ def _merged(first: Times, others: Sequence[Times], near: float) -> Times:
     return np.sort(np.concatenate([first, rest]))
 
 
-def _nearest(times: Times, wanted: Times) -> NDArray[np.intp]:
+def _nearest(times: Times, targets: Times) -> NDArray[np.intp]:
     """Of each `wanted`, the position of the nearest in `times`, both sorted."""
-    right = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
-    return right - (wanted - times[right - 1] < times[right] - wanted)
+    right = np.clip(np.searchsorted(times, targets), 1, len(times) - 1)
+    return right - (targets - times[right - 1] < times[right] - targets)
 
 
 def _off_the_grid(plant: Element, rates: Mapping[str, Rate], step: float) -> str:

@@ -64,13 +64,13 @@ class Ran:
             named |= names
         return ", ".join(parts), named
 
-    def _value(self, name: str, wanted: Unit) -> float | None:
+    def _value(self, name: str, unit: Unit) -> float | None:
         """In the unit `wanted`; None where it is not known."""
         value = self.parameters.get(name, self.start(name))
         if value is None or name in self.varied:
             return None
         try:
-            return quantity(value, wanted, name)
+            return quantity(value, unit, name)
         except InputError:
             return None
 

@@ -96,7 +96,7 @@ class Dispatch:
             self.ledger.commit()
 
     def _rows(self, jobs: Iterator[Job], total: int) -> Iterator[Row]:
-        backend, under_way, seen, seconds, size = self.backend, 0, 0, 0.0, 1
+        backend, under_way, finished, seconds, size = self.backend, 0, 0, 0.0, 1
         while True:
             while under_way < WINDOW * size * backend.workers() and (batch := list(islice(jobs, size))):
                 backend.send(batch)
@@ -105,13 +105,13 @@ class Dispatch:
                 return
             for row in backend.receive():
                 under_way -= 1
-                seen, seconds = seen + 1, seconds + row.outcome.wall
+                finished, seconds = finished + 1, seconds + row.outcome.wall
                 yield row
-            if backend.batch and seen:
+            if backend.batch and finished:
                 share = max(
-                    1, (total - seen - under_way) // (2 * backend.workers())
+                    1, (total - finished - under_way) // (2 * backend.workers())
                 )  # towards the end all finish at the same time
-                size = min(max(1, math.floor(backend.batch / max(seconds / seen, 1e-6))), share, LARGEST)
+                size = min(max(1, math.floor(backend.batch / max(seconds / finished, 1e-6))), share, LARGEST)
 
     def _too_many(self, failed: int, finished: int, row: Row | None) -> SimulationError:
         self.ledger.commit()

@@ -92,11 +92,11 @@ def decide(differences: Mapping[str, ArrayLike], looks: Sequence[int], alpha: fl
         rejecting = True
         for rank, name in enumerate(sorted(open_pairs, key=lambda k: p_values[k])):
             level = spent(number, alpha) / (len(open_pairs) - rank)
-            seen = values[name][:n]
+            sample = values[name][:n]
             rejecting = rejecting and p_values[name] <= level
-            history[name].append(Look(n, p_values[name], level, _interval(seen, level)))
+            history[name].append(Look(n, p_values[name], level, _interval(sample, level)))
             if rejecting:
-                signs[name] = int(np.sign(seen.mean()))
+                signs[name] = int(np.sign(sample.mean()))
     return {name: PairDecision(signs[name], tuple(history[name])) for name in values}
 
 

@@ -255,10 +255,10 @@ def _typed(device: Device, name: str, dispatcher: Any, signature: tuple[Any, ...
     except Exception as problem:  # what numba did not foresee
         raise InputError(_refusal(device, name, f"{type(problem).__name__}: {problem}")) from None
     result = dispatcher.overloads[signature]
-    given = result.signature.return_type
-    if given not in (types.none, types.int64):
+    returned = result.signature.return_type
+    if returned not in (types.none, types.int64):
         raise InputError(
-            f"{device.folder / 'device.py'}: {name} returns {given}; it may return nothing, or on every way a "
+            f"{device.folder / 'device.py'}: {name} returns {returned}; it may return nothing, or on every way a "
             "whole number, a position in REASONS"
         )
     return result
@@ -290,10 +290,10 @@ def _with_plain_texts(ir: str) -> str:
             text += f" ({Path(place[1]).name}, line {place[2]})" if place else ""
         except Exception:  # an error class of the device's own
             text = "an error"
-        said = text.encode()
-        sizes[found[1]] = len(said)
-        body = "".join(chr(b) if 32 <= b < 127 and chr(b) not in '"\\' else f"\\{b:02X}" for b in said)
-        return f'{found[1]}{found[2]}[{len(said)} x i8] c"{body}"'
+        message = text.encode()
+        sizes[found[1]] = len(message)
+        body = "".join(chr(b) if 32 <= b < 127 and chr(b) not in '"\\' else f"\\{b:02X}" for b in message)
+        return f'{found[1]}{found[2]}[{len(message)} x i8] c"{body}"'
 
     ir = re.sub(
         r'^(@\.const\.pickledata\.[0-9a-f]+(?:\.\d+)*)( = .*?constant )\[\d+ x i8\] c"([^"]*)"',

@@ -198,18 +198,18 @@ def _values(folder: Path, variables: Variables, groups: Mapping[str, Any]) -> np
     return np.dtype(dict(names=list(fields), formats=formats, offsets=offsets, itemsize=8 * len(variables)))
 
 
-def _state(folder: Path, given: Any) -> tuple[np.dtype, np.ndarray]:
-    if isinstance(given, np.dtype):
-        return given, np.zeros(1, given)
-    record = _record(folder, "STATE", given)
+def _state(folder: Path, declared: Any) -> tuple[np.dtype, np.ndarray]:
+    if isinstance(declared, np.dtype):
+        return declared, np.zeros(1, declared)
+    record = _record(folder, "STATE", declared)
     return record.dtype, record
 
 
-def _record(folder: Path, what: str, given: Any) -> np.ndarray:
+def _record(folder: Path, what: str, declared: Any) -> np.ndarray:
     """One record of numbers and arrays of numbers, from a mapping or a structured array."""
-    if isinstance(given, np.ndarray) and given.dtype.names:
-        return np.atleast_1d(given)
-    arrays = {name: np.asarray(value) for name, value in dict(given).items()}
+    if isinstance(declared, np.ndarray) and declared.dtype.names:
+        return np.atleast_1d(declared)
+    arrays = {name: np.asarray(value) for name, value in dict(declared).items()}
     arrays = {name: v.astype(KINDS[0] if v.dtype.kind == "f" else KINDS[1]) if v.dtype.kind in "fiub" else v
               for name, v in arrays.items()}  # fmt: skip
     wrong = [name for name, value in arrays.items() if value.dtype not in KINDS]

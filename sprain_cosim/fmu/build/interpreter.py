@@ -47,8 +47,8 @@ class Interpreted:
         function = self.device.functions.get(name)
         if function is None:
             return
-        given = dict(values=self.values, state=self.state, constants=self.constants, time=time, step=step, **more)
-        code = function(**{a: given[a] for a in arguments(function)})
+        record = dict(values=self.values, state=self.state, constants=self.constants, time=time, step=step, **more)
+        code = function(**{a: record[a] for a in arguments(function)})
         if code:
             raise SimulationError(f"{self.device.name}: {self._reason(code)}")
 

@@ -118,8 +118,8 @@ def link(compiled: Compiled, variables: Variables, guid: str, platform: str) -> 
         command = [compiler, *options, f"-I{headers()}", "-o", "library", *sources, "-lm"]
         ended = run_program(command, folder, environment={"SOURCE_DATE_EPOCH": "0", "LC_ALL": "C"})
         if ended.returncode:
-            said = [line for line in ended.stderr.splitlines() if "error" in line.lower() or "undefined" in line]
-            raise InputError(f"{compiled.name}: {compiler} cannot link it: {(said or ['no message'])[0]}")
+            errors = [line for line in ended.stderr.splitlines() if "error" in line.lower() or "undefined" in line]
+            raise InputError(f"{compiled.name}: {compiler} cannot link it: {(errors or ['no message'])[0]}")
         return (folder / "library").read_bytes()
 
 

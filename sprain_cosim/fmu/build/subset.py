@@ -78,10 +78,10 @@ def problems(functions: Iterable[Callable[..., Any]], fields: Mapping[str, Colle
             continue
         for node in ast.walk(ast.parse(textwrap.dedent("".join(lines)))):
             what = _refused(node)
-            said = f"{what} cannot be compiled" if what is not None else _no_field(node, fields)
-            if said is not None:
-                found.append((path.name, first + getattr(node, "lineno", 1) - 1, said))
-    return [f"{name}, line {line}: {said}" for name, line, said in sorted(set(found))]
+            problem = f"{what} cannot be compiled" if what is not None else _no_field(node, fields)
+            if problem is not None:
+                found.append((path.name, first + getattr(node, "lineno", 1) - 1, problem))
+    return [f"{name}, line {line}: {problem}" for name, line, problem in sorted(set(found))]
 
 
 def _no_field(node: ast.AST, fields: Mapping[str, Collection[str]]) -> str | None:
@@ -109,12 +109,12 @@ def _refused(node: ast.AST) -> str | None:
 def _reached(functions: Iterable[Callable[..., Any]]) -> list[FunctionType]:
     """The functions and those of the same package that they name, each once."""
     left: list[Any] = [getattr(f, "py_func", f) for f in functions]
-    seen: list[FunctionType] = []
+    visited: list[FunctionType] = []
     while left:
         function = left.pop()
-        if not isinstance(function, FunctionType) or function in seen:
+        if not isinstance(function, FunctionType) or function in visited:
             continue
-        seen.append(function)
+        visited.append(function)
         package = function.__module__.partition(".")[0]
         for name in function.__code__.co_names:
             other = function.__globals__.get(name)
@@ -126,4 +126,4 @@ def _reached(functions: Iterable[Callable[..., Any]]) -> list[FunctionType]:
                 plain = getattr(candidate, "py_func", candidate)
                 if isinstance(plain, FunctionType) and plain.__module__.partition(".")[0] == package:
                     left.append(plain)
-    return seen
+    return visited

@@ -170,28 +170,28 @@ def _require_correlatable(first: Marginal, second: Marginal, names: str) -> None
         raise ValueError(f"{names}: a choice cannot be correlated")
 
 
-def _normal_correlation(first: Marginal, second: Marginal, wanted: float, names: str) -> float:
+def _normal_correlation(first: Marginal, second: Marginal, target: float, names: str) -> float:
     """Correlation of the underlying normal pair that gives x the correlation `wanted` (Nataf)."""
     lowest, highest = _pair_correlation(first, second, -1.0), _pair_correlation(first, second, 1.0)
-    if not lowest < wanted < highest:
+    if not lowest < target < highest:
         raise ValueError(
-            f"{names}: correlation {wanted:g} cannot be attained by these marginals; it must lie strictly between "
+            f"{names}: correlation {target:g} cannot be attained by these marginals; it must lie strictly between "
             f"{lowest:.4f} and {highest:.4f}"
         )
     match first, second:
         case Normal(), Normal():
-            return wanted
+            return target
         case LogNormal(), LogNormal():
             deltas = first.sd / first.mean * second.sd / second.mean
-            return math.log1p(wanted * deltas) / (first.zeta * second.zeta)
+            return math.log1p(target * deltas) / (first.zeta * second.zeta)
         case (Normal(), LogNormal() as skew) | (LogNormal() as skew, Normal()):
-            return wanted * skew.sd / skew.mean / skew.zeta
+            return target * skew.sd / skew.mean / skew.zeta
     low, high = -1.0, 1.0
     while high - low > 1e-15:
         middle = 0.5 * (low + high)
         if middle in (low, high):
             break
-        if _pair_correlation(first, second, middle) < wanted:
+        if _pair_correlation(first, second, middle) < target:
             low = middle
         else:
             high = middle

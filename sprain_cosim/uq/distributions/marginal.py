@@ -100,18 +100,18 @@ class Marginal(ABC):
         """Mean and standard deviation of x given a ≤ u ≤ b, by quadrature over the truncated variable's own u."""
         mass = mass_between(a, b)
 
-        def given(w: float) -> float:
+        def integrand(w: float) -> float:
             return float(self.from_standard(between(as_array(w), a, b, mass)))
 
         def expectation(power: int, centre: float) -> float:
             # 12 standard deviations either side hold all but 1e-32 of the weight.
             parts = [
-                quad(lambda w: (given(w) - centre) ** power * float(density(w)), *ends, epsabs=0.0, epsrel=1e-11)[0]
+                quad(lambda w: (integrand(w) - centre) ** power * float(density(w)), *ends, epsabs=0.0, epsrel=1e-11)[0]
                 for ends in ((-12.0, -3.0), (-3.0, 0.0), (0.0, 3.0), (3.0, 12.0))
             ]
             return math.fsum(parts)
 
-        first = given(0.0)
+        first = integrand(0.0)
         mean = first + expectation(1, first)
         return mean, math.sqrt(expectation(2, mean))
 

@@ -221,7 +221,7 @@ def _worth(terms: Array) -> float:
     return float(terms.sum() ** 2 / np.sum(terms**2)) if np.any(terms) else 0.0
 
 
-def _doubts(value: float, cov: float, worth: float, n: int, wanted: float | None) -> tuple[str, ...]:
+def _doubts(value: float, cov: float, worth: float, n: int, asked: float | None) -> tuple[str, ...]:
     if not value > 0:
         return (f"none of {n} rows about the design points lies in the event: these are not its design points",)
     reasons = []
@@ -230,10 +230,10 @@ def _doubts(value: float, cov: float, worth: float, n: int, wanted: float | None
             f"the estimate's coefficient of variation is {cov:.0%}, its rows are worth {worth:.0f}: the event is not "
             "about the design points alone"
         )
-    if wanted is not None and cov > wanted:
+    if asked is not None and cov > asked:
         reasons.append(
-            f"the coefficient of variation is {cov:.1%}, {wanted:.1%} was wanted: some "
-            f"{math.ceil(n * (cov / wanted) ** 2)} rows are needed"
+            f"the coefficient of variation is {cov:.1%}, {asked:.1%} was wanted: some "
+            f"{math.ceil(n * (cov / asked) ** 2)} rows are needed"
         )
     return tuple(reasons)
 

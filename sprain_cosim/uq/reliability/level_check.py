@@ -108,13 +108,13 @@ def _verdict(p: float, off: Estimate) -> Verdict:
 
 def _off(u: Array, y: Array, p: float, z: float, alpha: Array, confidence: float) -> Estimate:
     """P(z ≤ z_p) − p and its interval, from rows u (n, d) and responses y (n,)."""
-    said, below = u @ alpha <= float(ndtri(p)), y <= z
+    predicted, below = u @ alpha <= float(ndtri(p)), y <= z
     quantile = float(ndtri(0.5 * (1.0 + confidence)))
     if not np.any(alpha):  # no surrogate to speak of
         share = _wilson(int(below.sum()), len(y), quantile)
         return Estimate(share.value - p, share.low - p, share.high - p)
-    a = _wilson(int(np.sum(said & ~below)), int(np.sum(said)), quantile)
-    b = _wilson(int(np.sum(~said & below)), int(np.sum(~said)), quantile)
+    a = _wilson(int(np.sum(predicted & ~below)), int(np.sum(predicted)), quantile)
+    b = _wilson(int(np.sum(~predicted & below)), int(np.sum(~predicted)), quantile)
     value = (1.0 - p) * b.value - p * a.value
     low = math.hypot((1.0 - p) * (b.value - b.low), p * (a.high - a.value))
     high = math.hypot((1.0 - p) * (b.high - b.value), p * (a.value - a.low))

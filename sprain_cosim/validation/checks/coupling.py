@@ -143,8 +143,8 @@ def tolerance_over_the_domain(laboratory: Laboratory) -> list[CheckRow]:
         worst = 0.0
         with usual.open() as ours, usual.override("plant.tolerance", 2.5e-5).open() as tight:
             for point in points:
-                given = dict(zip(DOMAIN, point.tolist(), strict=True))
-                one, two = ours.run(given), tight.run(given)
+                inputs = dict(zip(DOMAIN, point.tolist(), strict=True))
+                one, two = ours.run(inputs), tight.run(inputs)
                 worst = max(worst, abs(one.metrics.get(PEAK, math.inf) - two.metrics.get(PEAK, math.inf)))
         rows.append(CheckRow(f"largest change, {count} inputs, pose {pose}", worst, 0.0, 0.1, "deg"))
     return rows

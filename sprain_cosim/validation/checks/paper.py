@@ -95,16 +95,16 @@ def inputs(laboratory: Laboratory) -> list[CheckRow]:
     table, rows = laboratory.figures["table_1"], []
     for name in STUDIES:
         study = laboratory.study(name)
-        wanted = {k: v for k, v in table.items() if isinstance(v, list)} | table.get(name, {})
+        expected = {k: v for k, v in table.items() if isinstance(v, list)} | table.get(name, {})
         rows.append(
             CheckRow(
                 f"{name}, number of varied inputs",
                 float(sum(not m.is_fixed for m in study.marginals.values())),
-                len(wanted),
+                len(expected),
                 0,
             )
         )
-        for heading, pair in wanted.items():
+        for heading, pair in expected.items():
             parameter, _, unit = heading.rstrip("]").partition(" [")
             factor = {"MPa/m": 1e6, "deg": math.pi / 180}.get(unit, 1.0)
             marginal = study.marginals[parameter]

@@ -230,9 +230,9 @@ def nataf(_: Laboratory) -> list[CheckRow]:
     a normal."""
     d, r = 0.5, 0.4
     zeta = math.sqrt(math.log1p(d * d))
-    wanted = np.array([[1, r], [r, 1]])
-    both = JointDistribution([LogNormal(2.0, 1.0), LogNormal(4.0, 2.0)], wanted).normal_correlation[0, 1]
-    mixed = JointDistribution([Normal(0.0, 1.0), LogNormal(4.0, 2.0)], wanted).normal_correlation[0, 1]
+    target = np.array([[1, r], [r, 1]])
+    both = JointDistribution([LogNormal(2.0, 1.0), LogNormal(4.0, 2.0)], target).normal_correlation[0, 1]
+    mixed = JointDistribution([Normal(0.0, 1.0), LogNormal(4.0, 2.0)], target).normal_correlation[0, 1]
     return [
         CheckRow("two lognormals", float(both), math.log1p(r * d * d) / zeta**2, 1e-12),
         CheckRow("normal and lognormal", float(mixed), r * d / zeta, 1e-12),
