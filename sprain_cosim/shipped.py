@@ -8,6 +8,7 @@ from .errors import EnvironmentProblem, InputError, nearest
 
 PACKAGE = Path(__file__).parent
 FMUS = PACKAGE / "_fmus"
+FMI3 = "_fmi3"  # NAME.fmu speaks FMI 2.0, NAME_fmi3.fmu the same model in FMI 3.0
 SOURCES = PACKAGE.parent / "fmus"  # the models' sources, in a clone only
 
 
@@ -26,7 +27,8 @@ def shipped_studies() -> list[str]:
 
 
 def shipped_fmus() -> list[str]:
-    return sorted(p.stem for p in FMUS.glob("*.fmu"))
+    """Names of the models that ship, as FMI 2.0."""
+    return sorted(p.stem for p in FMUS.glob("*.fmu") if not p.stem.endswith(FMI3))
 
 
 def template(name: str, source: str) -> Path:
@@ -43,7 +45,7 @@ def fmu_path(name: str, beside: Path, what: str) -> Path:
         built = FMUS / f"{name}.fmu"
         if built.is_file():
             return built
-        if (SOURCES / name / "interface.py").is_file():
+        if (SOURCES / name.removesuffix(FMI3) / "interface.py").is_file():
             raise EnvironmentProblem(f"{what}: not built yet; run `sprain-cosim build`")
         if not (beside / name).is_file():
             raise InputError(f"{what}: no such FMU file, and none of that name ships{nearest(name, shipped_fmus())}")

@@ -6,21 +6,29 @@ from functools import lru_cache
 from pathlib import Path
 
 from ..errors import SprainError
-from ..shipped import FMUS, shipped_fmus
+from ..shipped import FMUS
 from . import archive
 
 
 def is_foreign(fmu: Path, sha256: str) -> bool:
-    """A file of the package's own folder is not; of any other, which may be a copy, the content decides."""
-    return fmu.parent != FMUS and sha256 not in _shipped()
+    """A file of the package's own folder is not; of any other, which may be a copy, the content decides. Of those that
+    ship only the ones of its size are read."""
+    if fmu.parent == FMUS:
+        return False
+    try:
+        return sha256 not in _shipped(fmu.stat().st_size)
+    except OSError:
+        return True
 
 
-@lru_cache(maxsize=1)
-def _shipped() -> frozenset[str]:
+@lru_cache(maxsize=64)
+def _shipped(size: int) -> frozenset[str]:
+    """SHA-256 of those that ship and have `size` bytes."""
     found = set()
-    for name in shipped_fmus():
+    for path in FMUS.glob("*.fmu"):
         try:
-            found.add(archive.read(FMUS / f"{name}.fmu").sha256)
-        except SprainError:
+            if path.stat().st_size == size:
+                found.add(archive.read(path).sha256)
+        except (OSError, SprainError):
             continue
     return frozenset(found)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..errors import InputError
-from ..shipped import FMUS
+from ..shipped import FMI3, FMUS
 from ..units import Unit, quantity, unit
 
 RAN = "{ran}"  # what stands in a title for the description
@@ -139,9 +139,9 @@ def _short(value: float | int | str | bool) -> str:
 
 
 def _shipped(path: Path) -> str:
-    """The name of a shipped FMU, or of a copy of one under its own name; empty for any other file."""
+    """The model of a shipped FMU, or of a copy of one under its own name; empty for any other file."""
     built = FMUS / path.name
     try:
-        return path.stem if path.samefile(built) or filecmp.cmp(path, built, shallow=False) else ""
+        return path.stem.removesuffix(FMI3) if path.samefile(built) or filecmp.cmp(path, built, shallow=False) else ""
     except OSError:
         return ""

@@ -8,6 +8,7 @@ import itertools
 import subprocess
 import sys
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,15 @@ import numpy as np
 import pytest
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
+from fmpy.validation import validate_fmu
 
 from sprain_cosim.fmu import fmi2
 from sprain_cosim.fmu.build.device import read_device
 from sprain_cosim.fmu.build.interpreter import Interpreted
 from sprain_cosim.fmu.component import Component
-from sprain_cosim.shipped import FMUS, SOURCES
+from sprain_cosim.scenario import load_scenario
+from sprain_cosim.shipped import FMI3, FMUS, SOURCES
 from tests.native import SOURCES as C_SOURCES
 
 DEVICES = sorted(p.parent.name for p in SOURCES.glob("*/device.py") if "template" not in p.parent.name)
@@ -64,6 +68,35 @@ class Host:
 
     def start(self, **parameters: float) -> None:
         self.fmu.setupExperiment(startTime=0.0)
+        for name, value in parameters.items():
+            self[name] = value
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+
+
+class Host3:
+    """The same in FMI 3.0; an error raises with fmpy's words, what was logged stands in `messages`."""
+
+    def __init__(self, name: str, folder: Path, token: str | None = None) -> None:
+        path = FMUS / f"{name}{FMI3}.fmu"
+        self.description = read_model_description(path)
+        self.reference = {v.name: v.valueReference for v in self.description.modelVariables}
+        self.messages: list[str] = []
+        self.fmu = FMU3Slave(
+            guid=token or self.description.guid,
+            unzipDirectory=extract(path, str(folder / f"unpacked{next(_count)}")),
+            modelIdentifier=self.description.coSimulation.modelIdentifier,
+            instanceName="tested",
+        )
+        self.fmu.instantiate(logMessage=lambda _, status, category, text: self.messages.append(text.decode()))
+
+    def __getitem__(self, name: str) -> float:
+        return float(self.fmu.getFloat64([self.reference[name]])[0])
+
+    def __setitem__(self, name: str, value: float) -> None:
+        self.fmu.setFloat64([self.reference[name]], [value])
+
+    def start(self, **parameters: float) -> None:
         for name, value in parameters.items():
             self[name] = value
         self.fmu.enterInitializationMode()
@@ -169,6 +202,82 @@ def test_a_state_travels_to_a_fresh_instance_and_to_no_other_model(tmp_path: Pat
     with pytest.raises(Exception, match="fmi2SetFMUstate failed"):
         other.fmu.setFMUstate(state)
     assert other.messages[-1] == "brace_linear: this is a state of another model"
+
+
+@pytest.mark.parametrize("name", DEVICES)
+def test_fmi_2_and_3_are_one_model(name: str) -> None:
+    """The same library, the same identity, the same variables; fmpy finds nothing to complain about."""
+    described = []
+    libraries = []
+    for suffix in ("", FMI3):
+        path = FMUS / f"{name}{suffix}.fmu"
+        assert validate_fmu(str(path)) == []
+        component = Component.read(name, path)
+        described.append(component)
+        with zipfile.ZipFile(path) as archive:
+            libraries.append(archive.read(component.library))
+    two, three = described
+    assert libraries[0] == libraries[1]
+    assert (two.guid, two.identifier) == (three.guid, three.identifier)
+    assert (two.capabilities.fmi_version, three.capabilities.fmi_version) == ("2.0", "3.0")
+    assert two.capabilities.state and three.capabilities.state
+    same = {n: replace(c, fmi_type="") for n, c in three.connectors.items() if n != "time"}
+    assert same == {n: replace(c, fmi_type="") for n, c in two.connectors.items()}
+
+
+def test_a_landing_is_the_same_to_the_bit_in_fmi_2_and_3() -> None:
+    """With saved states and directional derivatives in use, and a landing before in the same session."""
+    scenario = load_scenario("incline30_mixed").replace_fmu("brace", FMUS / "brace_active.fmu")
+    other = scenario
+    for part, fmu in scenario.fmus.items():
+        other = other.replace_fmu(part, FMUS / f"{fmu.stem}{FMI3}.fmu")
+    here = scenario.run()
+    with other.open() as session:
+        session.run({"plant.drop_height": 0.4})
+        there = session.run()
+    assert here.status == there.status == "completed", there.message
+    assert (here.values == there.values).all()
+    assert here.values.shape == there.values.shape
+
+
+def test_fmi_3_saves_differentiates_and_tells_its_host(tmp_path: Path) -> None:
+    two, three = Host("brace_active", tmp_path), Host3("brace_active", tmp_path)
+    for host in (two, three):
+        host.start(lag=0.02)
+        for k in range(20):
+            host["subtalar_angle"], host["subtalar_velocity"] = 0.4, 9.0
+            host.fmu.doStep(1e-3 * k, 1e-3)
+    assert two["strap_tension"] == three["strap_tension"] > 10.0
+    assert three["time"] == pytest.approx(0.02)
+    ends = [three.reference["subtalar_torque"]], [three.reference["subtalar_angle"]]
+    found = three.fmu.getDirectionalDerivative(*ends, [1.0])
+    assert list(found) == list(two.fmu.getDirectionalDerivative(*ends, [1.0]))
+    # a state goes from one version to the other, for it is that of the model; and to no other model
+    state = two.fmu.getFMUstate()
+    data = bytes(two.fmu.serializeFMUstate(state))
+    received = three.fmu.deserializeFMUState(data)
+    for host in (two, three):
+        host.fmu.doStep(0.02, 1e-3)
+    after = two["strap_tension"]
+    three.fmu.doStep(0.021, 1e-3)
+    three.fmu.setFMUState(received)
+    three.fmu.doStep(0.02, 1e-3)
+    assert three["strap_tension"] == after
+    other = Host3("brace_linear", tmp_path)
+    for host, doing, said in (
+        (other, lambda: other.fmu.deserializeFMUState(data), f"these {len(data)} bytes are no state of this model"),
+        (three, lambda: three.fmu.setFloat64([99], [1.0]), "there is no variable with value reference 99"),
+        (three, lambda: three.fmu.getFloat32([0]), "there are no numbers of single precision"),
+        (three, three.fmu.enterEventMode, "fmi3EnterEventMode belongs to a mode that is not offered"),
+        (three, lambda: three.__setitem__("lag", 0.1), "parameter lag can only be set before initialisation"),
+        (three, lambda: three.fmu.doStep(0.021, -1.0), "a step from 0.021 s over -1 s"),
+        (other, lambda: other.start(talocrural_slack=float("nan")), "talocrural_slack = nan rad: must lie between"),
+    ):
+        with pytest.raises(Exception, match="failed with status 3"):
+            doing()
+        assert said in host.messages[-1]
+    with pytest.raises(Exception, match="Failed to instantiate"):
+        Host3("brace_linear", tmp_path, token="0" * 64)
 
 
 def test_every_parameter_out_of_range_is_named_at_once(tmp_path: Path) -> None:

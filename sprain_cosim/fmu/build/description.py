@@ -133,15 +133,7 @@ def model_description(
     """modelDescription.xml of FMI 2.0 with GUID_PLACE for the GUID; value references are positions in `variables`.
     `fixed_step` [s] is the model's own step where it cannot take another one; `differentiates`: it gives directional
     derivatives of its outputs over its inputs."""
-    root = ET.Element(
-        "fmiModelDescription",
-        fmiVersion="2.0",
-        modelName=name,
-        guid=GUID_PLACE,
-        description=description,
-        generationTool="sprain-cosim",
-        variableNamingConvention="flat",
-    )
+    root = _root("2.0", "guid", name, description)
     capabilities = {
         "modelIdentifier": name,
         "needsExecutionTool": "false",
@@ -154,35 +146,18 @@ def model_description(
     if differentiates:
         capabilities["providesDirectionalDerivative"] = "true"
     ET.SubElement(root, "CoSimulation", capabilities)
-    units = ET.SubElement(root, "UnitDefinitions")
-    for unit in sorted({v["unit"] for v in variables if "unit" in v}):
-        base = {key: str(exponent) for key, exponent in BASE_UNITS[unit].items()}
-        ET.SubElement(ET.SubElement(units, "Unit", name=unit), "BaseUnit", base)
+    _units(root, variables)
     enumerations = [v for v in variables if "items" in v]
     if enumerations:
         types = ET.SubElement(root, "TypeDefinitions")
         for variable in enumerations:
-            kind = ET.SubElement(ET.SubElement(types, "SimpleType", name=variable["name"]), "Enumeration")
-            for item, value in variable["items"].items():
-                ET.SubElement(kind, "Item", name=item, value=str(value))
-    categories = ET.SubElement(root, "LogCategories")
-    ET.SubElement(categories, "Category", name="logAll")
-    ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime="0.15", stepSize=repr(fixed_step or STEP))
+            _items(ET.SubElement(ET.SubElement(types, "SimpleType", name=variable["name"]), "Enumeration"), variable)
+    _experiment(root, fixed_step)
     listed = ET.SubElement(root, "ModelVariables")
     position = {v["name"]: k + 1 for k, v in enumerate(variables)}
     for k, variable in enumerate(variables):
-        entry = {key: variable[key] for key in ("name", "causality", "variability", "description")}
-        if variable["causality"] == "output":
-            entry["initial"] = "calculated"
-        elif variable["causality"] == "parameter":
-            entry["initial"] = "exact"
-        if "items" in variable:
-            entry["variability"] = "fixed"
-            tag, detail = "Enumeration", {"declaredType": variable["name"], "start": str(variable["start"])}
-        else:
-            tag, detail = "Real", {"unit": variable["unit"]}
-            detail |= {key: repr(float(variable[key])) for key in ("min", "max", "start") if key in variable}
-        ET.SubElement(ET.SubElement(listed, "ScalarVariable", entry, valueReference=str(k)), tag, detail)
+        scalar = ET.SubElement(listed, "ScalarVariable", _common(variable), valueReference=str(k))
+        ET.SubElement(scalar, "Enumeration" if "items" in variable else "Real", _values(variable))
     structure = ET.SubElement(root, "ModelStructure")
     outputs = [v for v in variables if v["causality"] == "output"]
     for section in ("Outputs", "InitialUnknowns"):
@@ -191,5 +166,115 @@ def model_description(
             unknown = ET.SubElement(group, "Unknown", index=str(position[variable["name"]]))
             if section == "Outputs" and "depends" in variable:
                 unknown.set("dependencies", " ".join(str(position[n]) for n in variable["depends"]))
+    return _text(root)
+
+
+def model_description_3(
+    name: str,
+    description: str,
+    variables: Variables,
+    fixed_step: float | None = None,
+    differentiates: bool = False,
+) -> str:
+    """The same model in FMI 3.0, with the same value references; the independent variable `time` follows the others."""
+    root = _root("3.0", "instantiationToken", name, description)
+    capabilities = {
+        "modelIdentifier": name,
+        "needsExecutionTool": "false",
+        "canBeInstantiatedOnlyOncePerProcess": "false",
+        "canGetAndSetFMUState": "true",
+        "canSerializeFMUState": "true",
+        "providesDirectionalDerivatives": "true" if differentiates else "false",
+        "canHandleVariableCommunicationStepSize": "false" if fixed_step else "true",
+        "hasEventMode": "false",
+    }
+    if fixed_step:
+        capabilities["fixedInternalStepSize"] = repr(fixed_step)
+    ET.SubElement(root, "CoSimulation", capabilities)
+    _units(root, variables)
+    enumerations = [v for v in variables if "items" in v]
+    if enumerations:
+        types = ET.SubElement(root, "TypeDefinitions")
+        for variable in enumerations:
+            _items(ET.SubElement(types, "EnumerationType", name=variable["name"]), variable)
+    _experiment(root, fixed_step)
+    listed = ET.SubElement(root, "ModelVariables")
+    reference = {v["name"]: str(k) for k, v in enumerate(variables)}
+    for variable in variables:
+        tag = "Enumeration" if "items" in variable else "Float64"
+        entry = {**_common(variable), **_values(variable), "valueReference": reference[variable["name"]]}
+        ET.SubElement(listed, tag, entry)
+    ET.SubElement(
+        listed,
+        "Float64",
+        name="time",
+        valueReference=str(len(variables)),
+        causality="independent",
+        variability="continuous",
+        unit="s",
+        description="Simulation time",
+    )
+    structure = ET.SubElement(root, "ModelStructure")
+    outputs = [v for v in variables if v["causality"] == "output"]
+    for variable in outputs:
+        unknown = ET.SubElement(structure, "Output", valueReference=reference[variable["name"]])
+        if "depends" in variable:
+            unknown.set("dependencies", " ".join(reference[n] for n in variable["depends"]))
+    for variable in outputs:
+        ET.SubElement(structure, "InitialUnknown", valueReference=reference[variable["name"]])
+    return _text(root)
+
+
+def _root(version: str, identity: str, name: str, description: str) -> ET.Element:
+    return ET.Element(
+        "fmiModelDescription",
+        {"fmiVersion": version, "modelName": name, identity: GUID_PLACE},
+        description=description,
+        generationTool="sprain-cosim",
+        variableNamingConvention="flat",
+    )
+
+
+def _units(root: ET.Element, variables: Variables) -> None:
+    units = ET.SubElement(root, "UnitDefinitions")
+    used = {v["unit"] for v in variables if "unit" in v}
+    for unit in sorted(used | ({"s"} if root.get("fmiVersion") == "3.0" else set())):
+        base = {key: str(exponent) for key, exponent in BASE_UNITS[unit].items()}
+        ET.SubElement(ET.SubElement(units, "Unit", name=unit), "BaseUnit", base)
+
+
+def _items(enumeration: ET.Element, variable: dict[str, Any]) -> None:
+    for item, value in variable["items"].items():
+        ET.SubElement(enumeration, "Item", name=item, value=str(value))
+
+
+def _experiment(root: ET.Element, fixed_step: float | None) -> None:
+    ET.SubElement(ET.SubElement(root, "LogCategories"), "Category", name="logAll")
+    ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime="0.15", stepSize=repr(fixed_step or STEP))
+
+
+def _common(variable: dict[str, Any]) -> dict[str, str]:
+    """Attributes that every kind of variable has."""
+    entry: dict[str, str] = {key: variable[key] for key in ("name", "causality", "variability", "description")}
+    if variable["causality"] == "output":
+        entry["initial"] = "calculated"
+    elif variable["causality"] == "parameter":
+        entry["initial"] = "exact"
+    if "items" in variable:
+        entry["variability"] = "fixed"
+    return entry
+
+
+def _values(variable: dict[str, Any]) -> dict[str, str]:
+    if "items" in variable:
+        return {"declaredType": variable["name"], "start": str(variable["start"])}
+    entry: dict[str, str] = {"unit": variable["unit"]}
+    for key in ("min", "max", "start"):
+        if key in variable:
+            entry[key] = repr(float(variable[key]))
+    return entry
+
+
+def _text(root: ET.Element) -> str:
     ET.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"

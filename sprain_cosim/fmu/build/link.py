@@ -26,7 +26,7 @@ LIBRARIES = {  # (system, machine): folder of FMI 2.0 and ending of a shared lib
     ("Darwin", "arm64"): ("darwin64", ".dylib"),
 }
 COMPILERS = ("cc", "gcc", "clang")
-SHIM = ("device.c", "fmi2.c")
+SHIM = ("device.c", "fmi2.c", "fmi3.c")  # one library speaks both versions
 FIELDS = {  # of an argument of a device's function: its C type, and where Call has it
     "values": ("void *", "call->values"),
     "state": ("void *", "call->state"),

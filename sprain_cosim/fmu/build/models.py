@@ -10,10 +10,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import EnvironmentProblem, InputError, nearest
-from ...shipped import FMUS, SOURCES
+from ...shipped import FMI3, FMUS, SOURCES
 from . import python
 from .compile import Compiled, compile_devices
-from .description import GUID_PLACE, Variables, load_interface, model_description, variables_of
+from .description import (
+    GUID_PLACE,
+    Variables,
+    load_interface,
+    model_description,
+    model_description_3,
+    variables_of,
+)
 from .link import PLATFORMS, link, shim
 from .packing import digest, tree, write_fmu
 
@@ -45,15 +52,18 @@ def build_all(names: Iterable[str] = (), platforms: Sequence[str] = ()) -> list[
     for folder in chosen:
         target = FMUS / f"{folder.name}.fmu"
         if folder in compiled:
-            guid = _write(faces[folder], target, compiled[folder], places)
+            own = _archives(faces[folder], compiled[folder], places)
+            for file, content in ((target, own.fmi2), (FMUS / f"{folder.name}{FMI3}.fmu", own.fmi3)):
+                write_fmu(file, content)
+                built.append((file, own.guid))
         else:
-            guid = python.build_python_fmu(folder, target)
-        built.append((target, guid))
+            built.append((target, python.build_python_fmu(folder, target)))
     return built
 
 
 def build_fmu(folder: Path, target: Path, platforms: Sequence[str] = ()) -> str:
-    """Writes `target` from the model in `folder`, for `platforms` (default: this machine's). Returns the GUID.
+    """Writes `target` from the model in `folder`, for `platforms` (default: this machine's): FMI 2.0, or 3.0 where its
+    name ends in _fmi3. Returns the GUID.
 
     Raises InputError where the folder is at fault, EnvironmentProblem where something to build with is missing."""
     face = _face(folder)
@@ -61,7 +71,9 @@ def build_fmu(folder: Path, target: Path, platforms: Sequence[str] = ()) -> str:
         return python.build_python_fmu(folder, target)
     places = platforms or own_platform()
     (compiled,) = compile_devices([folder], places)
-    return _write(face, target, compiled, places)
+    own = _archives(face, compiled, places)
+    write_fmu(target, own.fmi3 if target.stem.endswith(FMI3) else own.fmi2)
+    return own.guid
 
 
 @dataclass(frozen=True)
@@ -99,25 +111,34 @@ def _is_device(folder: Path) -> bool:
     return (folder / "device.py").is_file()
 
 
-def _write(face: Face, target: Path, compiled: Compiled, platforms: Sequence[str]) -> str:
-    description = model_description(
-        compiled.name, face.description, face.variables, face.fixed_step, "differentiate" in compiled.symbol
-    )
-    guid = _guid(compiled, description)
-    files = {
-        "modelDescription.xml": description.replace(GUID_PLACE, guid).encode(),
+@dataclass(frozen=True)
+class Archives:
+    """One model in both versions of FMI: {path: content}, with the same libraries and the same GUID."""
+
+    guid: str
+    fmi2: Mapping[str, bytes]
+    fmi3: Mapping[str, bytes]
+
+
+def _archives(face: Face, compiled: Compiled, platforms: Sequence[str]) -> Archives:
+    told = (compiled.name, face.description, face.variables, face.fixed_step, "differentiate" in compiled.symbol)
+    first, second = model_description(*told), model_description_3(*told)
+    guid = _guid(compiled, first)
+    common = {
         **{f"resources/{path}": data for path, data in tree(face.folder / "resources").items()},
         **{f"extra/{path}": data for path, data in tree(face.folder / "extra").items()},
         **{f"documentation/{path.name}": path.read_bytes() for path in sorted(face.folder.glob("*.md"))},
     }
     if compiled.constants_in_resources:
-        files[CONSTANTS] = constants_file(guid, compiled.constants)
+        common[CONSTANTS] = constants_file(guid, compiled.constants)
+    fmi2 = {"modelDescription.xml": first.replace(GUID_PLACE, guid).encode(), **common}
+    fmi3 = {"modelDescription.xml": second.replace(GUID_PLACE, guid).encode(), **common}
     for platform in platforms:
         place = PLATFORMS[platform]
-        name = f"binaries/{place.folder2}/{compiled.name}{place.ending}"
-        files[name] = link(compiled, face.variables, guid, platform)
-    write_fmu(target, files)
-    return guid
+        library = link(compiled, face.variables, guid, platform)
+        fmi2[f"binaries/{place.folder2}/{compiled.name}{place.ending}"] = library
+        fmi3[f"binaries/{place.folder3}/{compiled.name}{place.ending}"] = library
+    return Archives(guid, fmi2, fmi3)
 
 
 def constants_file(guid: str, constants: bytes) -> bytes:
