@@ -6,16 +6,15 @@ intersectors" (iquilezles.org/articles/intersectors), specialised to rays along 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 SAMPLES = 2  # per pixel and direction
 LIGHT = np.array([-0.42, 0.78, 0.46])  # towards it, in the camera's frame; the shadow falls along the world's vertical
 SHADOWING = 0.35  # m above the box up to which a volume throws a shadow
 FAR = -1e9  # depth of a ray that meets nothing
+NOTHING, BOX = -2, -1  # in place of a cone's position
 PAPER = np.array([0.965, 0.972, 0.980])
 
 
@@ -68,221 +67,159 @@ class Camera:
             (volumes[:, 3:6] - self.centre) @ t.T,
             volumes[:, 6:],
         )
-        image = np.empty((self.height, self.width, 3), np.uint8)
-        light = LIGHT / np.linalg.norm(LIGHT)
-        _draw(
-            cones,
-            colours,
-            (box - self.centre) @ t.T,
-            turn @ t.T,
-            half,
-            box_colour,
-            SAMPLES * self.scale,
-            light,
-            t @ [0.0, 1.0, 0.0],
-            PAPER,
-            image,
+        box = (box - self.centre) @ t.T
+        rays = _Rays(SAMPLES * self.height, SAMPLES * self.width, SAMPLES * self.scale)
+        rays.cast_box(box, turn @ t.T, half)
+        for n, cone in enumerate(cones):
+            rays.cast_cone(n, *map(float, cone))
+        return _shaded(rays, cones, np.vstack([colours, box_colour]), box, t @ [0.0, 1.0, 0.0])
+
+
+class _Rays:
+    """SAMPLES x SAMPLES rays a pixel along -z, rows downwards, all vectors in the camera's frame. Of the surface that
+    each ray meets first:
+
+    - depth: (rows, columns) z [m]; FAR: none
+    - normal: (3, rows, columns) unit vector
+    - member: (rows, columns) position among the cones; NOTHING, BOX
+    """
+
+    def __init__(self, rows: int, columns: int, scale: float) -> None:
+        """`scale`: rays per metre."""
+        self.scale = scale
+        self.x = (np.arange(columns) + 0.5 - 0.5 * columns) / scale
+        self.y = (0.5 * rows - np.arange(rows) - 0.5) / scale
+        self.depth = np.full((rows, columns), FAR)
+        self.normal = np.zeros((3, rows, columns), np.float32)
+        self.member = np.full((rows, columns), NOTHING, np.int32)
+
+    def _part(self, left: float, right: float, low: float, high: float) -> tuple[slice, slice]:
+        """The rays between two limits [m] in each direction."""
+        rows, columns = self.depth.shape
+        return (
+            slice(max(0, int(0.5 * rows - high * self.scale)), min(rows, int(0.5 * rows - low * self.scale) + 2)),
+            slice(
+                max(0, int(0.5 * columns + left * self.scale)),
+                min(columns, int(0.5 * columns + right * self.scale) + 2),
+            ),
         )
-        return image
 
-
-_compiled = njit(cache=True, error_model="numpy", fastmath=True, nogil=True)
-
-
-# Compiled functions. SAMPLES x SAMPLES rays a pixel, rows downwards, all vectors in the camera's frame; `scale`: rays
-# per metre. The surface that each ray meets first stands in `depth` (z [m]), `normal` (unit vector) and `member`
-# (position among the cones, -1: no surface, -2: the box).
-
-
-@_compiled
-def _draw(volumes, colours, box, box_axes, half, box_colour, scale, light, vertical, paper, image):  # type: ignore[no-untyped-def]
-    rows, columns = SAMPLES * image.shape[0], SAMPLES * image.shape[1]
-    depth = np.full((rows, columns), FAR)
-    normal = np.zeros((rows, columns, 3), np.float32)
-    member = np.full((rows, columns), -1, np.int32)
-    total = np.zeros(image.shape, np.float32)
-    _cast_box(box, box_axes, half, scale, depth, normal, member)
-    for n in range(volumes.shape[0]):
-        _cast_cone(n, volumes[n], scale, depth, normal, member)
-    across, away = _level(vertical)
-    casters = _casters(volumes, box, across, away, vertical)
-    for i in range(rows):
-        for j in range(columns):
-            n = member[i, j]
-            if n == -1:
-                for c in range(3):
-                    total[i // SAMPLES, j // SAMPLES, c] += paper[c]
+    def cast_box(self, box: np.ndarray, axes: np.ndarray, half: np.ndarray) -> None:
+        """Enters the box: the common part of three slabs along its axes."""
+        wide, high, _ = np.abs(axes).T @ half
+        part = self._part(box[0] - wide, box[0] + wide, box[1] - high, box[1] + high)
+        x, y = self.x[part[1]] - box[0], (self.y[part[0]] - box[1])[:, None]
+        shape = (y.shape[0], x.shape[0])
+        enter, leave, side = np.full(shape, FAR), np.full(shape, -FAR), np.full(shape, -1)
+        for k in range(3):
+            start, slope = axes[k, 0] * x + axes[k, 1] * y - axes[k, 2] * box[2], -axes[k, 2]
+            if abs(slope) < 1e-9:
+                leave[np.abs(start) > half[k]] = FAR
                 continue
-            nx, ny, nz = normal[i, j, 0], normal[i, j, 1], normal[i, j, 2]
-            bright, shine = _lit(nx, ny, nz, light)
-            if n >= 0:
-                bright *= 0.80 + 0.20 * math.sqrt(max(nz, 0.0))
-            else:
-                shine = 0.0
-                if nx * vertical[0] + ny * vertical[1] + nz * vertical[2] > 0.5:
-                    x, y = (j + 0.5 - 0.5 * columns) / scale, (0.5 * rows - i - 0.5) / scale
-                    bright *= 1.0 - 0.42 * min(1.0, 1.6 * _shadow(x, y, depth[i, j], casters, across, away, vertical))
-            edge = 0.0
-            if 0 < i < rows - 1 and 0 < j < columns - 1:
-                edge = _outline(depth[i, j], depth[i - 1, j], depth[i + 1, j], depth[i, j - 1], depth[i, j + 1])
-            for c in range(3):
-                colour = colours[n, c] if n >= 0 else box_colour[c]
-                value = min(1.0, colour * bright + shine)
-                total[i // SAMPLES, j // SAMPLES, c] += value * (1.0 - edge) + edge * 0.22 * colour
-    for i in range(image.shape[0]):
-        for j in range(image.shape[1]):
-            for c in range(3):
-                image[i, j, c] = int(255.0 / SAMPLES**2 * total[i, j, c] + 0.5)
+            middle, reach = -start / slope, half[k] / abs(slope)
+            side[middle - reach > enter] = k
+            np.maximum(enter, middle - reach, out=enter)
+            np.minimum(leave, middle + reach, out=leave)
+        hit = np.nonzero((enter < leave) & (side >= 0))
+        rows, columns = hit[0] + part[0].start, hit[1] + part[1].start
+        self.depth[rows, columns], self.member[rows, columns] = -enter[hit], BOX
+        self.normal[:, rows, columns] = (np.copysign(1.0, axes[:, 2])[:, None] * axes)[side[hit]].T
 
-
-@_compiled
-def _cast_box(box, box_axes, half, scale, depth, normal, member):  # type: ignore[no-untyped-def]
-    """Enters the box: the common part of three slabs along its axes."""
-    rows, columns = depth.shape
-    wide = abs(box_axes[0, 0]) * half[0] + abs(box_axes[1, 0]) * half[1] + abs(box_axes[2, 0]) * half[2]
-    high = abs(box_axes[0, 1]) * half[0] + abs(box_axes[1, 1]) * half[1] + abs(box_axes[2, 1]) * half[2]
-    first, last = _span(rows, scale, -box[1] - high, -box[1] + high)
-    left, right = _span(columns, scale, box[0] - wide, box[0] + wide)
-    for i in range(first, last):
-        y = (0.5 * rows - i - 0.5) / scale - box[1]
-        for j in range(left, right):
-            x = (j + 0.5 - 0.5 * columns) / scale - box[0]
-            enter, leave, side, sign = -1e9, 1e9, -1, 1.0  # along -z
-            for k in range(3):
-                start = box_axes[k, 0] * x + box_axes[k, 1] * y - box_axes[k, 2] * box[2]
-                slope = -box_axes[k, 2]
-                if abs(slope) < 1e-9:
-                    if abs(start) > half[k]:
-                        enter, leave = 1e9, -1e9
-                    continue
-                a, b = (-half[k] - start) / slope, (half[k] - start) / slope
-                if min(a, b) > enter:
-                    enter, side, sign = min(a, b), k, -1.0 if slope > 0 else 1.0
-                leave = min(leave, max(a, b))
-            if enter < leave and side >= 0:
-                depth[i, j] = -enter
-                member[i, j] = -2
-                for c in range(3):
-                    normal[i, j, c] = sign * box_axes[side, c]
-
-
-@_compiled
-def _span(count, scale, low, high):  # type: ignore[no-untyped-def]
-    """First and one past the last of `count` rays that pass between `low` and `high` [m] from the middle."""
-    return max(0, int(0.5 * count + low * scale)), min(count, int(0.5 * count + high * scale) + 2)
-
-
-@_compiled
-def _cast_cone(n, cone, scale, depth, normal, member):  # type: ignore[no-untyped-def]
-    """Enters cone `n` for the rays that meet it before any surface entered so far."""
-    rows, columns = depth.shape
-    ax, ay, az, bx, by, bz, ra, rb = cone
-    dx, dy, dz, dr = bx - ax, by - ay, bz - az, ra - rb
-    length = dx * dx + dy * dy + dz * dz
-    inner = length - dr * dr
-    k2 = inner - dz * dz
-    first, last = _span(rows, scale, -max(ay + ra, by + rb), -min(ay - ra, by - rb))
-    left, right = _span(columns, scale, min(ax - ra, bx - rb), max(ax + ra, bx + rb))
-    for i in range(first, last):
-        y = (0.5 * rows - i - 0.5) / scale
-        for j in range(left, right):
-            x = (j + 0.5 - 0.5 * columns) / scale
-            ox, oy, oz = x - ax, y - ay, -az
+    def cast_cone(
+        self, n: int, ax: float, ay: float, az: float, bx: float, by: float, bz: float, ra: float, rb: float
+    ) -> None:
+        """Enters cone `n` for the rays that meet it before any surface entered so far."""
+        part = self._part(min(ax - ra, bx - rb), max(ax + ra, bx + rb), min(ay - ra, by - rb), max(ay + ra, by + rb))
+        dx, dy, dz, dr = bx - ax, by - ay, bz - az, ra - rb
+        length = dx * dx + dy * dy + dz * dz
+        inner = length - dr * dr
+        ox, oy, oz = self.x[part[1]] - ax, (self.y[part[0]] - ay)[:, None], -az
+        square = ox * ox + oy * oy
+        # the balls at its ends
+        h = ra * ra - square
+        depth = np.where(h > 0.0, az + np.sqrt(np.maximum(h, 0.0)), FAR)
+        which = np.zeros(depth.shape, np.int8)
+        h = rb * rb - ((ox - dx) ** 2 + (oy - dy) ** 2)
+        other = np.where(h > 0.0, bz + np.sqrt(np.maximum(h, 0.0)), FAR)
+        which[other > depth] = 1
+        np.maximum(depth, other, out=depth)
+        k2 = inner - dz * dz
+        if inner > 0.0 and k2 > 1e-12:  # the mantle
             m1 = dx * ox + dy * oy + dz * oz
-            m5 = ox * ox + oy * oy + oz * oz
-            best, nx, ny, nz = FAR, 0.0, 0.0, 0.0
-            if inner > 0.0:  # the mantle
-                k1 = -inner * oz + m1 * dz - dz * dr * ra
-                k0 = inner * m5 - m1 * m1 + 2.0 * m1 * dr * ra - length * ra * ra
-                h = k1 * k1 - k0 * k2
-                if h >= 0.0 and k2 > 1e-12:
-                    t = (-math.sqrt(h) - k1) / k2
-                    along = m1 - ra * dr - t * dz
-                    if 0.0 < along < inner:
-                        best = -t
-                        nx, ny, nz = inner * ox - dx * along, inner * oy - dy * along, inner * (oz - t) - dz * along
-            if best == FAR:  # the balls at its ends
-                h = oz * oz - m5 + ra * ra
-                if h > 0.0:
-                    z = az + math.sqrt(h)
-                    best, nx, ny, nz = z, ox, oy, z - az
-                px, py = x - bx, y - by
-                h = rb * rb - px * px - py * py
-                if h > 0.0 and bz + math.sqrt(h) > best:
-                    z = bz + math.sqrt(h)
-                    best, nx, ny, nz = z, px, py, z - bz
-            if best > depth[i, j]:
-                size = math.sqrt(nx * nx + ny * ny + nz * nz)
-                depth[i, j] = best
-                member[i, j] = n
-                normal[i, j, 0], normal[i, j, 1], normal[i, j, 2] = nx / size, ny / size, nz / size
+            k1 = m1 * dz - (inner * oz + dz * dr * ra)
+            k0 = inner * (square + oz * oz) - m1 * (m1 - 2.0 * dr * ra) - length * ra * ra
+            h = k1 * k1 - k0 * k2
+            t = (-np.sqrt(np.maximum(h, 0.0)) - k1) / k2
+            along = m1 - ra * dr - t * dz
+            mantle = (h >= 0.0) & (along > 0.0) & (along < inner)
+            depth[mantle], which[mantle] = -t[mantle], 2
+        hit = np.nonzero(depth > self.depth[part])
+        rows, columns = hit[0] + part[0].start, hit[1] + part[1].start
+        z, end = depth[hit], which[hit]
+        nx, ny, nz = ox[hit[1]], oy[hit[0], 0], z - az
+        back = (end == 1).astype(float)
+        if inner > 0.0 and k2 > 1e-12:
+            back[end == 2] = along[hit][end == 2] / inner
+        nx, ny, nz = nx - dx * back, ny - dy * back, nz - dz * back
+        size = np.sqrt(nx * nx + ny * ny + nz * nz)
+        self.depth[rows, columns], self.member[rows, columns] = z, n
+        self.normal[:, rows, columns] = nx / size, ny / size, nz / size
 
 
-@_compiled
-def _level(vertical):  # type: ignore[no-untyped-def]
-    """Two horizontal axes; the camera is level, so that its x axis is one of them."""
-    across = np.array([vertical[1], -vertical[0], 0.0])
-    away = np.array(
-        [
-            across[1] * vertical[2] - across[2] * vertical[1],
-            across[2] * vertical[0] - across[0] * vertical[2],
-            across[0] * vertical[1] - across[1] * vertical[0],
-        ]
-    )
-    return across, away
-
-
-@_compiled
-def _casters(volumes, box, across, away, vertical):  # type: ignore[no-untyped-def]
-    """(m, 7) the volumes low enough to throw a shadow on the box: both ends (across, away, up) and a radius [m]."""
-    casters = np.empty((volumes.shape[0], 7))
-    floor = box[0] * vertical[0] + box[1] * vertical[1] + box[2] * vertical[2]
-    count = 0
-    for n in range(volumes.shape[0]):
-        for e in range(2):
-            v = volumes[n, 3 * e : 3 * e + 3]
-            casters[count, 3 * e] = v[0] * across[0] + v[1] * across[1] + v[2] * across[2]
-            casters[count, 3 * e + 1] = v[0] * away[0] + v[1] * away[1] + v[2] * away[2]
-            casters[count, 3 * e + 2] = v[0] * vertical[0] + v[1] * vertical[1] + v[2] * vertical[2]
-        casters[count, 6] = 1.25 * max(volumes[n, 6], volumes[n, 7]) + 0.012
-        if min(casters[count, 2], casters[count, 5]) < floor + SHADOWING:
-            count += 1
-    return casters[:count]
-
-
-@_compiled
-def _lit(nx, ny, nz, light):  # type: ignore[no-untyped-def]
-    """Brightness of a surface with that normal, and its highlight."""
-    toward = nx * light[0] + ny * light[1] + nz * light[2]
+def _shaded(rays: _Rays, cones: np.ndarray, colours: np.ndarray, box: np.ndarray, vertical: np.ndarray) -> np.ndarray:
+    """The picture; `colours`: of the cones and, last, of the box."""
+    light = LIGHT / np.linalg.norm(LIGHT)
+    rows, columns = np.nonzero(rays.member != NOTHING)
+    n, depth = rays.member[rows, columns], rays.depth[rows, columns]
+    normal = rays.normal[:, rows, columns]
+    toward = light.astype(np.float32) @ normal
     lit = 0.5 + 0.5 * toward
-    shine = max(0.0, 2.0 * toward * nz - light[2]) ** 2
-    shine = shine * shine * shine
-    return 0.62 + 0.42 * lit * math.sqrt(lit), 0.10 * shine * shine * shine * shine
+    bright = 0.62 + 0.42 * lit * np.sqrt(np.maximum(lit, 0.0))
+    shine = 0.10 * np.maximum(0.0, 2.0 * toward * normal[2] - light[2]) ** 24
+    body = n >= 0
+    bright = np.where(body, bright * (0.80 + 0.20 * np.sqrt(np.maximum(normal[2], 0.0))), bright)
+    shine = np.where(body, shine, 0.0)
+    top = np.flatnonzero(~body & (vertical.astype(np.float32) @ normal > 0.5))
+    points = np.array([rays.x[columns[top]], rays.y[rows[top]], depth[top]])
+    bright[top] *= 1.0 - 0.42 * np.minimum(1.0, 1.6 * _shadow(points, cones, box, vertical))
+    edge = _outlines(rays.depth, rows, columns)
+    value = np.minimum(1.0, colours[n] * bright[:, None] + shine[:, None])
+    value = value * (1.0 - edge)[:, None] + colours[n] * (0.22 * edge)[:, None]
+    height, width = rays.member.shape[0] // SAMPLES, rays.member.shape[1] // SAMPLES
+    pixel = (rows // SAMPLES) * width + columns // SAMPLES
+    free = SAMPLES**2 - np.bincount(pixel, minlength=height * width)
+    total = np.stack([np.bincount(pixel, value[:, c], height * width) + free * PAPER[c] for c in range(3)], axis=1)
+    return (255.0 / SAMPLES**2 * total + 0.5).astype(np.uint8).reshape(height, width, 3)
 
 
-@_compiled
-def _shadow(x, y, z, casters, across, away, vertical):  # type: ignore[no-untyped-def]
-    """0...1: depth of the shadow at a point of the box, 1 close below the axis of a caster."""
-    p = x * across[0] + y * across[1] + z * across[2]
-    q = x * away[0] + y * away[1] + z * away[2]
-    h = x * vertical[0] + y * vertical[1] + z * vertical[2]
-    shade = 0.0
-    for k in range(casters.shape[0]):
-        px, py = casters[k, 0] - p, casters[k, 1] - q
-        sx, sy = casters[k, 3] - casters[k, 0], casters[k, 4] - casters[k, 1]
+def _shadow(points: np.ndarray, cones: np.ndarray, box: np.ndarray, vertical: np.ndarray) -> np.ndarray:
+    """(n,) 0...1: depth of the shadow at `points` (3, n) of the box, 1 close below the axis of a volume."""
+    across = np.array([vertical[1], -vertical[0], 0.0])  # the camera is level: its x axis is one of the horizontal ones
+    level = np.array([across, np.cross(across, vertical), vertical])
+    p, q, h = level @ points
+    ends = np.stack([cones[:, :3] @ level.T, cones[:, 3:6] @ level.T], axis=1)
+    reach = 1.25 * np.maximum(cones[:, 6], cones[:, 7]) + 0.012
+    shade = np.zeros(points.shape[1])
+    for n in np.flatnonzero(ends[:, :, 2].min(axis=1) < box @ vertical + SHADOWING):
+        (ax, ay, az), (bx, by, bz) = ends[n]
+        px, py, sx, sy = ax - p, ay - q, bx - ax, by - ay
         square = sx * sx + sy * sy
-        t = 0.0 if square < 1e-12 else min(1.0, max(0.0, -(px * sx + py * sy) / square))
-        px, py = px + t * sx, py + t * sy
-        d = (px * px + py * py) / (casters[k, 6] * casters[k, 6])
-        if d < 1.0:
-            height = max(0.0, casters[k, 2] + t * (casters[k, 5] - casters[k, 2]) - h)
-            shade = max(shade, (1.0 - d) * math.exp(-4.0 * height))
+        t = np.clip(-(px * sx + py * sy) / square, 0.0, 1.0) if square >= 1e-12 else np.zeros_like(p)
+        d = ((px + t * sx) ** 2 + (py + t * sy) ** 2) / reach[n] ** 2
+        below = np.flatnonzero(d < 1.0)
+        height = np.maximum(0.0, az + t[below] * (bz - az) - h[below])
+        shade[below] = np.maximum(shade[below], (1.0 - d[below]) * np.exp(-4.0 * height))
     return shade
 
 
-@_compiled
-def _outline(here, up, down, left, right):  # type: ignore[no-untyped-def]
-    """How dark the outline is: where a neighbour's depth lies far behind and none far in front."""
-    jump = max(up - here, down - here, left - here, right - here)
-    fall = max(here - up, here - down, here - left, here - right)
-    return 0.55 if fall > 0.03 and jump < 0.03 else 0.0
+def _outlines(depth: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """How dark the outline is at those rays: where a neighbour's depth lies far behind and none far in front."""
+    low, high = np.full(len(rows), np.inf), np.full(len(rows), -np.inf)
+    last, end = depth.shape[0] - 1, depth.shape[1] - 1
+    for di, dj in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+        beside = depth[np.clip(rows + di, 0, last), np.clip(columns + dj, 0, end)]
+        np.minimum(low, beside, out=low)
+        np.maximum(high, beside, out=high)
+    here = depth[rows, columns]
+    inside = (rows > 0) & (rows < last) & (columns > 0) & (columns < end)
+    return np.where(inside & (here - low > 0.03) & (high - here < 0.03), 0.55, 0.0)
