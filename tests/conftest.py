@@ -19,15 +19,10 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def cache(tmp_path_factory: pytest.TempPathFactory):
-    """Unpacked FMUs go to a fresh folder; compiled kernels stay in the user's cache, where they were compiled once."""
+    """Unpacked FMUs go to a fresh folder."""
     from pathlib import Path
 
-    from sprain_cosim.fmu.cache import cache_folder
-
-    real = cache_folder()
     fresh = tmp_path_factory.mktemp("cache")
-    (real / "kernels").mkdir(parents=True, exist_ok=True)
-    (fresh / "kernels").symlink_to((real / "kernels").resolve(), target_is_directory=True)
     before = os.environ.get("SPRAIN_COSIM_CACHE")
     os.environ["SPRAIN_COSIM_CACHE"] = str(fresh)
     yield Path(fresh)

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sprain_cosim.fmu.build.python import build_python_fmu
 from sprain_cosim.fmu.element import Connector
 from sprain_cosim.fmu.python import PythonComponent, PythonInstance
 from sprain_cosim.units import unit
+from tests.python_fmu import build_python_fmu
 
 MODELS = Path(__file__).parent.parent / "fmus"
 
@@ -70,7 +70,7 @@ def make_fmu(folder: Path, name: str, variables: str, slave: str, extra: str = "
         f"= variables()\n\n{body}\n"
     )
     target = folder / f"{name}.fmu"
-    build_python_fmu(model, target, MODELS / "_fmi.py")
+    build_python_fmu(model, target)
     return target
 
 

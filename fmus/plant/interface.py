@@ -8,7 +8,6 @@ from pathlib import Path
 
 MODEL = "plant"
 DESCRIPTION = "Single-leg landing on an inclined platform: 15 coordinates, 49 muscles, elastic-foundation contact"
-COMPILED = True
 
 ANKLE_MUSCLES = ("ext_dig", "per_brev", "per_long", "per_tert", "ext_hal", "flex_dig", "flex_hal", "tib_post")
 EVERTORS = ANKLE_MUSCLES[:4]

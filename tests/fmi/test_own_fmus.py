@@ -13,12 +13,13 @@ import pytest
 
 from sprain_cosim.cosim.coupling import begin
 from sprain_cosim.errors import SimulationError
-from sprain_cosim.fmu.build import build_fmu, python
+from sprain_cosim.fmu.build import build_fmu
 from sprain_cosim.fmu.component import Component
 from sprain_cosim.fmu.driver import Driver
 from sprain_cosim.scenario import load_scenario
 from sprain_cosim.shipped import FMUS, shipped_fmus
 from sprain_cosim.shipped import SOURCES as MODELS
+from tests import python_fmu
 from tests.fake import brace_variables, make_fmu
 from tests.native import SOURCES
 
@@ -327,7 +328,7 @@ SPRING = """
 def both_binaries(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[Path, Path]:
     """A Python FMU with the binary of its own, and with PythonFMU's, as on a machine without a C compiler."""
     own = make_fmu(tmp_path / "own", "spring", brace_variables(), SPRING)
-    monkeypatch.setattr(python, "_compiled", lambda source: None)
+    monkeypatch.setattr(python_fmu, "_compiled", lambda: None)
     return own, make_fmu(tmp_path / "other", "spring", brace_variables(), SPRING)
 
 

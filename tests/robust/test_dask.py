@@ -16,7 +16,6 @@ import pytest
 
 import sprain_cosim as sc
 from sprain_cosim.errors import EnvironmentProblem, InputError
-from sprain_cosim.fmu.cache import cache_folder
 from sprain_cosim.study.backends.backend import Task
 from sprain_cosim.study.backends.dask import Dask, Missing, _batch, _hashes
 
@@ -79,9 +78,6 @@ def test_files_travel_to_a_worker_that_lacks_them(tmp_path: Path, monkeypatch: p
     moved = replace(scenario, fmus={name: gone[path] for name, path in scenario.fmus.items()})
     pickled = pickle.dumps((Task(moved, ("plant.drop_height",)), {gone[path]: sha for path, sha in hashes.items()}))
     (tmp_path / "cache").mkdir()
-    (tmp_path / "cache" / "kernels").symlink_to(
-        cache_folder() / "kernels", target_is_directory=True
-    )  # compiling them takes a minute
     monkeypatch.setenv("SPRAIN_COSIM_CACHE", str(tmp_path / "cache"))
     jobs = pickle.dumps([Job(3, np.array([0.3]))])
     try:

@@ -1,6 +1,4 @@
-"""The FMU of a model's folder, and all of a clone's.
-
-A folder with `device.py` becomes a native FMU (compile.py, link.py); one with `slave.py` a Python FMU (python.py)."""
+"""The FMU of a model's folder, and all of a clone's."""
 
 from __future__ import annotations
 
@@ -11,7 +9,6 @@ from pathlib import Path
 
 from ...errors import EnvironmentProblem, InputError, nearest
 from ...shipped import FMI3, FMUS, SOURCES
-from . import python
 from .compile import Compiled, compile_devices
 from .description import (
     GUID_PLACE,
@@ -45,19 +42,14 @@ def build_all(names: Iterable[str] = (), platforms: Sequence[str] = ()) -> list[
             raise InputError(f"model {name!r} is not in {SOURCES}{nearest(name, models)}")
     chosen = [models[n] for n in list(names) or list(models)]
     faces = {folder: _face(folder) for folder in chosen}
-    native = [folder for folder in chosen if _is_device(folder)]
     places = platforms or own_platform()
-    compiled = dict(zip(native, compile_devices(native, places) if native else (), strict=True))
     built = []
-    for folder in chosen:
-        target = FMUS / f"{folder.name}.fmu"
-        if folder in compiled:
-            own = _archives(faces[folder], compiled[folder], places)
-            for file, content in ((target, own.fmi2), (FMUS / f"{folder.name}{FMI3}.fmu", own.fmi3)):
-                write_fmu(file, content)
-                built.append((file, own.guid))
-        else:
-            built.append((target, python.build_python_fmu(folder, target)))
+    for folder, compiled in zip(chosen, compile_devices(chosen, places), strict=True):
+        own = _archives(faces[folder], compiled, places)
+        for ending, content in (("", own.fmi2), (FMI3, own.fmi3)):
+            target = FMUS / f"{folder.name}{ending}.fmu"
+            write_fmu(target, content)
+            built.append((target, own.guid))
     return built
 
 
@@ -67,8 +59,6 @@ def build_fmu(folder: Path, target: Path, platforms: Sequence[str] = ()) -> str:
 
     Raises InputError where the folder is at fault, EnvironmentProblem where something to build with is missing."""
     face = _face(folder)
-    if not _is_device(folder):
-        return python.build_python_fmu(folder, target)
     places = platforms or own_platform()
     (compiled,) = compile_devices([folder], places)
     own = _archives(face, compiled, places)
@@ -87,10 +77,9 @@ class Face:
 
 
 def _face(folder: Path) -> Face:
-    law = "device.py" if not (folder / "slave.py").is_file() else "slave.py"
-    for needed in ("interface.py", law):
+    for needed in ("interface.py", "device.py"):
         if not (folder / needed).is_file():
-            raise InputError(f"{folder}: no {needed}; a model's folder holds interface.py and {law}")
+            raise InputError(f"{folder}: no {needed}; a model's folder holds interface.py and device.py")
     path = folder / "interface.py"
     interface = load_interface(path)
     return Face(folder, interface.DESCRIPTION, variables_of(interface, path), getattr(interface, "FIXED_STEP", None))
@@ -105,10 +94,6 @@ def own_platform() -> tuple[str, ...]:
             f"known are {', '.join(PLATFORMS)}"
         )
     return (here,)
-
-
-def _is_device(folder: Path) -> bool:
-    return (folder / "device.py").is_file()
 
 
 @dataclass(frozen=True)

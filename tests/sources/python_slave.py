@@ -1,5 +1,5 @@
 """The slave base class: one array of values and five methods to override, and what the FMU's binary calls. That is
-`_fmi.c`, or on platforms that it was not compiled for the binary of PythonFMU, which asks for values through get_real
+`python_slave.c`, or on platforms that it was not compiled for the binary of PythonFMU, which asks through get_real
 and set_real.
 
 Call order: construct - set parameters and inputs - enter/exit initialisation mode - (set inputs, do_step, read outputs)
@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-PARAMETER, LOCAL = 1, 2  # known to _fmi.c
+PARAMETER, LOCAL = 1, 2  # known to python_slave.c
 
 
 class FmuError(Exception):

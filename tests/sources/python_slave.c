@@ -1,4 +1,4 @@
-/* The FMI 2.0 face of a Python slave (_fmi.py): values are read and written in the slave's own array, without the interpreter; only what
+/* The FMI 2.0 face of a Python slave (python_slave.py): values are read and written in the slave's own array, without the interpreter; only what
    computes calls into Python. The library lives inside a Python process and finds the interpreter's functions there when it is loaded, so it
    needs no Python to be compiled, and one binary serves every version. All functions used belong to Python's stable ABI. */
 
