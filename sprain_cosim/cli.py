@@ -505,6 +505,16 @@ def compare_command(
         )
 
 
+PLATFORM = click.option(
+    "--platform",
+    "platforms",
+    multiple=True,
+    metavar="NAME",
+    help="Of the libraries: linux64, win64, darwin64; may be given more than once (default: this machine's, and win64 "
+    "where mingw-w64 is installed).",
+)
+
+
 @cli.group("brace")
 def brace_group() -> None:
     """Make a brace FMU: from a measured table, or from a template."""
@@ -527,11 +537,12 @@ def brace_new(folder: Path, lang: str) -> None:
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), help="FMU to write (default: FOLDER's name .fmu, here)."
 )
-def brace_build(folder: Path, output: Path | None) -> None:
+@PLATFORM
+def brace_build(folder: Path, output: Path | None, platforms: tuple[str, ...]) -> None:
     """Build the FMU of a brace project (C: with $CC, cc, gcc or clang, else CMake)."""
     from .brace.new import build_brace
 
-    target = build_brace(folder, output)
+    target = build_brace(folder, output, platforms)
     click.echo(f"written: {target}\nnext: sprain-cosim check {target}")
 
 
@@ -651,12 +662,16 @@ def scenarios_command(as_json: bool) -> None:
 
 @cli.command("build")
 @click.argument("models", nargs=-1)
-def build_command(models: tuple[str, ...]) -> None:
-    """Build the FMUs of the clone's fmus/ folder (all, or the MODELS named)."""
+@PLATFORM
+def build_command(models: tuple[str, ...], platforms: tuple[str, ...]) -> None:
+    """Build the FMUs of the clone's fmus/ folder (all, or the MODELS named) whose sources have changed."""
     from .fmu.build import build_all
 
-    for target, guid in build_all(models):
-        click.echo(f"{target}  {guid[:12]}")
+    built = build_all(models, platforms)
+    for fmu in built:
+        click.echo(f"{fmu.file}  {fmu.guid[:12]}{'' if fmu.new else '  current'}")
+    if not built:
+        click.echo("nothing to build: the FMUs ship with the package")
 
 
 @cli.command("validate")

@@ -10,7 +10,9 @@
 #include <string.h>
 #ifdef _WIN32
 #include <wchar.h>
-#include <windows.h>
+/* windows.h has names of its own for INPUT, OUT and others */
+__declspec(dllimport) int __stdcall MultiByteToWideChar(unsigned, unsigned long, const char *, int, wchar_t *, int);
+enum { CP_UTF8 = 65001 };
 #endif
 
 enum { ALIGNMENT = 64, GUID_LENGTH = 64, TEXT = 1024, PATH = 4096 };

@@ -4,16 +4,18 @@ CMake."""
 from __future__ import annotations
 
 import os
-import platform
 import re
 import shutil
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import EnvironmentProblem, InputError
 from ..files import write
-from ..fmu.build import LIBRARIES, build_fmu, headers, pack
+from ..fmu.build import build_fmu, headers, pack
+from ..fmu.build.link import COMPILERS, PLATFORMS, compiler_for, has_compiler, joined, library_command
+from ..fmu.build.models import known_platforms, own_platform, usual_platforms
 from ..process import run_program
 from ..shipped import template
 
@@ -21,7 +23,6 @@ LANGUAGES = {"python": ("interface.py", "device.py"), "c": ("brace.c", "modelDes
 BESIDES = {"python": ("test_device.py", "README.md"), "c": ("README.md",)}
 HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
-COMPILERS = ("cc", "gcc", "clang")
 
 
 def new_brace(folder: Path, language: str) -> list[Path]:
@@ -51,9 +52,10 @@ def new_brace(folder: Path, language: str) -> list[Path]:
     return written
 
 
-def build_brace(folder: Path, target: Path | None = None) -> Path:
-    """The project's FMU, `target` or NAME.fmu in the present folder. Raises InputError where the project is at fault,
-    EnvironmentProblem where there is no compiler."""
+def build_brace(folder: Path, target: Path | None = None, platforms: Sequence[str] = ()) -> Path:
+    """The project's FMU, `target` or NAME.fmu in the present folder, for `platforms` (default: this machine's, and
+    win64 where a compiler for it is installed). Raises InputError where the project is at fault, EnvironmentProblem
+    where there is no compiler."""
     language = next((k for k, files in LANGUAGES.items() if (folder / files[0]).is_file()), None)
     if language is None:
         raise InputError(f"{folder}: no interface.py and no brace.c, so no project of `sprain-cosim brace new`")
@@ -64,44 +66,47 @@ def build_brace(folder: Path, target: Path | None = None) -> Path:
     target = target or Path(f"{folder.resolve().name}.fmu")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        build_fmu(folder, target) if language == "python" else _build_c(folder, target)
+        build = build_fmu if language == "python" else _build_c
+        build(folder, target, known_platforms(platforms))
     except OSError as problem:
         raise EnvironmentProblem(f"{target}: cannot be written: {problem.strerror or problem}") from None
     return target
 
 
-def _build_c(folder: Path, target: Path) -> None:
+def _build_c(folder: Path, target: Path, platforms: Sequence[str]) -> None:
     found = re.search(r'modelIdentifier="([^"]+)"', (folder / "modelDescription.xml").read_text("utf-8"))
     if found is None:
         raise InputError(f"{folder / 'modelDescription.xml'}: no modelIdentifier")
-    asked = os.environ.get("CC")
-    compiler = shutil.which(asked) if asked else next((c for c in map(shutil.which, COMPILERS) if c), None)
-    if asked and compiler is None:
-        raise EnvironmentProblem(f"the C compiler that CC names, {asked}, is not there")
-    place = LIBRARIES.get((platform.system(), platform.machine()))
+    if not platforms:
+        known = own_platform()
+        if known and os.environ.get("CC"):
+            compiler_for(known)  # what CC names is there
+        if not known or not has_compiler(known):
+            write(target, _by_cmake(folder, found[1]))
+            return
+    files = {"modelDescription.xml": (folder / "modelDescription.xml").read_bytes()}
+    files |= {f"documentation/{p.name}": p.read_bytes() for p in sorted(folder.glob("*.md"))}
+    for name in platforms or usual_platforms():
+        place, slices = PLATFORMS[name], {}
+        for part in place.slices:
+            with tempfile.TemporaryDirectory() as work:
+                library = Path(work) / f"{found[1]}{place.ending}"
+                _call(library_command(part, library, ["-O2", "-Ifmi", "brace.c", "-lm"]), folder)
+                slices[part] = library.read_bytes()
+        files[f"binaries/{place.folder}/{found[1]}{place.ending}"] = joined(slices)
+    write(target, pack(files))
+
+
+def _by_cmake(folder: Path, name: str) -> bytes:
+    cmake = shutil.which("cmake", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', os.defpath)}")
+    if cmake is None:
+        raise EnvironmentProblem(
+            f"no C compiler: none of {', '.join(COMPILERS)} nor cmake on the PATH; install one, or name it in CC"
+        )
     with tempfile.TemporaryDirectory() as work:
-        if compiler is not None and place is not None:
-            library = Path(work) / f"{found[1]}{place[1]}"
-            _call([compiler, "-shared", "-fPIC", "-O2", "-Ifmi", "-o", str(library), "brace.c", "-lm"], folder)
-            files = {
-                "modelDescription.xml": (folder / "modelDescription.xml").read_bytes(),
-                f"binaries/{place[0]}/{library.name}": library.read_bytes(),
-            }
-            files |= {f"documentation/{p.name}": p.read_bytes() for p in sorted(folder.glob("*.md"))}
-            content = pack(files)
-        else:
-            cmake = shutil.which(
-                "cmake", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', os.defpath)}"
-            )
-            if cmake is None:
-                raise EnvironmentProblem(
-                    f"no C compiler: none of {', '.join(COMPILERS)} nor cmake on the PATH; install one, or name it in "
-                    "CC"
-                )
-            _call([cmake, "-S", ".", "-B", work], folder)
-            _call([cmake, "--build", work, "--config", "Release"], folder)
-            content = (Path(work) / f"{found[1]}.fmu").read_bytes()
-    write(target, content)
+        _call([cmake, "-S", ".", "-B", work], folder)
+        _call([cmake, "--build", work, "--config", "Release"], folder)
+        return (Path(work) / f"{name}.fmu").read_bytes()
 
 
 def _call(command: list[str], folder: Path) -> None:

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..brace.new import COMPILERS
 from ..errors import InputError, SimulationError
 from ..files import read_toml
+from ..fmu.build.link import COMPILERS
 from ..scenario import Scenario, Value, load_scenario
 from ..shipped import FMUS, SOURCES
 from ..study.file import load_study

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import ctypes
 import shutil
+import struct
+import sys
 import textwrap
 import zipfile
 from pathlib import Path
@@ -12,9 +14,12 @@ from pathlib import Path
 import llvmlite
 import numba
 import pytest
+from click.testing import CliRunner
 
 from sprain_cosim import EnvironmentProblem, InputError
-from sprain_cosim.fmu.build import build_fmu, compile, link
+from sprain_cosim.cli import cli
+from sprain_cosim.fmu.build import build_fmu, compile, link, models
+from sprain_cosim.fmu.build.built import BuildRecord
 from sprain_cosim.fmu.build.compile import ALLOWED, TARGETS, compile_devices
 from sprain_cosim.fmu.build.device import read_device
 from sprain_cosim.shipped import SOURCES
@@ -206,13 +211,87 @@ def test_what_the_compiler_uses_of_numba_that_is_no_api(tmp_path: Path) -> None:
         assert compile.emit(device, module, TARGETS["linux64"].triple, level).startswith(b"\x7fELF")
 
 
-def test_without_numba_the_cure_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def without_numba(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where the extra [build] is not installed: neither this process nor one that compiles has numba."""
     (tmp_path / "hidden").mkdir()
-    (tmp_path / "hidden" / "numba.py").write_text("raise ImportError('no', name='numba')")
-    folder = project(tmp_path / "probe", "def refresh(values):\n    pass")
+    (tmp_path / "hidden" / "numba.py").write_text("raise ModuleNotFoundError('no', name='numba')")
     monkeypatch.syspath_prepend(str(tmp_path / "hidden"))
-    with pytest.raises(EnvironmentProblem, match=r"numba is not installed; to compile devices, .*\[build\]"):
-        compile_devices([folder], ["linux64"])
+    monkeypatch.setitem(sys.modules, "numba", None)
+
+
+def test_without_numba_the_cure_is_named(tmp_path: Path, without_numba: None) -> None:
+    folder = project(tmp_path / "probe", "def refresh(values):\n    pass")
+    importing = project(tmp_path / "other", "import numba\n\ndef refresh(values):\n    pass")
+    for at_fault in (folder, importing):
+        with pytest.raises(EnvironmentProblem, match=r"numba is not installed; to compile devices, .*\[build\]"):
+            compile_devices([at_fault], ["linux64"])
+
+
+def test_a_build_without_a_change_compiles_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(models, "SOURCES", tmp_path / "fmus")
+    monkeypatch.setattr(models, "FMUS", tmp_path / "built")
+    monkeypatch.setattr(models, "usual_platforms", lambda: ("linux64",))
+    one, two = (
+        project(tmp_path / "fmus" / name, f"def refresh(values):\n    values.subtalar_torque = {k}.0")
+        for k, name in enumerate(("one", "two"))
+    )
+    first = models.build_all()
+    assert [(b.file.name, b.new) for b in first] == [
+        ("one.fmu", True), ("one_fmi3.fmu", True), ("two.fmu", True), ("two_fmi3.fmu", True),
+    ]  # fmt: skip
+    with monkeypatch.context() as bare:
+        bare.setenv("PATH", "")
+        outcome = CliRunner().invoke(cli, ["build"])
+        assert outcome.exit_code == 0, outcome.output
+        assert {line.split()[-1] for line in outcome.output.splitlines()} == {"current"}
+    asked: list[Path] = []
+    compiler = models.compile_devices
+
+    def watched(folders: list[Path], slices: list[str]) -> list[compile.Compiled]:
+        asked.extend(folders)
+        return compiler(folders, slices)
+
+    monkeypatch.setattr(models, "compile_devices", watched)
+    assert [(b.file, b.guid) for b in models.build_all()] == [(b.file, b.guid) for b in first]
+    assert asked == [], "current: what compiles is not asked"
+    (two / "device.py").write_text("def refresh(values):\n    values.subtalar_torque = 5.0\n")
+    assert [b.new for b in models.build_all()] == [False, False, True, True]
+    assert asked == [two]
+    record = BuildRecord.read(tmp_path / "built")
+    assert record.current(one, ["linux64"])
+    assert not record.current(one, ["linux64", "win64"])
+    (tmp_path / "built" / "one.fmu").write_bytes(b"damaged")
+    assert not record.current(one, ["linux64"])
+    (tmp_path / "built" / "built.json").write_text("[]")
+    assert not BuildRecord.read(tmp_path / "built").current(two, ["linux64"])
+    with pytest.raises(InputError, match=r"'tow' is not in .*did you mean two"):
+        models.build_all(["tow"])
+    with pytest.raises(InputError, match=r"'linux' is not one of linux64, win64, darwin64 \(did you mean linux64"):
+        models.build_all(platforms=["linux"])
+
+
+def test_an_installed_package_has_nothing_to_build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(models, "SOURCES", tmp_path)
+    assert models.build_all() == models.build_all(["plant"]) == []
+    with pytest.raises(InputError, match=r"'plnat' is not in .*did you mean plant"):
+        models.build_all(["plnat"])
+
+
+def test_the_file_of_two_processors_is_apple_s() -> None:
+    """A table of big-endian words, then each slice at a page of 16 KiB."""
+    slices = {
+        "darwin64": struct.pack("<III", 0xFEEDFACF, 0x01000007, 3) + b"intel",
+        "aarch64-darwin": struct.pack("<III", 0xFEEDFACF, 0x0100000C, 0) + b"arm",
+    }
+    whole = link.joined(slices)
+    assert struct.unpack_from(">II", whole) == (0xCAFEBABE, 2)
+    for k, content in enumerate(slices.values()):
+        kind, subtype, offset, size, align = struct.unpack_from(">5I", whole, 8 + 20 * k)
+        assert (kind, subtype) == struct.unpack_from("<II", content, 4)
+        assert offset % (1 << align) == 0
+        assert whole[offset : offset + size] == content
+    assert link.joined({"linux64": b"elf"}) == b"elf"
 
 
 def test_without_a_c_compiler_the_cure_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ import pytest
 from sprain_cosim import EnvironmentProblem, InputError, check_brace, load_scenario
 from sprain_cosim.brace import new as project
 from sprain_cosim.brace.probe import Rig
+from sprain_cosim.fmu.build import link
 from sprain_cosim.fmu.component import Component
 from tests.docs_commands import play
 
@@ -97,7 +98,7 @@ def test_law_of_the_python_template(built: Path) -> None:
 def test_with_cmake_where_no_compiler_is_called_by_name(
     built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(project, "COMPILERS", ())
+    monkeypatch.setattr(link, "COMPILERS", ())
     monkeypatch.delenv("CC", raising=False)
     fmu = project.build_brace(built / "c", tmp_path / "by_cmake.fmu")
     assert fmpy.validation.validate_fmu(str(fmu)) == []
@@ -120,7 +121,7 @@ def test_no_compiler_is_an_environment_problem(built: Path, tmp_path: Path, monk
 
 
 def test_cmake_without_a_compiler(built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(project, "COMPILERS", ())
+    monkeypatch.setattr(link, "COMPILERS", ())
     fake = tmp_path / "cmake"
     fake.write_text('#!/bin/sh\necho "CMake Error: CMAKE_C_COMPILER not set, after EnableLanguage" >&2\nexit 1\n')
     fake.chmod(0o755)

@@ -1,7 +1,6 @@
 """FMUs built from the folders of fmus/ and from the projects of `brace new`."""
 
 from .description import BASE_UNITS as BASE_UNITS
-from .link import LIBRARIES as LIBRARIES
 from .link import headers as headers
 from .models import CONSTANTS as CONSTANTS
 from .models import build_all as build_all

@@ -41,7 +41,8 @@ ENVIRONMENT = {
     "PYTHONHASHSEED": "0",
     "PYTHONDONTWRITEBYTECODE": "1",
 }
-NEEDED = "the extra [build]: pip install 'sprain-cosim[build]'"
+NEEDED = "the extra [build]: pip install 'sprain-cosim[build]'; in a clone: pip install -e '.[build]'"
+COMPILING = ("numba", "llvmlite", "mujoco")
 MATH = {
     *("acos", "acosh", "asin", "asinh", "atan", "atan2", "atanh", "cbrt", "ceil", "copysign", "cos", "cosh", "exp"),
     *("exp2", "expm1", "fabs", "floor", "fmod", "hypot", "ldexp", "log", "log10", "log1p", "log2", "pow", "round"),
@@ -148,6 +149,10 @@ def _write(target: Path, folder: Path, platforms: Sequence[str]) -> dict[str, An
         device = read_device(folder)
     except SprainError:
         raise
+    except ModuleNotFoundError as problem:
+        if problem.name in COMPILING:
+            raise _missing(problem) from None
+        raise InputError(_in_one_line(problem, folder)) from None
     except Exception as problem:  # both files are run
         raise InputError(_in_one_line(problem, folder)) from None
     module, returns = lower(device)
@@ -171,6 +176,10 @@ def _write(target: Path, folder: Path, platforms: Sequence[str]) -> dict[str, An
         "reasons": [(r.format, r.offset) for r in device.reasons],
         "sources": _sources(device),
     }
+
+
+def _missing(problem: ImportError) -> EnvironmentProblem:
+    return EnvironmentProblem(f"{problem.name} is not installed; to compile devices, {NEEDED}")
 
 
 def symbols(device: Device) -> dict[str, str]:
@@ -212,7 +221,7 @@ def lower(device: Device) -> tuple[str, dict[str, bool]]:
         from numba import types
         from numba.np.numpy_support import from_dtype
     except ImportError as problem:
-        raise EnvironmentProblem(f"{problem.name} is not installed; to compile devices, {NEEDED}") from None
+        raise _missing(problem) from None
     compilable = Compilable(device)
     for module in device.modules:
         for name, value in list(vars(module).items()):

@@ -7,8 +7,10 @@ import importlib.util
 import math
 import os
 import shutil
+import struct
+import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,12 +21,6 @@ from .compile import TARGETS, Compiled, prefix
 from .description import Variables
 from .device import FUNCTIONS
 
-LIBRARIES = {  # (system, machine): folder of FMI 2.0 and ending of a shared library
-    ("Linux", "x86_64"): ("linux64", ".so"),
-    ("Linux", "aarch64"): ("linux64", ".so"),
-    ("Darwin", "x86_64"): ("darwin64", ".dylib"),
-    ("Darwin", "arm64"): ("darwin64", ".dylib"),
-}
 COMPILERS = ("cc", "gcc", "clang")
 SHIM = ("device.c", "fmi2.c", "fmi3.c")  # one library speaks both versions
 FIELDS = {  # of an argument of a device's function: its C type, and where Call has it
@@ -40,48 +36,73 @@ FIELDS = {  # of an argument of a device's function: its C type, and where Call 
 
 @dataclass(frozen=True)
 class Platform:
-    """`folder2`, `folder3`: its name in archives of FMI 2 and 3; `ending` of a shared library; `options` of the
-    linker."""
+    """`folder`: its name in archives of FMI 2.0; `ending` of a shared library; `slices`: the processors whose code it
+    holds, by their names in TARGETS."""
 
-    folder2: str
-    folder3: str
+    folder: str
     ending: str
-    options: tuple[str, ...]
+    slices: tuple[str, ...]
 
 
 PLATFORMS = {
-    "linux64": Platform(
-        "linux64",
-        "x86_64-linux",
-        ".so",
-        ("-fPIC", "-s", "-Wl,--build-id=none", "-Wl,-z,defs", "-Wl,-z,noexecstack", "-Wl,--hash-style=gnu"),
-    ),
-    "win64": Platform("win64", "x86_64-windows", ".dll", ("-static", "-s", "-Wl,--no-insert-timestamp")),
+    "linux64": Platform("linux64", ".so", ("linux64",)),
+    "win64": Platform("win64", ".dll", ("win64",)),
+    "darwin64": Platform("darwin64", ".dylib", ("darwin64", "aarch64-darwin")),
 }
+FOLDERS_3 = {  # of a slice in archives of FMI 3.0
+    "linux64": "x86_64-linux",
+    "win64": "x86_64-windows",
+    "darwin64": "x86_64-darwin",
+    "aarch64-darwin": "aarch64-darwin",
+}
+OPTIONS = {  # of a slice
+    "linux64": ("-fPIC", "-s", "-Wl,--build-id=none", "-Wl,-z,defs", "-Wl,-z,noexecstack", "-Wl,--hash-style=gnu"),
+    "win64": ("-static", "-s", "-Wl,--no-insert-timestamp"),
+    "darwin64": ("-fPIC", "-s"),
+    "aarch64-darwin": ("-fPIC", "-s"),
+}
+MINGW = "x86_64-w64-mingw32-"
+ZIG = {"darwin64": "x86_64-macos.11.0", "aarch64-darwin": "aarch64-macos.11.0"}
+# mingw-w64's own are of the x87 unit: twice the time of a landing; these are exported by the C library of Windows
+MATH_OF_WINDOWS = (
+    *("acos", "asin", "atan", "atan2", "ceil", "cos", "cosh", "exp", "floor", "fmod", "log", "log10", "pow", "sin"),
+    *("sinh", "sqrt", "tan", "tanh", "cosf", "expf", "logf", "powf", "sinf", "sqrtf"),
+)
 
 
-def compiler_for(platform: str) -> str:
-    """The C compiler that links for `platform`. Raises EnvironmentProblem, naming what to install."""
+def compiler_for(platform: str) -> list[str]:
+    """The command that compiles C for a platform or one of its slices and links it. Raises EnvironmentProblem, naming
+    what to install."""
     if platform == "win64":
-        found = shutil.which("x86_64-w64-mingw32-gcc")
+        found = shutil.which(f"{MINGW}gcc")
         if found is None:
             raise EnvironmentProblem(
-                "no compiler for win64: x86_64-w64-mingw32-gcc is not on the PATH; on Debian install "
-                "gcc-mingw-w64-x86-64"
+                f"no compiler for win64: {MINGW}gcc is not on the PATH; on Debian install gcc-mingw-w64-x86-64"
             )
-        return found
+        return [found]
+    if platform in ZIG:
+        if importlib.util.find_spec("ziglang") is None:
+            raise EnvironmentProblem("no compiler for darwin64: the package ziglang is not installed")
+        return [sys.executable, "-m", "ziglang", "cc", "-target", ZIG[platform]]
     asked = os.environ.get("CC")
     if asked:
         found = shutil.which(asked)
         if found is None:
             raise EnvironmentProblem(f"the C compiler that CC names, {asked}, is not there")
-        return found
+        return [found]
     found = next((c for c in map(shutil.which, COMPILERS) if c), None)
     if found is None:
         raise EnvironmentProblem(
             f"no C compiler: none of {', '.join(COMPILERS)} on the PATH; install one, or name it in CC"
         )
-    return found
+    return [found]
+
+
+def has_compiler(platform: str) -> bool:
+    try:
+        return bool(compiler_for(platform))
+    except EnvironmentProblem:
+        return False
 
 
 def headers() -> Path:
@@ -95,32 +116,63 @@ def shim() -> Path:
     return template("native", "_native")
 
 
-def link(compiled: Compiled, variables: Variables, guid: str, platform: str) -> bytes:
-    """The library for `platform`. Raises EnvironmentProblem without a compiler for it, InputError where it fails."""
-    compiler = compiler_for(platform)
-    levels = TARGETS[platform].levels
+def link(compiled: Compiled, variables: Variables, guid: str, platform: str) -> dict[str, bytes]:
+    """{slice of the platform: library}. Raises EnvironmentProblem without a compiler for it, InputError where it
+    fails."""
+    place = PLATFORMS[platform]
+    return {part: _linked(compiled, variables, guid, part, place.ending) for part in place.slices}
+
+
+def _linked(compiled: Compiled, variables: Variables, guid: str, part: str, ending: str) -> bytes:
+    levels = TARGETS[part].levels
     with tempfile.TemporaryDirectory() as work:
         folder = Path(work)
         (folder / "table.c").write_text(c_table(compiled, variables, guid, levels), "utf-8")
         for name in (*SHIM, "device.h"):
             shutil.copyfile(shim() / name, folder / name)
         for level in levels:
-            (folder / f"{level}.o").write_bytes(compiled.objects[platform, level])
-        options = [
-            "-std=gnu11",
-            "-O2",
-            "-ffp-contract=off",
-            "-shared",
-            "-fvisibility=hidden",
-            *PLATFORMS[platform].options,
-        ]
+            (folder / f"{level}.o").write_bytes(compiled.objects[part, level])
         sources = [*SHIM, "table.c", *(f"{level}.o" for level in levels)]
-        command = [compiler, *options, f"-I{headers()}", "-o", "library", *sources, "-lm"]
-        ended = run_program(command, folder, environment={"SOURCE_DATE_EPOCH": "0", "LC_ALL": "C"})
-        if ended.returncode:
-            errors = [line for line in ended.stderr.splitlines() if "error" in line.lower() or "undefined" in line]
-            raise InputError(f"{compiled.name}: {compiler} cannot link it: {(errors or ['no message'])[0]}")
-        return (folder / "library").read_bytes()
+        if part == "win64":
+            sources.append(_math_of_windows(folder))
+        options = ["-std=gnu11", "-O2", "-ffp-contract=off", "-fvisibility=hidden", f"-I{headers()}"]
+        library = folder / f"{compiled.name}{ending}"
+        _run(compiled.name, library_command(part, library, [*options, *sources, "-lm"]), folder)
+        return library.read_bytes()
+
+
+def library_command(part: str, library: Path, arguments: Sequence[str]) -> list[str]:
+    """What makes `library` of one slice; `arguments`: sources, and options before and after them."""
+    place = ["-Wl,-install_name", f"-Wl,@rpath/{library.name}"] if part in ZIG else []
+    return [*compiler_for(part), "-shared", *OPTIONS[part], *place, "-o", str(library), *arguments]
+
+
+def _math_of_windows(folder: Path) -> str:
+    (folder / "math.def").write_text("LIBRARY msvcrt.dll\nEXPORTS\n" + "\n".join(MATH_OF_WINDOWS) + "\n")
+    tool = compiler_for("win64")[0].removesuffix("gcc") + "dlltool"
+    _run("msvcrt", [tool, "--deterministic-libraries", "-d", "math.def", "-l", "libmsmath.a"], folder)
+    return "libmsmath.a"
+
+
+def _run(name: str, command: Sequence[str], folder: Path) -> None:
+    ended = run_program(command, folder, environment={"SOURCE_DATE_EPOCH": "0", "LC_ALL": "C"})
+    if ended.returncode:
+        said = [line.strip() for line in (ended.stderr + ended.stdout).splitlines() if line.strip()]
+        worst = [line for line in said if "error" in line.lower() or "undefined" in line] or said or ["no message"]
+        raise InputError(f"{name}: {command[0]} cannot link it: {worst[0]}")
+
+
+def joined(slices: Mapping[str, bytes]) -> bytes:
+    """One library of all slices: Apple's universal file, a table of slices in front of them (mach-o/fat.h)."""
+    if len(slices) == 1:
+        return next(iter(slices.values()))
+    align, head, body = 14, [], b""
+    start = 1 << align
+    for content in slices.values():
+        kind, subtype = struct.unpack_from("<II", content, 4)
+        head.append(struct.pack(">5I", kind, subtype, start + len(body), len(content), align))
+        body += content + bytes(-len(content) % (1 << align))
+    return (struct.pack(">2I", 0xCAFEBABE, len(slices)) + b"".join(head)).ljust(start, b"\0") + body
 
 
 def c_table(compiled: Compiled, variables: Variables, guid: str, levels: Sequence[str]) -> str:

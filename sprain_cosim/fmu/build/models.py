@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import EnvironmentProblem, InputError, nearest
-from ...shipped import FMI3, FMUS, SOURCES
+from ...shipped import FMI3, FMUS, SOURCES, shipped_fmus
+from .built import BuildRecord, Built
 from .compile import Compiled, compile_devices
 from .description import (
     GUID_PLACE,
@@ -18,49 +19,57 @@ from .description import (
     model_description_3,
     variables_of,
 )
-from .link import PLATFORMS, link, shim
+from .link import FOLDERS_3, PLATFORMS, compiler_for, has_compiler, joined, link, shim
 from .packing import digest, tree, write_fmu
 
 CONSTANTS = "resources/constants.bin"
 HERE = {("Linux", "x86_64"): "linux64", ("Windows", "AMD64"): "win64"}
 
 
-def build_all(names: Iterable[str] = (), platforms: Sequence[str] = ()) -> list[tuple[Path, str]]:
-    """Builds the models of the clone's fmus/ folder (or those named) to where the package looks for them: (file, GUID)
-    of each.
+def build_all(names: Iterable[str] = (), platforms: Sequence[str] = ()) -> list[Built]:
+    """The FMUs of the clone's fmus/ folder (or of the models named) where the package looks for them, built where they
+    are not what their sources give. `platforms`: default those of `usual_platforms`. None outside a clone, where the
+    FMUs ship with the package.
 
-    Raises InputError outside a clone or for a name that is no model."""
+    Raises InputError for a name that is no model, EnvironmentProblem where something to build with is missing."""
     models = {
         p.parent.name: p.parent
         for p in sorted(SOURCES.glob("*/interface.py"))
         if not p.parent.name.startswith("brace_template_")
     }
-    if not models:
-        raise InputError(f"{SOURCES}: no models to build; an installed package ships its FMUs ready")
+    known = models or shipped_fmus()
     for name in names:
-        if name not in models:
-            raise InputError(f"model {name!r} is not in {SOURCES}{nearest(name, models)}")
-    chosen = [models[n] for n in list(names) or list(models)]
+        if name not in known:
+            raise InputError(f"model {name!r} is not in {SOURCES if models else FMUS}{nearest(name, known)}")
+    if not models:
+        return []
+    chosen = [models[n] for n in dict.fromkeys(names)] or list(models.values())
     faces = {folder: _face(folder) for folder in chosen}
-    places = platforms or own_platform()
-    built = []
-    for folder, compiled in zip(chosen, compile_devices(chosen, places), strict=True):
+    places = known_platforms(platforms) or usual_platforms()
+    record = BuildRecord.read(FMUS)
+    built = {folder: record.current(folder, places) for folder in chosen}
+    stale = [folder for folder in chosen if not built[folder]]
+    if stale:
+        _check_compilers(places)
+    for folder, compiled in zip(stale, compile_devices(stale, slices(places)) if stale else (), strict=True):
         own = _archives(faces[folder], compiled, places)
-        for ending, content in (("", own.fmi2), (FMI3, own.fmi3)):
-            target = FMUS / f"{folder.name}{ending}.fmu"
-            write_fmu(target, content)
-            built.append((target, own.guid))
-    return built
+        files = {FMUS / f"{folder.name}.fmu": own.fmi2, FMUS / f"{folder.name}{FMI3}.fmu": own.fmi3}
+        for file, content in files.items():
+            write_fmu(file, content)
+        built[folder] = record.add(folder, places, own.guid, files)
+        record.write()
+    return [fmu for folder in chosen for fmu in built[folder]]
 
 
 def build_fmu(folder: Path, target: Path, platforms: Sequence[str] = ()) -> str:
-    """Writes `target` from the model in `folder`, for `platforms` (default: this machine's): FMI 2.0, or 3.0 where its
-    name ends in _fmi3. Returns the GUID.
+    """Writes `target` from the model in `folder`, for `platforms` (default: those of `usual_platforms`): FMI 2.0, or
+    3.0 where its name ends in _fmi3. Returns the GUID.
 
     Raises InputError where the folder is at fault, EnvironmentProblem where something to build with is missing."""
     face = _face(folder)
-    places = platforms or own_platform()
-    (compiled,) = compile_devices([folder], places)
+    places = known_platforms(platforms) or usual_platforms()
+    _check_compilers(places)
+    (compiled,) = compile_devices([folder], slices(places))
     own = _archives(face, compiled, places)
     write_fmu(target, own.fmi3 if target.stem.endswith(FMI3) else own.fmi2)
     return own.guid
@@ -85,15 +94,37 @@ def _face(folder: Path) -> Face:
     return Face(folder, interface.DESCRIPTION, variables_of(interface, path), getattr(interface, "FIXED_STEP", None))
 
 
-def own_platform() -> tuple[str, ...]:
-    """Raises EnvironmentProblem where devices cannot be compiled for this machine."""
-    here = HERE.get((machine.system(), machine.machine()))
+def own_platform() -> str | None:
+    return HERE.get((machine.system(), machine.machine()))
+
+
+def usual_platforms() -> tuple[str, ...]:
+    """This machine's, and win64 where a compiler for it is installed. Raises EnvironmentProblem where devices cannot be
+    compiled for this machine."""
+    here = own_platform()
     if here is None:
         raise EnvironmentProblem(
             f"devices cannot be compiled for {machine.system()} on {machine.machine()}; "
             f"known are {', '.join(PLATFORMS)}"
         )
-    return (here,)
+    return tuple(dict.fromkeys((here, *(("win64",) if has_compiler("win64") else ()))))
+
+
+def known_platforms(platforms: Sequence[str]) -> tuple[str, ...]:
+    for name in platforms:
+        if name not in PLATFORMS:
+            raise InputError(f"platform {name!r} is not one of {', '.join(PLATFORMS)}{nearest(name, PLATFORMS)}")
+    return tuple(dict.fromkeys(platforms))
+
+
+def slices(platforms: Iterable[str]) -> list[str]:
+    return [part for platform in platforms for part in PLATFORMS[platform].slices]
+
+
+def _check_compilers(platforms: Iterable[str]) -> None:
+    """Before the first device is compiled, not after the last one."""
+    for part in slices(platforms):
+        compiler_for(part)
 
 
 @dataclass(frozen=True)
@@ -120,9 +151,10 @@ def _archives(face: Face, compiled: Compiled, platforms: Sequence[str]) -> Archi
     fmi3 = {"modelDescription.xml": second.replace(GUID_PLACE, guid).encode(), **common}
     for platform in platforms:
         place = PLATFORMS[platform]
-        library = link(compiled, face.variables, guid, platform)
-        fmi2[f"binaries/{place.folder2}/{compiled.name}{place.ending}"] = library
-        fmi3[f"binaries/{place.folder3}/{compiled.name}{place.ending}"] = library
+        libraries = link(compiled, face.variables, guid, platform)
+        fmi2[f"binaries/{place.folder}/{compiled.name}{place.ending}"] = joined(libraries)
+        for part, library in libraries.items():
+            fmi3[f"binaries/{FOLDERS_3[part]}/{compiled.name}{place.ending}"] = library
     return Archives(guid, fmi2, fmi3)
 
 
