@@ -102,6 +102,7 @@ def run_command(
     as_json: bool,
 ) -> None:
     """Run one landing: SCENARIO is a file, or the name of one that ships."""
+    from .brace.doubts import device_doubts
     from .folders.run import FILE, FILES, RunSummary, check_run_folder
     from .scenario import load_scenario
 
@@ -111,7 +112,7 @@ def run_command(
         chosen = chosen.isolated()
     if in_process:
         chosen = chosen.unconfined()
-    for warning in (*chosen.warnings, *chosen.doubts()):
+    for warning in (*chosen.warnings, *chosen.doubts(), *device_doubts(chosen)):
         click.echo(f"warning: {warning}", err=True)
     if out is not None:
         check_run_folder(out)
@@ -225,6 +226,7 @@ def study_command(
     as_json: bool,
 ) -> None:
     """Run many landings: STUDY is a file, or the name of one that ships."""
+    from .brace.doubts import device_doubts
     from .study.file import load_study
     from .study.listing import study_listing
     from .study.progress import reporter
@@ -240,7 +242,7 @@ def study_command(
         if method not in (None, "table") or trials is not None:
             raise InputError("--inputs: its rows are the trials; leave --method and --trials out")
         chosen = chosen.with_inputs(inputs)
-    for warning in (*chosen.warnings, *chosen.scenario.doubts()):
+    for warning in (*chosen.warnings, *chosen.scenario.doubts(), *device_doubts(chosen.scenario)):
         click.echo(f"warning: {warning}", err=True)
     share = _share(max_failed)
     portion = part(shard) if shard else None

@@ -112,7 +112,7 @@ def _signals(link: str, causality: str, known: MappingOf[str, Unit]) -> keys.Nam
                 keys.Value("text", {"type": "string"}, _unit),
                 "the FMU's unit where it declares none or a wrong one, such as deg or N.mm; ? is one still to be "
                 "stated, which no run takes",
-                "as declared",
+                "as declared; where the FMU declares none it must be stated",
             ),
             keys.Key(
                 "arm",
@@ -191,7 +191,7 @@ class Signal:
     factors    of each, not 0
     arm        [m] of the lever between the FMU's force, travel or speed and the signal; None: there is none
     offset     in the FMU's unit
-    unit       the FMU's; None: as declared; UNKNOWN: still to be stated
+    unit       the FMU's; None: as declared, which the FMU must do; UNKNOWN: still to be stated
     """
 
     variables: tuple[str, ...]
@@ -228,25 +228,23 @@ class Mapping:
     expect_sha256: str = ""
     constants: MappingOf[str, Any] = field(default_factory=dict)
 
-    @property
-    def open_units(self) -> tuple[str, ...]:
-        """The entries whose unit is "?"."""
-        sections = (("inputs", self.inputs), ("outputs", self.outputs))
-        return tuple(f"{k}.{name}" for k, signals in sections for name, s in signals.items() if s.unit == UNKNOWN)
+    def unstated(self, component: Component) -> tuple[str, ...]:
+        """The signals whose unit nobody has stated: "?" in the file, or neither there nor in the FMU."""
+        both = {**self.inputs, **self.outputs}
+        return tuple(name for name, signal in both.items() if _is_unstated(signal, component))
 
-    def read_as(self, angle: str) -> Mapping:
-        """The same with every "?" read with angles in `angle` ("deg" or "rad") and torques in N.m."""
-        units = {"_angle": angle, "_velocity": f"{angle}/s", "_torque": "N.m"}
+    def read_as(self, component: Component, units: MappingOf[str, str]) -> Mapping:
+        """The same with the units that nobody has stated read as `units` {end of a signal's name: unit}, else SI."""
 
-        def stated(name: str, signal: Signal) -> Signal:
-            if signal.unit != UNKNOWN:
+        def stated(name: str, signal: Signal, known: MappingOf[str, Unit]) -> Signal:
+            if not _is_unstated(signal, component):
                 return signal
-            return replace(signal, unit=next((unit(u) for end, u in units.items() if name.endswith(end)), None))
+            return replace(signal, unit=next((unit(u) for end, u in units.items() if name.endswith(end)), known[name]))
 
         return replace(
             self,
-            inputs={name: stated(name, signal) for name, signal in self.inputs.items()},
-            outputs={name: stated(name, signal) for name, signal in self.outputs.items()},
+            inputs={name: stated(name, signal, INPUTS) for name, signal in self.inputs.items()},
+            outputs={name: stated(name, signal, OUTPUTS) for name, signal in self.outputs.items()},
         )
 
     def apply(self, component: Component) -> Component:
@@ -304,6 +302,13 @@ class Mapping:
                 except InputError as problem:
                     problems.append(str(problem))
         return problems
+
+
+def _is_unstated(signal: Signal, component: Component) -> bool:
+    if signal.unit is not None:
+        return signal.unit == UNKNOWN
+    found = [component.connectors[name] for name in signal.variables if name in component.connectors]
+    return any(connector.unit is None and connector.kind == "real" for connector in found)
 
 
 def _put(
@@ -370,11 +375,11 @@ def _sum(name: str, signal: Signal, parts: Sequence[Connector]) -> Connector:
 
 def _renamed(name: str, found: Connector, signal: Signal, weight: float, causality: str) -> Connector:
     signal_unit = (INPUTS if causality == "input" else OUTPUTS)[name]
-    if signal.unit == UNKNOWN:
+    if signal.unit == UNKNOWN or (signal.unit is None and found.unit is None and not signal_unit.dimensionless):
         readings = next((pair for end, pair in READINGS.items() if name.endswith(end)), (signal_unit.name,))
         raise InputError(
-            f'unit = "?": {" or ".join(readings)}? the FMU does not say; ask its maker, or let `sprain-cosim check` '
-            "show what each would mean, and write it here"
+            f"{'no unit' if signal.unit is None else f'unit = {chr(34)}?{chr(34)}'}: {' or '.join(readings)}? the FMU "
+            "does not say; ask its maker, or let `sprain-cosim check` show what each would mean, and write it here"
         )
     expected = signal_unit if signal.arm is None else _levered(name)
     own = signal.unit or found.unit or expected

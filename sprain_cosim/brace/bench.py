@@ -38,8 +38,8 @@ class Bench:
         self.scenario, self.limits = scenario, limits
         self._child: Child | None = None
 
-    def land(self, folder: Path) -> pd.DataFrame:
-        """The landing as a table of one row; leaves the run's folder."""
+    def land(self, folder: Path) -> tuple[pd.DataFrame, str]:
+        """The landing as a table of one row, and the warning of its run ("" for none); leaves the run's folder."""
         import pandas as pd
 
         from ..figures.gallery import leave_run
@@ -52,7 +52,8 @@ class Bench:
         if result.status != "completed":
             raise SimulationError(result.message)
         leave_run(folder, result, RunSummary.of(self.scenario, result))
-        return pd.DataFrame([{"trial": 0, "status": result.status, "message": "", **result.metrics}])
+        row = {"trial": 0, "status": result.status, "message": "", **result.metrics}
+        return pd.DataFrame([row]), result.warning
 
     def hold(self, values: Mapping[str, float] | None = None) -> dict[str, float] | None:
         """{posture: N.m that resist it}, with parameter `values` on top of the scenario's; None where the plant cannot

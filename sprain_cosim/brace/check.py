@@ -24,9 +24,10 @@ from ..sandbox.watch import Watch
 from .conduct import note_conduct
 from .fit import FitReport
 from .judge import Measured, judge_dynamics, judge_landing, judge_physics, judge_steps
-from .names import contract_axes, contradicting_units
+from .names import clocks, contract_axes, contradicting_units, undeclared
 from .probe import BEGINS, FREED, FREEING, own_step
-from .readings import both_readings
+from .proposal import propose
+from .readings import readings_of_mapping, readings_of_names
 
 AXES_DRAWN = "what is positive about each axis: docs/figures/axes.png, shown in docs/brace-contract.md, Axes and signs"
 START_LIMIT, PROBE_LIMIT = 60.0, 6.0  # s; a slow device has the time of its calls on top, LONGEST at most
@@ -60,11 +61,10 @@ def check_brace(
     _note_description(component, report)
     if inside is not None and mapping is not None:
         report.notes.append(f"the mapping inside the FMU is not used, but {mapping} in its place")
-    signals = () if found is None else (*found.inputs.values(), *found.outputs.values())
-    report.problems += contradicting_units(component, {v: s.unit is not None for s in signals for v in s.variables})
-    if found is not None and found.open_units:
+    report.problems += contradicting_units(component, found)
+    if found is not None and found.unstated(component):
         report.mapping = found.source
-        report.problems.append(both_readings(component, found))
+        report.problems.append(readings_of_mapping(component, found).question())
         report.next_step = _next_step(report, fmu, mapping, settings)
         return report
     if found is not None:
@@ -77,6 +77,7 @@ def check_brace(
     axes = contract_axes(component, report)
     if report.proposal:
         report.notes.append(AXES_DRAWN)
+    _judge_undeclared(component, report)
     if report.fits:
         cache.unpacked(component.fmu, component.sha256)
         try:
@@ -88,11 +89,29 @@ def check_brace(
     return report
 
 
+def _judge_undeclared(component: Component, report: FitReport) -> None:
+    """The contract's own names without units: in SI, unless no brace is so."""
+    names = undeclared(component)
+    if not names:
+        return
+    report.facts["undeclared_units"] = list(names)
+    readings = readings_of_names(component) if report.fits else None
+    if readings is None:
+        report.warnings.append(f"no unit is declared for {', '.join(names)}; the contract's SI units are assumed")
+    elif readings.refused:
+        report.problems.append(readings.refusal())
+        report.proposal = report.proposal or ("" if report.mapping else propose(component))
+    else:
+        report.warnings.append(readings.assumption())
+
+
 def _note_description(component: Component, report: FitReport) -> None:
     """Notes about what the description says of processes and clocks."""
     if component.capabilities.shared_modules:
         report.notes.append("its Python modules could clash with another FMU's: a run gives it a process of its own")
-    _name_clocks(component, report)
+    warnings, notes = clocks(component)
+    report.warnings += warnings
+    report.notes += notes
     if component.capabilities.single:
         report.notes.append("allows one instance per process: two of them in one run need --isolate")
 
@@ -117,20 +136,6 @@ def _with_settings(component: Component, settings: Mapping[str, float | str | bo
             raise InputError(f"--set {name}: is of causality {connector.causality}, not a parameter")
         connector.value(value, f"--set {name}")
     return replace(component, constants={**component.constants, **settings})
-
-
-def _name_clocks(component: Component, report: FitReport) -> None:
-    """No run ticks an input clock, none reads an output clock."""
-    for causality in ("input", "output"):
-        clocks = [name for name, c in component.select(causality).items() if c.kind == "clock"]
-        few = f"{', '.join(clocks[:4])}{' ...' if len(clocks) > 4 else ''}"
-        if clocks and causality == "input":
-            report.warnings.append(
-                f"has input clocks ({few}), which no run ticks: what they trigger does not happen; export it with a "
-                "sampling of its own, as a fixed step"
-            )
-        elif clocks:
-            report.notes.append(f"has output clocks ({few}), which no run reads")
 
 
 def _next_step(

@@ -29,6 +29,7 @@ from ..study.methods import SAMPLED
 from ..study.study import Study
 from .bench import Bench
 from .comparison import PEAKS, Entry, Source, summarise_comparison, with_derived
+from .doubts import device_doubts
 
 RESERVED = (NONE, "plant", "controller", "figures")
 BESIDE = (FILE, "figures", "report.html", "animation.webp")  # what stands in the folder besides those of the braces
@@ -106,20 +107,41 @@ def compare_braces(
     _check(folder, list(variants), isinstance(source, Study), resume)
     options = {"workers": workers, "progress": progress, "command": command, "resume": resume, "max_failed": max_failed}
     entries = []
+    warnings = {name: _warnings(name, variant) for name, variant in variants.items()}
     for name, variant in variants.items():
         say(name)
-        entries.append(_run(name, None if name == NONE else str(braces[name]), variant, folder / name, limits, options))
+        fmu = None if name == NONE else str(braces[name])
+        entries.append(_run(name, fmu, variant, folder / name, limits, options, warnings[name]))
     comparison = Comparison(tuple(entries), summarise_comparison(source, entries), folder)
     _write(comparison)
     return comparison
 
 
+def _warnings(name: str, variant: Source) -> tuple[str, ...]:
+    """What is known of the brace before it has run. Raises InputError for units that no brace has."""
+    if name == NONE:
+        return ()
+    scenario = variant.scenario if isinstance(variant, Study) else variant
+    try:
+        said = (*scenario.doubts(), *device_doubts(scenario))
+    except InputError as problem:
+        raise InputError(f"{name}: {problem}") from None
+    own = "brace: "
+    return (*scenario.warnings, *(line.removeprefix(own) for line in said if line.startswith(own)))
+
+
 def _run(
-    name: str, fmu: str | None, variant: Source, folder: Path, limits: Limits, options: Mapping[str, Any]
+    name: str,
+    fmu: str | None,
+    variant: Source,
+    folder: Path,
+    limits: Limits,
+    options: Mapping[str, Any],
+    warnings: tuple[str, ...],
 ) -> Entry:
     """The landings of one brace, left in `folder`; a failure of the device is the entry's status."""
     scenario = variant.scenario if isinstance(variant, Study) else variant
-    entry = Entry(name, fmu, warnings=scenario.warnings if fmu is not None else ())
+    entry = Entry(name, fmu, warnings=warnings)
     with Bench(scenario, limits) as bench:
         try:
             if isinstance(variant, Study):
@@ -129,7 +151,8 @@ def _run(
                 entry = replace(entry, resistance=held)
                 landings = variant.run(out=folder, limits=limits, **options).trials
             else:
-                landings = bench.land(folder)
+                landings, warning = bench.land(folder)
+                entry = replace(entry, warnings=(*entry.warnings, *([warning] if warning else [])))
                 held = bench.hold() if fmu is not None else None
         except SimulationError as problem:
             return replace(entry, status="failed", message=str(problem), landings=None)

@@ -11,11 +11,12 @@ from typing import Any
 
 from ..contract import MAX_VELOCITY_DEG_S, POSITIVE
 from ..fmu.element import Capabilities
+from ..literature import BRACES_TEXT
 from .fit import FitReport
 from .probe import ROUNDING, STATIC_DEG, STEP
+from .strength import Strength
 
 SMALL = 1e-9  # N.m, N.m/rad and so on: as good as zero
-LEAST, LARGEST, STIFFEST = 0.5, 600.0, 800.0  # N.m in a landing, N.m/rad; assumed: beyond, a unit is suspected
 REPLAYED = 1e-6  # of the largest torque: what a restored state may miss
 Measured = dict[str, dict[str, Any]]  # results by probe
 
@@ -332,17 +333,11 @@ def judge_landing(measured: Measured, axes: tuple[str, ...], step: float, active
             "right? Correct it, or write active = true in a mapping file if it is meant to"
         )
     recorded = measured["recorded"]
-    peak = max(recorded["peak_torque"])
-    stiffest = max(AxisMeasurement.read(axis, k, measured).largest for k, axis in enumerate(axes))
-    if peak > LARGEST or stiffest > STIFFEST:
+    strength = Strength.of(measured["static"], recorded)
+    if strength.doubt and strength.torque > 0:
         report.warnings.append(
-            f"up to {peak:.3g} N.m in a landing and {stiffest:.3g} N.m/rad: more than {LARGEST:g} N.m or "
-            f"{STIFFEST:g} N.m/rad is assumed implausible of a brace: are its units right, those of its angles too?"
-        )
-    elif 0 < peak < LEAST:
-        report.warnings.append(
-            f"at most {peak:.3g} N.m in a landing, where braces give tens: are its units right, those of its angles "
-            "too?"
+            f"up to {strength.torque:.3g} N.m in a landing and {strength.stiffness:.3g} N.m/rad: {strength.doubt} "
+            f"({BRACES_TEXT}): are its units right, those of its angles too?"
         )
     report.facts["landing"] = {
         "peak_torque_Nm": dict(zip(axes, recorded["peak_torque"], strict=True)),
@@ -477,22 +472,25 @@ def _judge_declared_stiffness(found: AxisMeasurement, report: FitReport) -> None
 
 
 def _sign_advice(axis: str, report: FitReport) -> str:
-    output = f"{axis}_torque"
     if report.mapping:
         return (
-            f"if the sign is meant the other way round, change that of factor in outputs.{output} of {report.mapping}"
+            f"if the sign is meant the other way round, change that of factor in outputs.{axis}_torque of "
+            f"{report.mapping}"
         )
-    return (
-        f'if the sign is meant the other way round, write {output} = {{ from = "{output}", factor = -1 }} '
-        "under [outputs] of a mapping file"
-    )
+    return f"if the sign is meant the other way round, write {_turned(axis, report)} under [outputs] of a mapping file"
+
+
+def _turned(axis: str, report: FitReport) -> str:
+    """The entry of a mapping file that turns the torque round; it states the unit where the FMU does not."""
+    output = f"{axis}_torque"
+    stated = ', unit = "N.m"' if output in report.facts.get("undeclared_units", ()) else ""
+    return f'{output} = {{ from = "{output}", factor = -1{stated} }}'
 
 
 def _propose_sign(axis: str, report: FitReport) -> None:
-    output = f"{axis}_torque"
     if not report.mapping:
         section = "" if "[outputs]" in report.proposal else "[outputs]\n"
-        report.proposal += f'{section}{output} = {{ from = "{output}", factor = -1 }}   # review\n'
+        report.proposal += f"{section}{_turned(axis, report)}   # review\n"
 
 
 def _degrees(angles: list[float]) -> str:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
 
 from ..contract import AXES, INPUTS, OUTPUTS, plain, profile
 from ..errors import InputError
 from ..fmu.component import Component
 from ..fmu.element import Connector
+from ..mapping import Mapping
 from ..units import Unit, unit
 from .fit import FitReport
 from .proposal import could_be, propose
 
+MEASURED = ("_angle", "_velocity", "_torque")  # ends of names whose unit shows in how strong a device is
 SHOWN = 6  # inputs outside the contract that are named
 
 
@@ -32,7 +33,7 @@ def contract_axes(component: Component, report: FitReport) -> tuple[str, ...]:
     for signals, have in ((INPUTS, inputs), (OUTPUTS, outputs)):
         for name, expected in signals.items():
             if plain(name) in have:
-                _judge_variable(have[plain(name)], expected, report)
+                _judge_variable(name, have[plain(name)], expected, report)
     known = {plain(name) for name in INPUTS}
     extra = [n for n in component.inputs if plain(n) not in known and n not in component.constants]
     if extra:
@@ -43,10 +44,27 @@ def contract_axes(component: Component, report: FitReport) -> tuple[str, ...]:
     return axes
 
 
-def contradicting_units(component: Component, mapped: Mapping[str, bool]) -> list[str]:
+def clocks(component: Component) -> tuple[list[str], list[str]]:
+    """Warnings and notes: no run ticks an input clock, none reads an output clock."""
+    found: dict[str, list[str]] = {"input": [], "output": []}
+    for causality, lines in found.items():
+        ticking = [name for name, c in component.select(causality).items() if c.kind == "clock"]
+        few = f"{', '.join(ticking[:4])}{' ...' if len(ticking) > 4 else ''}"
+        if ticking and causality == "input":
+            lines.append(
+                f"has input clocks ({few}), which no run ticks: what they trigger does not happen; export it with a "
+                "sampling of its own, as a fixed step"
+            )
+        elif ticking:
+            lines.append(f"has output clocks ({few}), which no run reads")
+    return found["input"], found["output"]
+
+
+def contradicting_units(component: Component, mapping: Mapping | None) -> list[str]:
     """Variables that the contract uses whose unit has a factor that its name does not have, such as N.mm with factor 1:
-    one line each. `component` as the FMU describes it; `mapped` {variable: whether the mapping file states its
-    unit}."""
+    one line each. `component` as the FMU describes it, `mapping` what leads to the contract."""
+    signals = () if mapping is None else (*mapping.inputs.values(), *mapping.outputs.values())
+    mapped = {variable: signal.unit is not None for signal in signals for variable in signal.variables}
     known = {plain(name) for name in (*INPUTS, *OUTPUTS)}
     found = []
     for name, connector in (*component.inputs.items(), *component.outputs.items()):
@@ -64,6 +82,16 @@ def contradicting_units(component: Component, mapped: Mapping[str, bool]) -> lis
                 "unit in a mapping file"
             )
     return found
+
+
+def undeclared(component: Component) -> tuple[str, ...]:
+    """The device's variables that are angles, velocities or torques of the contract, without a unit."""
+    known = {plain(name) for name in (*INPUTS, *OUTPUTS) if name.endswith(MEASURED)}
+    return tuple(
+        name
+        for name, c in (*component.inputs.items(), *component.outputs.items())
+        if c.unit is None and c.kind == "real" and plain(name) in known
+    )
 
 
 def _judge_duplicates(component: Component, report: FitReport) -> None:
@@ -109,11 +137,13 @@ def _judge_missing_inputs(
         report.notes.append("no velocity inputs: the brace sees how fast the foot moves only by the angle's change")
 
 
-def _judge_variable(connector: Connector, expected: Unit, report: FitReport) -> None:
+def _judge_variable(name: str, connector: Connector, expected: Unit, report: FitReport) -> None:
+    """Type and unit of the variable that is the contract's `name`."""
     if not connector.scalar_number:
         report.problems.append(f"{connector.name}: is of type {connector.kind}; the contract has scalar reals")
     elif connector.unit is None:
-        report.warnings.append(f"{connector.name}: no unit declared; {expected.name} is assumed")
+        if not name.endswith(MEASURED):
+            report.warnings.append(f"{connector.name}: no unit declared; {expected.name} is assumed")
     elif not connector.unit.same_dimension(expected):
         report.problems.append(
             f"{connector.name}: unit {connector.unit.name} has the dimension {connector.unit.dimension()}, "

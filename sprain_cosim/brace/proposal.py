@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from ..contract import INPUTS, OUTPUTS
+from ..contract import INPUTS, OUTPUTS, plain
 from ..fmu.component import Component
 from ..fmu.element import Connector
 from ..units import unit
@@ -117,6 +117,9 @@ def _line(name: str, connector: Connector, kind: str, link: str, words: Words, t
     """One entry; adds its target to `taken`, and is a comment where the target is there already. A unit that nobody
     declared stays open, since no guess is safe."""
     axis, turned = _axis(name, words)
+    own = {plain(signal): signal for signal in (*INPUTS, *OUTPUTS) if signal.endswith(f"_{kind}")}.get(plain(name))
+    if own is not None:  # the contract's own name, without its unit
+        axis, turned = own.removesuffix(f"_{kind}"), False
     target = f"{axis or next(iter(WORDS))}_{kind}"
     declared = connector.unit is not None and not connector.unit.dimensionless
     entry = f'{link} = "{name}"' + ("" if declared else ', unit = "?"') + (", factor = -1" if turned else "")

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import InputError, nearest
 from .assembly import Assembly
+from .course import course_doubts
 from .energy import Values, exchange, residual
 from .identification import Identification, Linearisation
 from .schedule import Schedule
@@ -19,7 +20,7 @@ from .schemes.impedance import Impedance
 from .schemes.iterative import Iterative
 from .schemes.jacobi import Jacobi
 from .schemes.protocol import Scheme
-from .stability import WARNING, growth, own_doubts, verdict
+from .stability import WARNING, WRONG_SIGN, growth, own_doubts, verdict
 
 __all__ = ["SCHEMES", "Coupling", "Scheme", "begin", "check_scheme"]
 
@@ -63,6 +64,13 @@ class Coupling:
         if isinstance(self.scheme, Adaptive) and all(own.rate.sampled for own in assembly.own_rate.values()):
             return self.scheme.error
         return residual(self.scheme, exchange(assembly, passed, schedule.step, schedule.due))
+
+    def said(self, assembly: Assembly, passed: Values, schedule: Schedule) -> str:
+        """The warning of a run whose values at the schedule's points were `passed`: what was known at its start, and
+        what its course showed."""
+        found = exchange(assembly, passed, schedule.step, schedule.due)
+        doubts = course_doubts(found, list(assembly.system.torques), WRONG_SIGN in self.warning)
+        return "; ".join([*doubts, *([self.warning] if self.warning else [])])
 
     def effort(self, schedule: Schedule, points: int) -> tuple[int, float]:
         """Exchanges up to this point of the schedule, and the smallest step [s] between two of them."""

@@ -113,6 +113,9 @@ class Master:
         values = recorder.values() if recorder else np.empty((0, len(assembly.names)))
         exchanges, smallest = coupling.effort(plan, points) if coupling else (0, self.communication_step)
         error = coupling.error(assembly, recorder.passed, plan) if coupling and recorder and not message else None
+        warning = coupling.warning if coupling else ""
+        if coupling and recorder and not message:
+            warning = coupling.said(assembly, recorder.passed, plan)
         held = {name: held for name, own in assembly.own_rate.items() if (held := own.held()) is not None}
         return Result(
             time=plan.record[: len(values)],
@@ -123,7 +126,7 @@ class Master:
             message=message,
             scheme=coupling.scheme.name if coupling else self.scheme,
             scheme_reason=coupling.reason if coupling else "",
-            warning=coupling.warning if coupling else "",
+            warning=warning,
             coupling_error=error,
             held=held,
             exchanges=exchanges,

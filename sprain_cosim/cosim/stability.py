@@ -22,6 +22,7 @@ from .identification import Linearisation
 WARNING, REFUSAL = 10.0, 1000.0
 DIVISORS = (2, 4, 5, 8, 10, 20, 25, 40, 50, 100, 200, 500, 1000)
 HUGE = 1e300
+WRONG_SIGN = "its sign is wrong (factor = -1 in a mapping file)"
 FINEST = 1e-6  # s: no smaller step is worth advising
 
 Matrix = NDArray[np.floating]
@@ -172,8 +173,7 @@ def _cause(device: Linearisation, period: float, factor: float) -> str:
         if matrix[k, k] < 0:
             return (
                 f"the device pushes away about {device.axes[k]} ({kind} {matrix[k, k]:.4g} {unit} at the start): what "
-                "grows by that is its own, whatever the coupling; if it should resist, its sign is wrong (factor = -1 "
-                "in a mapping file)"
+                f"grows by that is its own, whatever the coupling; if it should resist, {WRONG_SIGN}"
             )
     cause = f"the device holds its torque for {1e3 * period:g} ms" if period else "the device's axes drive each other"
     return (

@@ -11,8 +11,8 @@ from click.testing import CliRunner
 
 from sprain_cosim import InputError, check_brace, load_scenario, load_study
 from sprain_cosim.brace import check as module
-from sprain_cosim.cli import cli
-from sprain_cosim.mapping import parse
+from sprain_cosim.cli import _run, cli
+from sprain_cosim.mapping import UNKNOWN, parse
 from sprain_cosim.shipped import shipped_fmus
 from tests.fake import FakeComponent, connector
 from tests.laws import BRACES, brace, sampled
@@ -306,7 +306,7 @@ def test_proposal_of_three_axes_the_other_way_round() -> None:
     assert {k: (*s.variables, *s.factors) for k, s in parsed.outputs.items()} == {
         f"{own}_torque": (f"{vendor}_moment", -1.0) for own, vendor in vendors.items()
     }
-    assert len(parsed.open_units) == 6
+    assert len([s for s in (*parsed.inputs.values(), *parsed.outputs.values()) if s.unit == UNKNOWN]) == 6
     assert "radians" not in text
     assert "unit deg or rad?; against the axis" in text
 
@@ -360,8 +360,44 @@ def test_units_that_nobody_declared_are_asked_for(tmp_path: Path, monkeypatch: p
             f"{words}: {torque:.3g} N.m at 20 deg of subtalar (foot rolled outward (supination))" in report.problems[0]
         )
     assert 'in place of "?"' in report.problems[0]
+    assert "(too weak for a brace)" in report.problems[0]
+    assert "only as degrees is plausible (assumed of braces: 3 to 600 N.m in a landing" in report.problems[0]
     with pytest.raises(InputError, match=r"unit = \"\?\": deg or rad\? the FMU does not say"):
         load_scenario("incline30").replace_fmu("brace", fmu, mapping)
+
+
+def test_the_contract_s_names_without_units_are_si_where_that_is_plausible(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A law in radians fits with both readings; one in degrees is refused by check and run, until a file states it."""
+    right = device(tmp_path / "right.fmu", declared=False)
+    report = check_brace(right)
+    assert report.verdict == "fits with warnings"
+    assert report.warnings[0].startswith(
+        "no unit is declared for subtalar_angle, subtalar_torque; the contract's SI units are assumed: as radians: "
+    )
+    assert "as degrees: " in report.warnings[0]
+    wrong = device(tmp_path / "wrong.fmu", declared=False, angle="deg")
+    report = check_brace(wrong)
+    assert "SI units are not plausible" in report.problems[0]
+    assert "only as degrees is plausible" in report.problems[0]
+    assert 'subtalar_angle = { to = "subtalar_angle", unit = "?" }' in report.proposal
+    assert _run(["run", "incline30", "--fmu", f"brace={wrong}"], []) == 2
+    assert "only as degrees is plausible" in capsys.readouterr().err
+    (tmp_path / "map.toml").write_text(report.proposal.replace('"?"', '"deg"', 1).replace('"?"', '"N.m"', 1))
+    assert check_brace(wrong, tmp_path / "map.toml").verdict == "fits"
+
+
+def test_a_torque_without_a_unit_is_read_as_newton_metres_and_millimetres(tmp_path: Path) -> None:
+    fmu = device(tmp_path / "device.fmu", torque="N.mm", names=("angle", "torque"), declared=False)
+    (tmp_path / "map.toml").write_text(
+        '[inputs]\nsubtalar_angle = { to = "angle", unit = "rad" }\n[outputs]\nsubtalar_torque = "torque"\n'
+    )
+    report = check_brace(fmu, tmp_path / "map.toml")
+    assert report.problems[0].startswith("units that nobody declared (subtalar_torque): as N.m: ")
+    assert "only as N.mm is plausible" in report.problems[0]
+    with pytest.raises(InputError, match=r"no unit: N\.m or N\.mm\? the FMU does not say"):
+        load_scenario("incline30").replace_fmu("brace", fmu, tmp_path / "map.toml")
 
 
 def write_map(angle: str) -> Path:
@@ -390,7 +426,7 @@ def test_a_law_per_radian_that_is_fed_degrees(tmp_path: Path) -> None:
     report = check_brace(brace(tmp_path / "device.fmu", "FED"))
     assert report.verdict == "fits with warnings"
     warning = report.warnings[0]
-    assert " N.m in a landing and 859 N.m/rad: more than 600 N.m or 800 N.m/rad is assumed implausible" in warning
+    assert " N.m in a landing and 859 N.m/rad: too strong for a brace (assumed of braces: 3 to 600 N.m in a" in warning
 
 
 def test_a_unit_whose_factor_contradicts_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from sprain_cosim import compare_braces
 from sprain_cosim.scenario import load_scenario
-from tests.laws import brace, sampled
+from tests.laws import BRACES, brace, sampled
 from tests.native import device
 
 AWAY = "the device pushes away about subtalar (stiffness -30"
@@ -28,6 +28,7 @@ def test_an_over_centre_brace_runs(step: str | None, tmp_path: Path) -> None:
 def test_an_over_centre_brace_is_compared(tmp_path: Path) -> None:
     done = compare_braces("incline30", {"snap": brace(tmp_path / "brace.fmu", "OVER")}, out=tmp_path / "out")
     assert not done.failed
+    assert any(AWAY in warning for warning in done.entries[1].warnings)
 
 
 def test_a_wrong_sign_is_named_before_any_oscillation(tmp_path: Path) -> None:
@@ -38,6 +39,31 @@ def test_a_wrong_sign_is_named_before_any_oscillation(tmp_path: Path) -> None:
     assert "if it should resist, its sign is wrong (factor = -1 in a mapping file)" in result.warning
     assert "oscillation" not in result.warning
     assert "--step" not in result.warning
+
+
+@pytest.mark.parametrize(
+    ("law", "words"),
+    [
+        (
+            "LOCK",
+            "the device pushed the foot further away from neutral: 7.5 J about subtalar; if it should resist",
+        ),
+        ("STOP", "the device pushed the foot further away from neutral: 3.12 J about subtalar; if it should resist"),
+        ("FED", "are its units right, those of its angles too?"),
+    ],
+)
+def test_what_only_the_course_of_a_landing_shows(law: str, words: str, tmp_path: Path) -> None:
+    """Devices that push beyond a threshold, or that are too stiff for a brace: nothing of it shows at the start."""
+    scenario = load_scenario("incline30").replace_fmu("brace", brace(tmp_path / "brace.fmu", law))
+    assert words in scenario.unconfined().run().warning
+
+
+@pytest.mark.parametrize("law", BRACES)
+def test_no_word_about_honest_braces(law: str, tmp_path: Path) -> None:
+    scenario = load_scenario("incline30").replace_fmu("brace", brace(tmp_path / "brace.fmu", law))
+    warning = scenario.unconfined().run().warning
+    assert "sign" not in warning
+    assert "units" not in warning
 
 
 def test_a_slowly_sampled_brace_is_not_refused(tmp_path: Path) -> None:

@@ -1,0 +1,59 @@
+"""What the course of a run shows about its devices that nothing showed at its start: a sign, a unit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..literature import BRACE_STIFFEST, BRACE_TORQUE, BRACES_TEXT
+from .energy import Exchange
+from .stability import WRONG_SIGN
+
+PUSHED, PUSHED_LEAST = 0.1, 0.01  # share of the energy exchanged; J
+FAR, NEAR = math.radians(40.0), math.radians(5.0)  # turned by more, a torque may be called weak; a secant has a sense
+
+
+def course_doubts(passed: Exchange | None, axes: Sequence[str], pushing_known: bool) -> list[str]:
+    """One sentence each about devices whose torques act about `axes`; `pushing_known`: what pushes away has been
+    said."""
+    if passed is None or len(passed.torque) < 2:
+        return []
+    found = []
+    gifts = {} if pushing_known else pushed(passed)
+    if gifts:
+        given = ", ".join(f"{energy:.3g} J about {axes[axis]}" for axis, energy in gifts.items())
+        found.append(
+            f"the device pushed the foot further away from neutral: {given}; if it should resist, {WRONG_SIGN}"
+        )
+    largest, turned = float(np.abs(passed.torque).max()), float(np.abs(passed.angle).max())
+    weak = 0 < largest < BRACE_TORQUE[0] and turned > FAR
+    if weak or largest > BRACE_TORQUE[1] or _secant(passed) > BRACE_STIFFEST:
+        found.append(
+            f"the device gave at most {largest:.3g} N.m while the foot turned by {math.degrees(turned):.0f} deg: "
+            f"{BRACES_TEXT}; are its units right, those of its angles too?"
+        )
+    return found
+
+
+def _secant(passed: Exchange) -> float:
+    """Largest torque by the angle at which it came [N.m/rad]; 0 where that is less than NEAR."""
+    at = np.unravel_index(np.abs(passed.torque).argmax(), passed.torque.shape)
+    angle = abs(float(passed.angle[at]))
+    return abs(float(passed.torque[at])) / angle if angle > NEAR else 0.0
+
+
+def pushed(passed: Exchange | None) -> dict[int, float]:
+    """{axis: energy [J] that the foot was given on its way away from neutral}, for the axes about which a device gives
+    there more than it takes, by PUSHED of all that it exchanges about the axis and of all axes together. What resists
+    takes energy on the way out, whatever it stores, and may give it back on the way home only."""
+    if passed is None or len(passed.torque) < 2:
+        return {}
+    moved, middle = np.diff(passed.angle, axis=0), 0.5 * (passed.angle[1:] + passed.angle[:-1])
+    mean = np.where(passed.held, passed.torque[:-1], 0.5 * (passed.torque[1:] + passed.torque[:-1]))
+    given = mean * moved
+    outward = np.where(middle * moved > 0, given, 0.0).sum(axis=0)
+    exchanged = np.abs(given).sum(axis=0)
+    enough = np.maximum(np.maximum(PUSHED * exchanged, PUSHED * exchanged.sum()), PUSHED_LEAST)
+    return {int(k): float(outward[k]) for k in np.flatnonzero(outward > enough)}
