@@ -171,6 +171,13 @@ def _print_table(title: str, pose: str | None, result: Result) -> None:
 @click.option("--trials", type=click.IntRange(1), help="Number of trials.")
 @click.option("--seed", type=click.IntRange(0), help="Seed of the sample.")
 @click.option(
+    "--question",
+    "questions",
+    multiple=True,
+    metavar="QUESTION",
+    help='Such as "P(peak_inversion_from_neutral_deg > 35 +- 6 deg, n = 10)"; several.',
+)
+@click.option(
     "--inputs",
     type=click.Path(path_type=Path),
     metavar="TABLE.csv",
@@ -205,6 +212,7 @@ def study_command(
     method: str | None,
     trials: int | None,
     seed: int | None,
+    questions: tuple[str, ...],
     inputs: Path | None,
     fmus: tuple[str, ...],
     maps: tuple[str, ...],
@@ -234,6 +242,7 @@ def study_command(
     from .study.trajectories import first_trajectories
 
     chosen = _changed(load_study(study), fmus, maps, settings).with_master(scheme, step, stop)
+    chosen = chosen.with_questions(*questions)
     if isolate:
         chosen = chosen.isolated()
     if in_process:

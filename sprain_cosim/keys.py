@@ -302,6 +302,22 @@ class Later:
 
 
 @dataclass(frozen=True)
+class Either:
+    """A value or a table, which the owner of the file reads."""
+
+    form: Mapping[str, Any]
+    table: Table
+    words: str
+    unit: str = ""
+
+    def read(self, value: Any, place: str, problems: list[str]) -> Any:
+        return value
+
+    def schema(self) -> dict[str, Any]:
+        return {"anyOf": [dict(self.form), self.table.schema()]}
+
+
+@dataclass(frozen=True)
 class File:
     """A file that users write.
 
@@ -340,7 +356,7 @@ def _row(kind: Kind, path: str, default: str, meaning: str) -> Iterator[tuple[st
         yield from _row(kind.value, f"{path}.{kind.label}", default, meaning)
         return
     yield path, kind, default, meaning
-    if isinstance(kind, Short | Tables | Later):
+    if isinstance(kind, Short | Tables | Later | Either):
         kind = kind.table
     if isinstance(kind, Table):
         yield from _rows(kind, f"{path}.")

@@ -25,6 +25,24 @@ NEEDED = (
     *(f"anatomy_{axis}_moment" for axis in (*ANATOMIC, *JCS)),
     "ground_force_y",
 )
+LABELS = {**{a: a for a in ANATOMIC}, **{a: f"jcs_{a}" for a in JCS}}
+OF_BRACE = (
+    *(f"brace_{label}_moment_Nm" for label in LABELS.values()),
+    "peak_brace_subtalar_moment_Nm",
+    "brace_subtalar_work_to_peak_J",
+    "brace_work_J",
+)
+NAMES = (  # of all metrics; those OF_BRACE need a brace on the plant
+    *(f"peak_{a}_angle_deg" for a in ANATOMIC),
+    *(f"peak_jcs_{a}_deg" for a in JCS),
+    "peak_inversion_from_neutral_deg",
+    "time_of_peak_subtalar_s",
+    *(f"peak_{label}_velocity_deg_s" for label in LABELS.values()),
+    *(f"anatomy_{label}_moment_Nm" for label in LABELS.values()),
+    *OF_BRACE,
+    "peak_vertical_grf_N",
+    "peak_vertical_grf_after_impact_N",
+)
 UNITS = {"_deg": "deg", "_deg_s": "deg/s", "_Nm": "N·m", "_N": "N", "_s": "s", "_J": "J"}
 
 
@@ -58,7 +76,6 @@ def metrics(run: Signals) -> dict[str, float]:
         return {}
     degrees = math.degrees(1.0)
     angle = {a: f"plant.{a}_angle" for a in ANATOMIC} | {a: f"plant.jcs_{a}_raw_angle" for a in JCS}
-    label = {a: a for a in ANATOMIC} | {a: f"jcs_{a}" for a in JCS}
     torques = brace_torques(run)
     out: dict[str, float] = {}
     peak = {}
@@ -69,13 +86,13 @@ def metrics(run: Signals) -> dict[str, float]:
         out[key] = degrees * float(values[k])
         if axis == "subtalar":
             out["time_of_peak_subtalar_s"] = float(run.time[k])
-        out[f"peak_{label[axis]}_velocity_deg_s"] = degrees * float(run[f"plant.{axis}_velocity"].max())
+        out[f"peak_{LABELS[axis]}_velocity_deg_s"] = degrees * float(run[f"plant.{axis}_velocity"].max())
     if "plant.inversion_angle" in run.index:
         out["peak_inversion_from_neutral_deg"] = degrees * float(run["plant.inversion_angle"].max())
     torques = torques if all(f"plant.brace_{axis}_moment" in run.index for axis in peak) else {}
     for who in ("anatomy", "brace") if torques else ("anatomy",):
         for axis, k in peak.items():
-            out[f"{who}_{label[axis]}_moment_Nm"] = float(run[f"plant.{who}_{axis}_moment"][k])
+            out[f"{who}_{LABELS[axis]}_moment_Nm"] = float(run[f"plant.{who}_{axis}_moment"][k])
     if torques:
         moment, k = run["plant.brace_subtalar_moment"], peak["subtalar"] + 1
         out["peak_brace_subtalar_moment_Nm"] = float(moment.max())

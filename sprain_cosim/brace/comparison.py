@@ -14,7 +14,7 @@ from ..folders.comparison import NONE, BraceSummary, ComparisonSummary, Estimate
 from ..literature import INJURY_INVERSION_TEXT
 from ..records import finite
 from ..scenario import Scenario
-from ..study.evaluation import QUESTIONS
+from ..study.questions import QUESTIONS
 from ..study.study import Study
 from ..uq import statistics
 from .bench import POSTURES

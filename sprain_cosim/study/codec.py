@@ -14,14 +14,21 @@ from ..cosim.master import Master
 from ..errors import InputError
 from ..scenario import Scenario
 from ..uq import distributions
+from ..uq.exceedance import Bounds
+from ..uq.measured import Measured
 from .plan import Plan
+from .questions import Question
 
 STUDY = "Study"  # the name under which a plan stands in a file
-CLASSES: dict[str, Any] = {STUDY: Plan, "Scenario": Scenario, "Master": Master} | {
-    kind.__name__: kind
-    for kind in vars(distributions).values()
-    if isinstance(kind, type) and dataclasses.is_dataclass(kind) and issubclass(kind, distributions.Marginal)
-}
+CLASSES: dict[str, Any] = (
+    {STUDY: Plan}
+    | {kind.__name__: kind for kind in (Scenario, Master, Question, Measured, Bounds)}
+    | {
+        kind.__name__: kind
+        for kind in vars(distributions).values()
+        if isinstance(kind, type) and dataclasses.is_dataclass(kind) and issubclass(kind, distributions.Marginal)
+    }
+)
 
 
 def encode(value: Any) -> Any:

@@ -10,18 +10,20 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from ..errors import InputError, nearest
-from ..literature import INJURY_INVERSION, INJURY_INVERSION_TEXT, INJURY_MOMENT, INJURY_MOMENT_TEXT
-from ..metrics import THROWN_TEXT, pose_artefacts
+from ..metrics import OF_BRACE, THROWN_TEXT, pose_artefacts
 from ..records import finite
 from ..uq import sensitivity, statistics
-from ..uq.distributions import Array, Marginal, Normal, Uniform
+from ..uq.distributions import Array, Marginal
+from ..uq.exceedance import Exceedance, doubted_exceedance
 from ..uq.reliability import FormResult, LevelResult
 from ..uq.sensitivity import SobolIndices
 from .plan import Plan
+from .questions import LITERATURE, Question
 from .summary import (
     Axis,
     ChaosFit,
     Coefficient,
+    Curve,
     FactorIntervals,
     Factors,
     FormSearch,
@@ -31,22 +33,22 @@ from .summary import (
     LevelSearch,
     LinearFit,
     Percentile,
-    Question,
+    Probability,
     Response,
     Sensitivity,
     SobolIndex,
     SobolSearch,
     StoppingRule,
     StudySummary,
-    Threshold,
 )
+from .summary import Threshold as Limit
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Found = LevelResult | FormResult | SobolIndices  # by a search
 
-PERCENTILES = (5, 50, 95)
+PERCENTILES = (0.05, 0.5, 0.95)  # that every summary has
 FEWEST = 4  # completed trials for moments
 LEAST = 20  # completed trials for sensitivities and probabilities
 RESAMPLES = 1000  # of the bootstrap
@@ -56,12 +58,7 @@ MANY = 20_000
 FOR_CHAOS = 100  # completed trials for polynomial chaos
 CHAOS_DEGREE = 3  # at most; seconds instead of minutes for ten inputs and thousands of trials
 FACTORS = ("dmean_dmean", "dmean_dsd", "dsd_dmean", "dsd_dsd")
-# Injury thresholds: inversion of cadaver ankles at failure, counted from the neutral pose, and the anatomy's inversion
-# moment at injury.
-QUESTIONS = {
-    "peak_inversion_from_neutral_deg": (f"above {INJURY_INVERSION_TEXT} deg", Normal(*INJURY_INVERSION)),
-    "anatomy_jcs_inversion_moment_Nm": (f"above {INJURY_MOMENT_TEXT} N·m", Uniform(*INJURY_MOMENT)),
-}
+CURVE = 41  # thresholds of a curve
 TWO_THRESHOLDS = (
     "the two injury questions measure different things and need not agree: an angle at which ankles of cadavers "
     "failed, and a moment that this model's passive ankle reaches long before that angle; compare braces by one of them"
@@ -74,9 +71,10 @@ def summarise(study: Plan, trials: pd.DataFrame, found: Found | None) -> StudySu
     What they cannot say is left out or None, and `notes` says why."""
     done = trials[trials["status"] == "completed"]
     metrics = list(trials.columns[3 + len(study.names) :])
-    for name in study.responses:
+    for name in dict.fromkeys((*study.responses, *(q.response for q in study.questions))):
         if len(done) and name not in metrics:
-            raise InputError(f"response {name!r}: no such metric{nearest(name, metrics)}")
+            without = "; it needs a brace on the plant" if name in OF_BRACE else ""
+            raise InputError(f"response {name!r}: no such metric{nearest(name, metrics)}{without}")
     apart = study.scenario.isolation(of_trials=True)
     summary = StudySummary(
         study=study.source,
@@ -121,17 +119,19 @@ def _with_sample(
     elif len(done) < LEAST:
         notes.append(f"{len(done)} completed trials: no sensitivities and no probabilities below {LEAST}")
     values = {name: done[name].to_numpy(float) for name in metrics}
-    responses = {name: sample.response(y) for name, y in values.items()} if len(done) >= FEWEST else {}
+    responses = {}
+    if len(done) >= FEWEST:
+        responses = {name: sample.response(y, study.levels_of(name)) for name, y in values.items()}
     moved: dict[str, Sensitivity] = {}
     if study.method == "monte-carlo" and len(done) >= LEAST:
         x = done[study.headings].to_numpy(float)
         moved = {name: _sensitivity(study, x, values[name]) for name in study.responses}
-    questions = {}
+    questions, curves = dict[str, Probability](), dict[str, Curve]()
     if len(done) >= LEAST and study.method != "grid":
-        for name in QUESTIONS:
-            if name in values:
-                questions[name] = sample.question(name, values[name])
-        if len(questions) > 1:
+        asked = [q for q in study.exceedances if q.response in values]
+        questions = {q.name: sample.question(q, values[q.response]) for q in asked}
+        curves = {q.response: sample.curve(values[q.response]) for q in asked}
+        if all(q.name in questions for q in LITERATURE):
             notes.append(TWO_THRESHOLDS)
     thrown = pose_artefacts(responses, summary.initial_pose)
     if thrown:
@@ -141,6 +141,7 @@ def _with_sample(
         responses=responses,
         sensitivity=moved,
         questions=questions,
+        curves=curves or None,
         notes=tuple(notes),
         grid=_grid(study, trials) if study.method == "grid" else None,
         stopping=_stopping(study, sample, values[study.responses[0]]) if responses else None,
@@ -194,29 +195,42 @@ class _Sample:
         e = statistics.percentile(y, p)
         return e if self.independent else statistics.Estimate(e.value, math.nan, math.nan)
 
-    def question(self, name: str, y: Array) -> Question:
-        """The probability that the response `name` exceeds its threshold, one of QUESTIONS."""
-        event, threshold = QUESTIONS[name]
+    def exceedance(self, y: Array, threshold: float | Marginal) -> statistics.Estimate:
         if self.replicates:
-            e = statistics.replicated_exceedance(y, self.replicates, threshold)
-        else:
-            e = statistics.exceedance(y, threshold, failed=self.failed)
-        return Question(event, finite(e.value), finite(e.low), finite(e.high))
+            return statistics.replicated_exceedance(y, self.replicates, threshold)
+        return statistics.exceedance(y, threshold, failed=self.failed)
 
-    def response(self, y: Array) -> Response:
+    def question(self, question: Question, y: Array) -> Probability:
+        assert question.threshold is not None
+        found = doubted_exceedance(y, question.threshold, sampler=lambda threshold: self.exceedance(y, threshold))
+        return _probability(question, found, self.failed)
+
+    def curve(self, y: Array) -> Curve:
+        """Over the range of the sample."""
+        at = np.linspace(y.min(), y.max(), CURVE)
+        found = [self.exceedance(y, float(t)) for t in at]
+        return Curve(
+            tuple(at.tolist()),
+            tuple(finite(e.value) for e in found),
+            tuple(finite(e.low) for e in found),
+            tuple(finite(e.high) for e in found),
+        )
+
+    def response(self, y: Array, levels: Iterable[float]) -> Response:
+        """With the percentiles that every summary has, and those of `levels`."""
         if self.replicates:
             mean = statistics.replicated(y, self.replicates, np.mean)
             sd = statistics.replicated(y, self.replicates, lambda v: np.std(v, ddof=1))
         else:
             mean, sd = statistics.mean(y), statistics.standard_deviation(y)
         percentiles = {}
-        for p in PERCENTILES:
-            e = self.percentile(y, p / 100)
+        for p in sorted({*PERCENTILES, *levels}):
+            e = self.percentile(y, p)
             bounds = None
             if self.failed:
-                low, high = statistics.percentile_bounds(y, self.failed, p / 100)
+                low, high = statistics.percentile_bounds(y, self.failed, p)
                 bounds = (finite(low), finite(high))
-            percentiles[str(p)] = Percentile(finite(e.value), finite(e.low), finite(e.high), bounds)
+            percentiles[f"{100 * p:g}"] = Percentile(finite(e.value), finite(e.low), finite(e.high), bounds)
         if not (self.independent or self.replicates):
             return Response(finite(mean.value), finite(sd.value), percentiles)
         ends = ((finite(e.low), finite(e.high)) for e in (mean, sd))
@@ -300,12 +314,12 @@ def _named(names: Iterable[str], values: Iterable[float]) -> dict[str, float | N
 
 
 def _form(study: Plan, found: FormResult) -> FormSearch:
-    threshold, names = study.threshold, list(study.names)
+    threshold, names = study.limit, list(study.names)
     if isinstance(threshold, Marginal):
-        limit = Threshold(finite(threshold.mean), repr(threshold))
+        limit = Limit(finite(threshold.mean), repr(threshold))
         names.append("threshold")
     else:
-        limit = Threshold(finite(threshold))
+        limit = Limit(finite(threshold))
     return FormSearch(
         found.evaluations.requested,
         found.evaluations.executed,
@@ -352,21 +366,53 @@ def _levels(study: Plan, found: LevelResult) -> LevelSearch:
     )
 
 
-def _questions_of_levels(study: Plan, found: LevelResult, notes: list[str]) -> dict[str, Question]:
-    name = study.responses[0]
-    if name not in QUESTIONS:
+def _questions_of_levels(study: Plan, found: LevelResult, notes: list[str]) -> dict[str, Probability]:
+    asked = [q for q in study.exceedances if q.response == study.responses[0]]
+    others = [q.name for q in study.exceedances if not q.literature and q not in asked]
+    if others:
+        notes.append(f"no answer to {', '.join(others)}: a search looks at {study.responses[0]} alone")
+    if not asked:
         notes.append(
-            f"no injury probabilities: they need a response among {', '.join(QUESTIONS)}, or method form with a "
-            "threshold"
+            f"no injury probabilities: they need a response among {', '.join(q.response for q in LITERATURE)}, a "
+            "threshold or a question"
         )
         return {}
-    event, threshold = QUESTIONS[name]
     notes.append(
         "probabilities interpolate the levels; a search has no sampling error, and its own error is not known: no "
         "interval"
     )
     try:
-        return {name: Question(event, finite(statistics.exceedance_of_levels(found.value, threshold)))}
+        y = statistics.levels_as_sample(found.value)
     except ValueError as problem:
         notes.append(f"no probability: {problem}")
         return {}
+    return {q.name: _of_levels(q, y) for q in asked}
+
+
+def _of_levels(question: Question, y: Array) -> Probability:
+    """The question put to a distribution between levels: what is open of the threshold, and nothing of the sample."""
+    assert question.threshold is not None
+    found = doubted_exceedance(y, question.threshold)
+    found = replace(found, sampling=statistics.Estimate(found.value, math.nan, math.nan))
+    return replace(_probability(question, found, None), trials=None, dominates=None, sentence=None)
+
+
+def _probability(question: Question, found: Exceedance, failed: int | None) -> Probability:
+    sampling, threshold = found.sampling, found.threshold
+    low, high = finite(sampling.low), finite(sampling.high)
+    return Probability(
+        question.event,
+        finite(found.value),
+        low,
+        high,
+        question.response,
+        question.source,
+        None if low is None or high is None else (low, high),
+        None if threshold is None else (finite(threshold.low), finite(threshold.high)),
+        dict(found.shapes) or None,
+        found.specimens,
+        found.dominates,
+        found.sentence(),
+        found.trials,
+        failed,
+    )

@@ -15,27 +15,36 @@ from .. import keys
 from ..cosim.system import System
 from ..errors import InputError, nearest, problems_to_error
 from ..files import parse_toml, read_text
-from ..metrics import unit_of
 from ..scenario import Scenario, load_scenario
 from ..scenario.file import PARAMETERS, VARIABLE
 from ..scenario.title import RAN
 from ..shipped import scenario_folder, shipped_scenarios, shipped_studies
-from ..units import Unit, quantity, unit
+from ..units import Unit, quantity
 from ..uq.distributions import Array, Marginal
 from .inputs import parameter, unit_name
 from .marginals import DISTRIBUTION, NUMBER, marginal
 from .methods import METHODS
 from .plan import TOLERANCE
+from .questions import THRESHOLD, questions_of, threshold_of, unit_of_response
 from .study import Study
 
+LEVELS = keys.simple(
+    "probabilities",
+    {
+        "type": "array",
+        "items": {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1},
+        "minItems": 1,
+    },
+    lambda value: (
+        isinstance(value, list) and bool(value) and all(isinstance(v, float | int) and 0 < v < 1 for v in value)
+    ),
+    "{at}: must be probabilities between 0 and 1, such as [0.05, 0.5, 0.95]",
+    lambda value: tuple(float(v) for v in value),
+)
 NARROW = math.radians(0.25)  # a smaller spread of an angle is likely to be radians written as degrees
 NEEDS_SCENARIO = 'needs scenario = "the name of a scenario or a file"'
 RESPONSE = "peak_subtalar_angle_deg"
 T = TypeVar("T")
-
-
-def _probabilities(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and all(isinstance(v, float | int) and 0 < v < 1 for v in value)
 
 
 def _names(value: Any) -> bool:
@@ -72,26 +81,14 @@ SETTINGS = keys.Table(
         keys.Key("replicates", keys.whole(), "scrambled sequences of methods sobol and sobol-indices", "8"),
         keys.Key(
             "levels",
-            keys.simple(
-                "probabilities",
-                {
-                    "type": "array",
-                    "items": {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1},
-                    "minItems": 1,
-                },
-                _probabilities,
-                "{at}: must be probabilities between 0 and 1, such as [0.05, 0.5, 0.95]",
-                lambda value: tuple(float(v) for v in value),
-            ),
-            "percentiles that a search looks for, and that a stopping rule watches",
+            LEVELS,
+            "percentiles that tables show, a search looks for and a stopping rule watches",
             "[0.05, 0.5, 0.95]",
         ),
         keys.Key(
             "threshold",
-            keys.raw(
-                "quantity, or distribution", {"anyOf": [NUMBER, DISTRIBUTION.schema()]}, "that of the first response"
-            ),
-            "for method form: the value whose exceedance is asked for",
+            THRESHOLD,
+            "asks how likely the first response exceeds it; what method form searches",
         ),
         keys.Key("space", keys.choice(("x", "u")), "of amv and hmv: inputs as they are, or standard normal", "x"),
         keys.Key("step", keys.positive(), "of differences, in standard deviations of the input", "0.1"),
@@ -108,6 +105,18 @@ SETTINGS = keys.Table(
             f"{TOLERANCE:g}",
         ),
         keys.Key("budget", keys.whole(), "landings that a search may take at most", "2000"),
+    )
+)
+QUESTION = keys.Table(
+    (
+        keys.Key("response", keys.text(), "a metric", needs=f'needs response = "{RESPONSE}"'),
+        keys.Key(
+            "above",
+            THRESHOLD,
+            "asks how likely the response exceeds this: a value, a distribution (with n, the specimens behind it), or "
+            "low and high alone",
+        ),
+        keys.Key("levels", LEVELS, "asks for these percentiles of the response besides the study's own"),
     )
 )
 FILE = keys.File(
@@ -155,6 +164,7 @@ FILE = keys.File(
                 "0",
             ),
             keys.Key("study", SETTINGS, "how many landings, and what is asked of them"),
+            keys.Key("questions", keys.Tables(QUESTION), "what else is asked; several"),
             keys.Key(
                 "published",
                 keys.raw("table", {"type": "object"}),
@@ -194,6 +204,7 @@ def load_study(name: str | Path) -> Study:
     correlation = _correlation(content.get("correlation", {}), list(marginals), problems)
     options = content.get("study", {})
     options |= _of_responses(options, problems)
+    questions = questions_of(content.get("questions", []), problems)
     problems_to_error(str(path), problems)
     return Study(
         title=content.get("title", ""),
@@ -202,6 +213,7 @@ def load_study(name: str | Path) -> Study:
         units=units | units_of_grid,
         correlation=correlation,
         grid=grid,
+        questions=questions,
         published=content.get("published", {}),
         source=path.stem if path.parent == scenario_folder() / "studies" else str(path),
         text=text,
@@ -287,23 +299,15 @@ def _correlation(spec: Mapping[str, Any], names: Sequence[str], problems: list[s
 
 def _of_responses(options: Mapping[str, Any], problems: list[str]) -> dict[str, Any]:
     """The settings that are values of the first response: threshold and half_width."""
-    response, found = options.get("responses", (RESPONSE,))[0], dict[str, Any]()
-    for key in ("threshold", "half_width"):
+    own, found = unit_of_response(options.get("responses", (RESPONSE,))[0]), dict[str, Any]()
+    for key, read in (("threshold", threshold_of), ("half_width", quantity)):
         if key not in options:
             continue
         place = f"study.{key}"
         try:
-            found[key] = _of_response(options[key], response, place)
+            found[key] = read(options[key], own, place)
         except (InputError, ValueError) as problem:
             problems.append(str(problem) if place in str(problem) else f"{place}: {problem}")
-    half_width = found.get("half_width", 1.0)
-    if not (isinstance(half_width, float) and half_width > 0):
+    if not found.get("half_width", 1.0) > 0:
         problems.append("study.half_width: must be a positive value of the first response")
     return found
-
-
-def _of_response(spec: Any, response: str, place: str) -> float | Marginal:
-    """A value or a distribution in the unit that the response's name carries, such as "35 deg"."""
-    name = unit_of(response).replace("·", ".")
-    own = unit(name) if name else None
-    return marginal(spec, own, place) if isinstance(spec, dict) else quantity(spec, own, place)

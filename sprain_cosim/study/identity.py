@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 CHANGES_NO_ROW = {
     "Plan.title": "a heading",
     "Plan.scenario": "its own fields stand in its place",
+    "Plan.questions": "answered from the rows when they are done; what method form searches counts as its threshold",
     "Plan.half_width": "a stopping rule is judged when the trials are done",
     "Plan.published": "printed beside the results",
     "Plan.source": "where the description came from",
@@ -66,7 +67,15 @@ def identity(plan: Plan, files: Mapping[str, Mapping[str, str]] | None = None) -
         "order": {"components": list(scenario.fmus), "inputs": list(plan.names)},
         **_fields(scenario, "Scenario", contents),
         **_fields(plan, "Plan", {name: None for name, methods in COUNTS_FOR.items() if plan.method not in methods}),
-    } | ({"responses": plan.responses[0]} if plan.method in SEARCHES else {})
+    } | _of_search(plan)
+
+
+def _of_search(plan: Plan) -> dict[str, Any]:
+    """The first response alone, and what form searches."""
+    if plan.method not in SEARCHES:
+        return {}
+    limit = {"threshold": _plain(plan.limit)} if plan.method == "form" else {}
+    return {"responses": plan.responses[0]} | limit
 
 
 def digest_of(identity: Mapping[str, Any]) -> str:

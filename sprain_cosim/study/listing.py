@@ -17,6 +17,7 @@ from .summary import (
     Grid,
     InputSensitivity,
     LevelSearch,
+    Probability,
     Response,
     Sensitivity,
     SobolSearch,
@@ -42,15 +43,37 @@ def study_listing(study: Plan, summary: StudySummary) -> str:
         lines += _grid(summary.grid)
     else:
         lines += _sample(study, summary)
-    for key, q in summary.questions.items():
-        bounds = "" if q.ci_low is None else f"  ({q.ci_low:.3f} ... {_number(q.ci_high, '.3f')})"
-        lines.append(f"P({key} {q.event}) = {_number(q.probability, '.3f')}{bounds}")
+    for name, q in summary.questions.items():
+        lines += _question(name, q)
     if summary.stopping is not None:
         lines.append(_stopping(summary.stopping))
     lines += [f"note: {note}" for note in summary.notes]
     if study.published:
         lines += ["", f"published: {study.published['source']}"]
     return "\n".join(lines)
+
+
+def _question(name: str, q: Probability) -> list[str]:
+    """The probability, then its two doubts apart."""
+    of = "" if q.source == "own" else " (literature)"
+    value = "between" if q.probability is None else f"= {_share(q.probability)}"
+    lines = ["", f"P({q.response or name} {q.event}){of} {value}"]
+    rows = []
+    if q.sampling_ci is not None:
+        counted = "" if q.trials is None else f", {q.trials} trials" + (f" ({q.failed} failed)" if q.failed else "")
+        rows.append((f"sample{counted}", q.sampling_ci))
+    if q.threshold_ci is not None:
+        rows.append((f"threshold, {f'n = {q.specimens}' if q.specimens else 'its ends'}", q.threshold_ci))
+    lines += [f"  {label:32}{_share(low):>10} ... {_share(high)}" for label, (low, high) in rows]
+    if q.shapes:
+        shapes = ", ".join(f"{law} {_share(p)}" for law, p in q.shapes.items())
+        lines.append(f"  {'threshold of another shape':32}{'':2}{shapes}")
+    return [*lines, f"  {q.sentence}"] if q.sentence else lines
+
+
+def _share(p: float | None) -> str:
+    """A probability with three figures."""
+    return "unknown" if p is None else f"{p:.3g}"
 
 
 def _stopping(rule: StoppingRule) -> str:

@@ -14,13 +14,17 @@ from numpy.typing import NDArray
 from ..cosim.system import System
 from ..errors import InputError, nearest, problems_to_error
 from ..fmu.component import Component
+from ..metrics import NAMES
 from ..scenario import Scenario, Value
 from ..uq import sampling
 from ..uq.distributions import Array, Fixed, JointDistribution, Marginal
+from ..uq.exceedance import Bounds, Threshold
+from ..uq.measured import Measured
 from .identity import digest_of, identity
 from .inputs import parameter as varied_parameter
 from .inputs import read_table
 from .methods import METHODS
+from .questions import LITERATURE, Question, parse_question
 
 if TYPE_CHECKING:
     from ..uq.reliability import Difference, Space
@@ -45,7 +49,8 @@ class Plan:
     correlation  (d, d) Pearson correlations of the marginals in their order, joined by a Gaussian copula; None: none
     grid         {"component.parameter": levels in its own unit}, for method grid
     levels       probabilities at which a search looks for the response's value, and a stopping rule for its interval
-    threshold    for method form: a value of the first response, or a distribution of it
+    threshold    of the first response, whose exceedance is asked for
+    questions    what else is asked of the trials
     half_width   stopping rule: the half width that the widest of the levels' intervals may have, in the first
                  response's unit
     replicates   scrambled sequences that the trials of method sobol or sobol-indices are divided into
@@ -73,7 +78,8 @@ class Plan:
     correlation: Array | None = None
     grid: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     levels: tuple[float, ...] = (0.05, 0.5, 0.95)
-    threshold: float | Marginal | None = None
+    threshold: Threshold | None = None
+    questions: tuple[Question, ...] = ()
     half_width: float | None = None
     replicates: int = 8
     space: Space = "x"
@@ -157,8 +163,8 @@ class Plan:
         if not first_order:
             options |= {"tolerance": self.tolerance, "budget": self.budget}
         if self.method == "form":
-            assert self.threshold is not None
-            return reliability.form_exceedance(function, marginals, self.threshold, **options)
+            assert self.limit is not None
+            return reliability.form_exceedance(function, marginals, self.limit, **options)
         method = {
             "mean-value": reliability.mean_value,
             "amv": reliability.amv,
@@ -166,6 +172,31 @@ class Plan:
             "hmv": reliability.hmv,
         }[self.method]
         return method(function, marginals, levels=self.levels, space=self.space, **options)
+
+    @property
+    def limit(self) -> float | Marginal | None:
+        """What method form searches the exceedance of: `threshold`, else that of the first question about the first
+        response; None where there is none, or bounds alone."""
+        asked = (self.threshold, *(q.threshold for q in self.questions if q.response == self.responses[0]))
+        found = next((t for t in asked if t is not None and not isinstance(t, Bounds)), None)
+        return found.marginal if isinstance(found, Measured) else found
+
+    @property
+    def exceedances(self) -> tuple[Question, ...]:
+        """The questions about thresholds: the study's own, then the literature's."""
+        own = () if self.threshold is None else (Question(self.responses[0], self.threshold),)
+        asked = [*own, *(q for q in self.questions if q.threshold is not None)]
+        return (*dict.fromkeys(asked), *LITERATURE)
+
+    def levels_of(self, response: str) -> tuple[float, ...]:
+        """Probabilities whose percentiles are asked for, ascending."""
+        more = (level for q in self.questions if q.response == response for level in q.levels)
+        return tuple(sorted({*self.levels, *more}))
+
+    def with_questions(self, *texts: str) -> Self:
+        """The same study with more questions, as "P(peak_inversion_from_neutral_deg > 35 +- 6 deg, n = 10)". Raises
+        InputError."""
+        return replace(self, questions=(*self.questions, *(parse_question(text) for text in texts)))
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -216,12 +247,18 @@ class Plan:
             yield 'method grid: needs [grid] with "component.parameter" = [levels]'
         if self.method == "table" and self.table is None:
             yield "method table: needs --inputs TABLE.csv"
-        if self.method == "form" and self.threshold is None:
+        if self.method == "form" and self.limit is None:
             yield (
-                'method form: needs study.threshold, such as "35 deg" or { normal = { mean = "35 deg", sd = "6 deg" } }'
+                'method form: needs study.threshold, such as "35 deg" or { normal = { mean = "35 deg", sd = "6 deg" } '
+                "}, or a question about the first response"
             )
+        if self.questions and self.method in ("grid", "sobol-indices"):
+            yield f"questions: method {self.method} draws no sample that could answer them; leave them out"
         if self.method not in ("grid", "table") and not self.marginals:
             yield "no marginals: nothing would vary"
+        for name in self.responses:
+            if name not in NAMES:
+                yield f"response {name!r}: no such metric{nearest(name, NAMES)}"
 
     def _size_problems(self) -> Iterator[str]:
         if self.trials < 1:

@@ -161,17 +161,48 @@ class Sensitivity(Record):
 
 
 @dataclass(frozen=True)
-class Question(Record):
-    """The probability of an event, 0 ... 1.
+class Curve(Record):
+    """The probability that a response exceeds each of several fixed thresholds, with 95 % intervals, each by itself."""
+
+    threshold: tuple[float, ...]
+    probability: tuple[float | None, ...]
+    low: tuple[float | None, ...]
+    high: tuple[float | None, ...]
+
+
+@dataclass(frozen=True)
+class Probability(Record):
+    """The probability of an event, 0 ... 1, with what is not known of it: of the sample and of the threshold, apart.
 
     event            in words, such as "above 35 ± 6 deg"
-    ci_low, ci_high  95 % interval; None where none is known
+    probability      None for bounds, which state none
+    ci_low, ci_high  the ends of `sampling_ci`
+    response         the metric
+    source           whose threshold it is, literature or own; folders of version 0.1 lack this and what follows
+    sampling_ci      95 % interval from the finite sample; of the larger end for bounds; None where none is known
+    threshold_ci     what the specimens behind the threshold leave open, 95 %, or its bounds; None where that is not
+                     stated
+    shapes           the same mean and SD of the threshold in another law: {"normal": ..., "lognormal": ..., ...}
+    specimens        behind the threshold
+    dominates        which of the two is wider: sampling, threshold, both, none; None where one is not known
+    sentence         says so, and what would narrow it
+    trials, failed   behind the number
     """
 
     event: str
     probability: float | None
     ci_low: float | None = None
     ci_high: float | None = None
+    response: str | None = optional()
+    source: str | None = optional()
+    sampling_ci: PAIR | None = optional()
+    threshold_ci: PAIR | None = optional()
+    shapes: Mapping[str, float] | None = optional()
+    specimens: int | None = optional()
+    dominates: str | None = optional()
+    sentence: str | None = optional()
+    trials: int | None = optional()
+    failed: int | None = optional()
 
 
 @dataclass(frozen=True)
@@ -348,7 +379,8 @@ class StudySummary(Summary):
     n_failed, failures         how many and how the others ended: {status: count}
     responses                  {metric: over the completed trials}
     sensitivity                {response: what moves it}
-    questions                  {metric: the probability that it exceeds the injury threshold}
+    questions                  {question: its probability}; those of the literature are called by their metric
+    curves                     {metric: the probability that it exceeds fixed thresholds}, where something is asked
     notes                      what a reader must know about the numbers
     dropped                    parameters that the FMU put in a component's place does not have
     isolation                  sandbox or process: where the trials ran
@@ -375,7 +407,8 @@ class StudySummary(Summary):
     failures: Mapping[str, int] = field(default_factory=dict)
     responses: Mapping[str, Response] = field(default_factory=dict)
     sensitivity: Mapping[str, Sensitivity] = field(default_factory=dict)
-    questions: Mapping[str, Question] = field(default_factory=dict)
+    questions: Mapping[str, Probability] = field(default_factory=dict)
+    curves: Mapping[str, Curve] | None = optional()
     notes: tuple[str, ...] = ()
     dropped: tuple[str, ...] = ()
     isolation: str = ""

@@ -139,7 +139,7 @@ class Exceedance:
 
 
 def _range(e: Estimate) -> str:
-    return f"{e.low:.2g} ... {e.high:.2g}"
+    return f"{e.low:.3g} ... {e.high:.3g}"
 
 
 def doubted_exceedance(

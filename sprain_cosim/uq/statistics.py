@@ -29,6 +29,7 @@ __all__ = [
     "empirical_cdf",
     "exceedance",
     "exceedance_of_levels",
+    "levels_as_sample",
     "mean",
     "order_statistic_ranks",
     "percentile",
@@ -280,17 +281,23 @@ def exceedance_of_levels(levels: Mapping[float, float], threshold: float | Margi
 
     Raises ValueError for fewer than two levels or percentiles that do not increase.
     """
+    return float(np.mean(_threshold_below(threshold, levels_as_sample(levels))))
+
+
+def levels_as_sample(levels: Mapping[float, float], n: int = 20_000) -> Array:
+    """(n,) responses at n equal steps of probability: z linear in β = Φ⁻¹(p) between the levels and beyond. Raises
+    ValueError as `exceedance_of_levels`."""
     p = np.array(sorted(levels))
     z = np.array([levels[level] for level in p])
     if len(p) < 2 or np.any(np.diff(z) <= 0):
         raise ValueError("at least two levels with increasing percentiles are needed")
     beta = ndtri(p)
-    at = ndtri((np.arange(20_000) + 0.5) / 20_000)
+    at = ndtri((np.arange(n) + 0.5) / n)
     value = np.interp(at, beta, z)
     for outer, inner, beyond in ((0, 1, at < beta[0]), (-1, -2, at > beta[-1])):
         slope = (z[outer] - z[inner]) / (beta[outer] - beta[inner])
         value[beyond] = z[outer] + slope * (at[beyond] - beta[outer])
-    return float(np.mean(_threshold_below(threshold, value)))
+    return np.asarray(value, dtype=float)
 
 
 def _threshold_below(threshold: float | Marginal, values: Array) -> Array:

@@ -18,7 +18,8 @@ from sprain_cosim.literature import DEPTH, DEPTH_TEXT, DEPTHS, INJURY_INVERSION
 from sprain_cosim.metrics import THROWN, pose_artefacts
 from sprain_cosim.report.page import report_page
 from sprain_cosim.report.verdict import verdicts
-from sprain_cosim.study.evaluation import QUESTIONS, TWO_THRESHOLDS, summarise
+from sprain_cosim.study.evaluation import TWO_THRESHOLDS, summarise
+from sprain_cosim.study.questions import QUESTIONS
 
 BEFORE = Path(__file__).parent.parent / "folders_0_1"
 ROOT = Path(__file__).parent.parent.parent
