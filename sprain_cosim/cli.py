@@ -178,6 +178,11 @@ def _print_table(title: str, pose: str | None, result: Result) -> None:
     help='Such as "P(peak_inversion_from_neutral_deg > 35 +- 6 deg, n = 10)"; several.',
 )
 @click.option(
+    "--no-check",
+    is_flag=True,
+    help="Of amv and its relatives: no random landings that test the levels; of form: first order alone.",
+)
+@click.option(
     "--inputs",
     type=click.Path(path_type=Path),
     metavar="TABLE.csv",
@@ -213,6 +218,7 @@ def study_command(
     trials: int | None,
     seed: int | None,
     questions: tuple[str, ...],
+    no_check: bool,
     inputs: Path | None,
     fmus: tuple[str, ...],
     maps: tuple[str, ...],
@@ -243,6 +249,8 @@ def study_command(
 
     chosen = _changed(load_study(study), fmus, maps, settings).with_master(scheme, step, stop)
     chosen = chosen.with_questions(*questions)
+    if no_check:
+        chosen = replace(chosen, check=False)
     if isolate:
         chosen = chosen.isolated()
     if in_process:

@@ -10,15 +10,16 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from ..errors import InputError, nearest
-from ..metrics import OF_BRACE, THROWN_TEXT, pose_artefacts
+from ..metrics import OF_BRACE, THROWN_TEXT, pose_artefacts, unit_of
 from ..records import finite
 from ..uq import sensitivity, statistics
 from ..uq.distributions import Array, Marginal
 from ..uq.exceedance import Exceedance, doubted_exceedance
-from ..uq.reliability import FormResult, LevelResult
+from ..uq.measured import Measured
+from ..uq.reliability import FormResult, LevelCheck, LevelResult, RareEvent, Status
 from ..uq.sensitivity import SobolIndices
 from .plan import Plan
-from .questions import LITERATURE, Question
+from .questions import LITERATURE, Question, threshold_text
 from .summary import (
     Axis,
     ChaosFit,
@@ -31,6 +32,7 @@ from .summary import (
     InputSensitivity,
     Level,
     LevelSearch,
+    LevelTest,
     LinearFit,
     Percentile,
     Probability,
@@ -46,7 +48,7 @@ from .summary import Threshold as Limit
 if TYPE_CHECKING:
     import pandas as pd
 
-Found = LevelResult | FormResult | SobolIndices  # by a search
+Found = LevelResult | FormResult | RareEvent | SobolIndices  # by a search
 
 PERCENTILES = (0.05, 0.5, 0.95)  # that every summary has
 FEWEST = 4  # completed trials for moments
@@ -59,6 +61,14 @@ FOR_CHAOS = 100  # completed trials for polynomial chaos
 CHAOS_DEGREE = 3  # at most; seconds instead of minutes for ten inputs and thousands of trials
 FACTORS = ("dmean_dmean", "dmean_dsd", "dsd_dmean", "dsd_dsd")
 CURVE = 41  # thresholds of a curve
+UNCHECKED = (
+    "the levels were not tested on random landings: slopes, curvature and order alone have called levels right that "
+    "are off by ten percent points; leave --no-check out"
+)
+FIRST_ORDER_ALONE = (
+    "first order alone: one design point, no test of the sphere, no curvature, no interval; leave --no-check out for a "
+    "probability with one"
+)
 TWO_THRESHOLDS = (
     "the two injury questions measure different things and need not agree: an angle at which ankles of cadavers "
     "failed, and a moment that this model's passive ankle reaches long before that angle; compare braces by one of them"
@@ -101,11 +111,20 @@ def summarise(study: Plan, trials: pd.DataFrame, found: Found | None) -> StudySu
 
 def _with_search(summary: StudySummary, study: Plan, found: Found) -> StudySummary:
     if isinstance(found, FormResult):
-        return replace(summary, form=_form(study, found))
+        return replace(summary, form=_form(study, found), notes=(FIRST_ORDER_ALONE, *_without_specimens(study)))
+    if isinstance(found, RareEvent):
+        return replace(summary, form=_rare(study, found), notes=_without_specimens(study))
     if isinstance(found, SobolIndices):
         return replace(summary, sobol=_sobol(study, found))
     notes: list[str] = []
     questions = _questions_of_levels(study, found, notes)
+    if found.check is None:
+        notes.append(UNCHECKED)
+    elif open_levels := [f"{100 * p:g} %" for p, v in found.check.verdict.items() if v == "undecided"]:
+        notes.append(
+            f"{found.check.n} random landings could not settle whether these levels are right: "
+            f"{', '.join(open_levels)}; their intervals say how far off they may be"
+        )
     return replace(summary, amv=_levels(study, found), questions=questions, notes=tuple(notes))
 
 
@@ -316,7 +335,7 @@ def _named(names: Iterable[str], values: Iterable[float]) -> dict[str, float | N
 def _form(study: Plan, found: FormResult) -> FormSearch:
     threshold, names = study.limit, list(study.names)
     if isinstance(threshold, Marginal):
-        limit = Limit(finite(threshold.mean), repr(threshold))
+        limit = Limit(finite(threshold.mean), threshold_text(threshold, unit_of(study.responses[0])))
         names.append("threshold")
     else:
         limit = Limit(finite(threshold))
@@ -332,6 +351,43 @@ def _form(study: Plan, found: FormResult) -> FormSearch:
         _named(names, found.alpha),
         _named(names, found.design_point),
     )
+
+
+def _rare(study: Plan, found: RareEvent) -> FormSearch:
+    """The estimate of sampling, with first and second order beside it."""
+    curved = found.sorm
+    second = None
+    if curved is not None:
+        formulas = {"Breitung": curved.breitung, "Hohenbichler-Rackwitz": curved.hohenbichler, "Tvedt": curved.tvedt}
+        second = {name: finite(value) for name, value in formulas.items()}
+    return replace(
+        _form(study, found.form),
+        evaluations_requested=found.evaluations.requested,
+        evaluations_executed=found.evaluations.executed,
+        status=found.status,
+        reasons=found.reasons,
+        probability=finite(found.probability.value),
+        ci_low=finite(found.probability.low),
+        ci_high=finite(found.probability.high),
+        cov=finite(found.cov),
+        first_order=finite(found.form.probability),
+        second_order=second,
+        sampled=found.sampling.trials,
+        design_points=len(found.design_points.points),
+        remarks=found.remarks,
+    )
+
+
+def _without_specimens(study: Plan) -> tuple[str, ...]:
+    """What a search leaves out of the thresholds that are asked about."""
+    asked = [q for q in study.exceedances if not q.literature]
+    notes = [
+        f"the {q.threshold.n} specimens behind {q.event} are not in a search's interval; a sample's answer has them"
+        for q in asked
+        if isinstance(q.threshold, Measured)
+    ]
+    others = [q.name for q in asked[1:]]
+    return (*notes, *([f"no answer to {', '.join(others)}: form asks one question"] if others else []))
 
 
 def _sobol(study: Plan, found: SobolIndices) -> SobolSearch:
@@ -356,13 +412,29 @@ def _levels(study: Plan, found: LevelResult) -> LevelSearch:
     return LevelSearch(
         found.evaluations.requested,
         found.evaluations.executed,
-        found.status,
-        tuple(found.reasons),
+        _worse(found.status, found.check.status) if found.check else found.status,
+        (*found.reasons, *(found.check.reasons if found.check else ())),
         study.responses[0],
         levels,
         _named(study.names, found.linear_importance),
         finite(found.mean),
         finite(found.sd),
+        None if found.check is None else _level_test(found.check),
+    )
+
+
+def _worse(one: Status, other: Status) -> Status:
+    order: tuple[Status, ...] = ("ok", "suspect", "rejected")
+    return max(one, other, key=order.index)
+
+
+def _level_test(check: LevelCheck) -> LevelTest:
+    """In percent points."""
+    return LevelTest(
+        check.n,
+        {f"{100 * p:g}": finite(100 * e.value) for p, e in check.off.items()},
+        {f"{100 * p:g}": (finite(100 * e.low), finite(100 * e.high)) for p, e in check.off.items()},
+        {f"{100 * p:g}": v for p, v in check.verdict.items()},
     )
 
 

@@ -24,7 +24,7 @@ from ..uq.distributions import Array, Marginal
 from .inputs import parameter, unit_name
 from .marginals import DISTRIBUTION, NUMBER, marginal
 from .methods import METHODS
-from .plan import TOLERANCE
+from .plan import BEFORE_SAMPLING, TOLERANCE
 from .questions import THRESHOLD, questions_of, threshold_of, unit_of_response
 from .study import Study
 
@@ -102,9 +102,16 @@ SETTINGS = keys.Table(
             "tolerance",
             keys.positive(),
             "where a search ends, in standard deviations of the response",
-            f"{TOLERANCE:g}",
+            f"{TOLERANCE:g}; {BEFORE_SAMPLING:g} for form with check",
         ),
         keys.Key("budget", keys.whole(), "landings that a search may take at most", "2000"),
+        keys.Key(
+            "check",
+            keys.flag(),
+            "random landings test the levels of mean-value, amv, amv+, hmv; form goes on with second order and "
+            "sampling about the design points",
+            "true",
+        ),
     )
 )
 QUESTION = keys.Table(

@@ -51,6 +51,7 @@ COUNTS_FOR = {
     "difference": SEARCHES,
     "tolerance": SEARCHES,
     "budget": SEARCHES,
+    "check": ("form",),  # of levels, it comes after the method's own landings
 }
 LONG = 10_000  # characters, above which a sequence counts by its hash
 
@@ -71,11 +72,11 @@ def identity(plan: Plan, files: Mapping[str, Mapping[str, str]] | None = None) -
 
 
 def _of_search(plan: Plan) -> dict[str, Any]:
-    """The first response alone, and what form searches."""
+    """The first response alone, what form searches, and the tolerance that holds."""
     if plan.method not in SEARCHES:
         return {}
     limit = {"threshold": _plain(plan.limit)} if plan.method == "form" else {}
-    return {"responses": plan.responses[0]} | limit
+    return {"responses": plan.responses[0], "tolerance": plan.settling} | limit
 
 
 def digest_of(identity: Mapping[str, Any]) -> str:

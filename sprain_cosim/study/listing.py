@@ -188,15 +188,42 @@ def _levels(study: Plan, found: LevelSearch) -> list[str]:
     for name, value in found.linear_importance.items():
         cells = (value, *(e.importance.get(name) for e in found.levels.values()))
         lines.append(f"  {name:32}" + "".join(f"{_number(cell, '.2f'):>10}" for cell in cells))
-    return lines + _ending(found)
+    return lines + _tested(found) + _ending(found)
+
+
+def _tested(found: LevelSearch) -> list[str]:
+    check = found.check
+    if check is None:
+        return []
+    lines = [
+        "",
+        f"{f'tested on {check.n} random landings':34}{'lie below':>12}{'off, points':>12}{'95 % interval':>22}",
+    ]
+    for level, off in check.off.items():
+        low, high = check.ci[level]
+        lies = "" if off is None else f"{float(level) + off:.1f} %"
+        ends = "" if low is None or high is None else f"{low:+.1f} ... {high:+.1f}"
+        lines.append(f"  {level + ' %':32}{lies:>12}{_number(off, '+.1f'):>12}{ends:>22}  {check.verdict[level]}")
+    return lines
 
 
 def _form(found: FormSearch) -> list[str]:
     threshold = found.threshold.distribution or _number(found.threshold.mean)
-    lines = [
-        "",
-        f"P({found.response} > {threshold}) = {_number(found.probability, '.4g')}   "
-        f"beta {_number(found.beta, '.3f')}   (first order: no interval)",
+    sampled = found.ci_low is not None
+    interval = f"({_share(found.ci_low)} ... {_share(found.ci_high)})" if sampled else "(first order: no interval)"
+    lines = ["", f"P({found.response} > {threshold}) = {_share(found.probability)}  {interval}"]
+    if sampled:
+        points = "the design point" if found.design_points == 1 else f"{found.design_points} design points"
+        second = ", ".join(f"{name} {_share(p)}" for name, p in (found.second_order or {}).items())
+        lines += [
+            f"  {f'{found.sampled} landings about {points}':32}  coefficient of variation {_number(found.cov, '.0%')}",
+            f"  {'first order':32}  {_share(found.first_order)}, beta {_number(found.beta, '.3f')}",
+            *([f"  {'second order':32}  {second}"] if second else []),
+            *(f"  {remark}" for remark in found.remarks or ()),
+        ]
+    else:
+        lines.append(f"  beta {_number(found.beta, '.3f')}")
+    lines += [
         "",
         f"{'':34}{'importance':>12}{'design point':>16}",
     ]

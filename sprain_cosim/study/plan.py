@@ -27,9 +27,10 @@ from .methods import METHODS
 from .questions import LITERATURE, Question, parse_question
 
 if TYPE_CHECKING:
-    from ..uq.reliability import Difference, Space
+    from ..uq.reliability import Difference, LevelCheck, LevelResult, Space
 
 IMPOSSIBLE = 1e-6  # a marginal may lie outside its parameter's range with at most this probability
+BEFORE_SAMPLING = 0.03  # tolerance of a search that only has to say where to sample
 TOLERANCE = 1e-3  # of searches, in standard deviations of the response: a landing's own noise is 1e-4 of them
 
 
@@ -57,8 +58,11 @@ class Plan:
     space        of amv and its kin: "x", inputs as they are, or "u", the standard normal space
     step         of differences, in standard deviations of the input
     difference   "forward" or "central"; None: forward for mean-value and amv, as in the paper, else central
-    tolerance    at which a search ends, in standard deviations of the response
+    tolerance    at which a search ends, in standard deviations of the response; None: 1e-3, and 0.03 where sampling
+                 about the design point follows
     budget       landings that a search may take at most
+    check        random landings test the levels of mean-value, amv, amv+ and hmv; form is followed by a test of the
+                 sphere, second order and sampling about the design points
     table        (n, d) inputs of method table, in the order of `marginals`
     numbers      (n,) their trial numbers; empty: 0 ... n-1
     published    figures to print beside the results, with their source
@@ -85,8 +89,9 @@ class Plan:
     space: Space = "x"
     step: float = 0.1
     difference: Difference | None = None
-    tolerance: float = TOLERANCE
+    tolerance: float | None = None
     budget: int = 2000
+    check: bool = True
     table: Array | None = None
     numbers: tuple[int, ...] = ()
     published: Mapping[str, Any] = field(default_factory=dict)
@@ -161,10 +166,14 @@ class Plan:
             "difference": self.difference or ("forward" if first_order else "central"),
         }
         if not first_order:
-            options |= {"tolerance": self.tolerance, "budget": self.budget}
+            options |= {"tolerance": self.settling, "budget": self.budget}
         if self.method == "form":
             assert self.limit is not None
-            return reliability.form_exceedance(function, marginals, self.limit, **options)
+            if not self.check:
+                return reliability.form_exceedance(function, marginals, self.limit, **options)
+            return reliability.rare_event(
+                function, marginals, self.limit, above=True, curvature=True, seed=self.seed, **options
+            )
         method = {
             "mean-value": reliability.mean_value,
             "amv": reliability.amv,
@@ -172,6 +181,18 @@ class Plan:
             "hmv": reliability.hmv,
         }[self.method]
         return method(function, marginals, levels=self.levels, space=self.space, **options)
+
+    def level_check(self, function: Callable[[Array], Array], found: LevelResult) -> LevelCheck:
+        """The levels that `search` found, tested on random rows of the same inputs."""
+        from ..uq.reliability import check_levels
+
+        return check_levels(function, tuple(self.marginals.values()), found, self.correlation, seed=self.seed)
+
+    @property
+    def settling(self) -> float:
+        """The tolerance of the search."""
+        sampled = self.method == "form" and self.check
+        return self.tolerance or (BEFORE_SAMPLING if sampled else TOLERANCE)
 
     @property
     def limit(self) -> float | Marginal | None:

@@ -37,7 +37,7 @@ def identity_then(study: Plan) -> dict[str, Any]:
     """The identity of a study in the form of version 0.1, without versions and files: what its manifests are compared
     with when there is no ledger."""
     scenario = study.scenario
-    search = (*study.levels, repr(study.threshold), study.space, study.step, study.difference, study.tolerance)
+    search = (*study.levels, repr(study.threshold), study.space, study.step, study.difference, study.settling)
     table = None if study.table is None else study.table.tobytes() + repr(study.numbers).encode()
     return {
         "parameters": dict(scenario.parameters),

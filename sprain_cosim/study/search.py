@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, SimulationError, nearest
 from ..uq.distributions import Array
+from ..uq.reliability import LevelResult
 from .dispatch import Dispatch
 from .plan import Plan
 from .worker import Outcome
@@ -30,7 +32,11 @@ def run_search(study: Plan, dispatch: Dispatch) -> Any:
                 )
         return np.array([_response(row.outcome, response, row.trial) for row in rows])
 
-    return study.search(function)
+    found = study.search(function)
+    if not isinstance(found, LevelResult) or not study.check:
+        return found
+    dispatch.trajectories.first = min(dispatch.trajectories.first, count)  # the check's landings need no record
+    return replace(found, check=study.level_check(function, found))
 
 
 def _response(outcome: Outcome, name: str, trial: int) -> float:

@@ -224,15 +224,33 @@ class Level(Record):
 
 
 @dataclass(frozen=True)
+class LevelTest(Record):
+    """What random landings of the same inputs say of the levels of a search.
+
+    n        landings
+    off      {"5": by how many percent points the share below the level's value is more than its own 5 %}
+    ci       {"5": its 95 % interval}
+    verdict  {"5": ok, suspect, or undecided}
+    """
+
+    n: int
+    off: Mapping[str, float | None] = field(default_factory=dict)
+    ci: Mapping[str, PAIR] = field(default_factory=dict)
+    verdict: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class LevelSearch(Record):
     """What a method of the mean value family (mean-value, amv, amv+, hmv) found: the value of the response at levels
     of probability.
 
-    evaluations_requested, _executed   landings that the method asked for, and those that were not known before
-    status, reasons                    of the method's own check: ok, or why not
+    evaluations_requested, _executed   landings that the method asked for, and those that were not known before; without
+                                       those of `check`
+    status, reasons                    ok, or why not: of the method's own check and of `check`
     levels                             {"5": ...}, in percent
     linear_importance                  {input: part in the unit vector at the mean point}
     mean, sd                           of the linearised response
+    check                              None where it was not asked for
     """
 
     evaluations_requested: int
@@ -244,6 +262,7 @@ class LevelSearch(Record):
     linear_importance: Mapping[str, float | None] = field(default_factory=dict)
     mean: float | None = None
     sd: float | None = None
+    check: LevelTest | None = optional()
 
 
 @dataclass(frozen=True)
@@ -267,11 +286,18 @@ class Threshold(Record):
 
 @dataclass(frozen=True)
 class FormSearch(Record):
-    """What the first-order reliability method found.
+    """What first order, second order and sampling about the design points found of an event.
 
     evaluations_requested ... response   see LevelSearch
-    beta                                 reliability index
-    probability                          that the response exceeds the threshold, to first order; no interval
+    beta                                 reliability index of first order
+    probability                          that the response exceeds the threshold: the best estimate, from sampling
+    ci_low, ci_high, cov                 its 95 % interval and its coefficient of variation; None where first order
+                                         stands alone (also in folders of version 0.1)
+    first_order                          probability of first order
+    second_order                         {formula: probability}, None where a formula gives none
+    sampled                              landings about the design points
+    design_points                        their number
+    remarks                              what first and second order miss
     importance, design_point             by input, and "threshold" where it is uncertain
     """
 
@@ -285,6 +311,14 @@ class FormSearch(Record):
     threshold: Threshold
     importance: Mapping[str, float | None] = field(default_factory=dict)
     design_point: Mapping[str, float | None] = field(default_factory=dict)
+    ci_low: float | None = optional()
+    ci_high: float | None = optional()
+    cov: float | None = optional()
+    first_order: float | None = optional()
+    second_order: Mapping[str, float | None] | None = optional()
+    sampled: int | None = optional()
+    design_points: int | None = optional()
+    remarks: tuple[str, ...] | None = optional()
 
 
 @dataclass(frozen=True)

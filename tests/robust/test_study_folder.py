@@ -147,7 +147,7 @@ def test_a_search_has_no_parts_and_a_part_is_written_k_of_n(tmp_path: Path) -> N
 
 
 def test_all_trials_of_a_search_are_recorded(tmp_path: Path) -> None:
-    campaign = sc.load_study("amv6").run(workers=2, out=tmp_path / "amv", trajectories=0)
+    campaign = replace(sc.load_study("amv6"), check=False).run(workers=2, out=tmp_path / "amv", trajectories=0)
     kept = sorted((tmp_path / "amv" / "trajectories").iterdir())
     assert len(kept) == len(campaign.trials)
     level = campaign.summary["amv"]["levels"]["95"]["value"]

@@ -17,6 +17,7 @@ from sprain_cosim.errors import InputError
 from sprain_cosim.shipped import shipped_studies
 from sprain_cosim.study.evaluation import FACTORS, summarise
 from sprain_cosim.study.listing import study_listing
+from sprain_cosim.study.summary import StudySummary
 from sprain_cosim.uq import Normal, Uniform
 from sprain_cosim.uq.reliability import LevelResult, amv, form_exceedance
 from sprain_cosim.uq.statistics import exceedance
@@ -180,6 +181,64 @@ def test_levels_answer_the_question_without_an_interval(study6, exact) -> None:
     assert q.probability == pytest.approx(exact[INVERSION], rel=0.05)
     assert q.ci_low is None
     assert "own error is not known" in " ".join(summary.notes)
+
+
+def searched(study, found):
+    """The summary of a search that ran without landings."""
+    columns = ["trial", "status", "message", *study.headings, *study.responses]
+    return replace(summarise(study, pd.DataFrame({c: [] for c in columns}), found), wall_s=1.0)
+
+
+def test_levels_are_tested_on_random_landings(study6) -> None:
+    """A hinge that slopes at the means do not see: the size of the error stands beside each level; without the test the
+    reader is told what is lost."""
+
+    def bent(x: np.ndarray) -> np.ndarray:
+        return np.maximum(peak(study6, x), 26.0)
+
+    study = replace(study6, method="amv")
+    found = study.search(bent)
+    assert found.status == "ok"
+    checked = searched(study, replace(found, check=study.level_check(bent, found)))
+    test = checked.amv.check
+    assert (checked.amv.status, checked.amv.evaluations_executed) == ("suspect", 14)
+    assert 100 <= test.n <= 400
+    assert test.verdict["5"] == "suspect"
+    assert test.ci["5"][0] < test.off["5"] < test.ci["5"][1]
+    assert "percent points" in checked.amv.reasons[-1]
+    assert StudySummary.from_json(checked.to_json(), "") == checked
+    assert f"tested on {test.n} random landings" in study_listing(study, checked)
+    alone = searched(study, found)
+    assert alone.amv.check is None
+    assert any("not tested on random landings" in note for note in alone.notes)
+
+
+def test_form_is_followed_by_second_order_and_sampling(study6) -> None:
+    """Two regions exceed the threshold, first order finds one; the estimate has both, and an interval."""
+    study = replace(study6, method="form", threshold=8.0, responses=(PEAK,))
+
+    def response(x: np.ndarray) -> np.ndarray:
+        return np.abs(peak(study6, x) - 29.0)
+
+    rows = study6.joint.from_standard(np.random.default_rng(1).standard_normal((200_000, 10)))
+    exact = float(np.mean(response(rows) > 8.0))
+    summary = searched(study, study.search(response))
+    form = summary.form
+    assert form.ci_low <= exact <= form.ci_high
+    assert form.probability == pytest.approx(exact, rel=0.15)
+    assert 0.4 * exact < form.first_order < 0.7 * exact
+    assert form.design_points == 2
+    assert any("FORM says" in remark for remark in form.remarks)
+    assert set(form.second_order) == {"Breitung", "Hohenbichler-Rackwitz", "Tvedt"}
+    assert StudySummary.from_json(summary.to_json(), "") == summary
+    text = study_listing(study, summary)
+    assert "400 landings about 2 design points" in text
+    assert "first order" in text
+    alone = replace(study, check=False)
+    summary = searched(alone, alone.search(response))
+    assert summary.form.ci_low is None
+    assert any("first order alone" in note for note in summary.notes)
+    assert "(first order: no interval)" in study_listing(alone, summary)
 
 
 def test_form_with_an_uncertain_threshold(study6) -> None:

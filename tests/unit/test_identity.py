@@ -24,9 +24,16 @@ from sprain_cosim.study.ledger import Ledger
 from sprain_cosim.study.merge import merge
 from sprain_cosim.study.methods import METHODS
 from sprain_cosim.study.plan import Plan
+from sprain_cosim.study.questions import Question
 from sprain_cosim.uq.distributions import Marginal, Normal, Truncated
 
-METHOD = {"replicates": "sobol", "trials": "lhs", "threshold": "form", "responses": "form"}  # one for which it counts
+METHOD = {
+    "replicates": "sobol",
+    "trials": "lhs",
+    "threshold": "form",
+    "responses": "form",
+    "check": "form",
+}  # one for which it counts
 
 
 def ledger(study: Plan, folder: Path) -> Ledger:
@@ -82,6 +89,8 @@ PLAN: dict[str, Callable[[Plan], Any]] = {
     "correlation": lambda _: np.eye(10),
     "grid": lambda _: {"plant.drop_height": (0.3, 0.4)},
     "threshold": lambda _: 35.0,
+    "questions": lambda _: (Question("peak_inversion_from_neutral_deg", 35.0),),
+    "tolerance": lambda _: 1e-4,
     "half_width": lambda _: 0.5,
     "difference": lambda _: "central",
     "levels": lambda _: (0.1, 0.9),

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +18,9 @@ from .differences import Difference
 from .gate import Gate
 from .linearisation import DEFAULT_LEVELS, Linearisation, Setting, Space
 from .points import Array, Evaluations, Function, PointLedger, Status
+
+if TYPE_CHECKING:
+    from .level_check import LevelCheck
 
 __all__ = ["LevelResult", "amv", "level_result", "mean_value"]
 
@@ -34,6 +38,7 @@ class LevelResult:
     iterations[p]    relinearisations (1 for MV and AMV)
     evaluations      requested (the int itself), .executed, .x, .y
     status, reasons  verdict of the gate, see the module
+    check            what random rows say of the levels, where they were asked (`check_levels`)
     """
 
     method: str
@@ -48,6 +53,7 @@ class LevelResult:
     evaluations: Evaluations
     status: Status
     reasons: tuple[str, ...]
+    check: LevelCheck | None = None
 
 
 def level_result(
