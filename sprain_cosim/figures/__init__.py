@@ -3,6 +3,7 @@ here reads a file or runs an FMU."""
 
 from .landings import DEGREES, PANELS, fan, landing_signals, moment_angle, phase, sharing
 from .law import torque_angle
+from .questions import Answer, Exceeded, questions
 from .samples import Sample, cdf, grid, level_search, percentiles, poses, published, tornado
 from .style import ANATOMY, BRACE, FAINT, GROUND, INK, SUBTALAR, TALOCRURAL, label, picture, save, shorten
 
@@ -16,6 +17,8 @@ __all__ = [
     "PANELS",
     "SUBTALAR",
     "TALOCRURAL",
+    "Answer",
+    "Exceeded",
     "Sample",
     "cdf",
     "fan",
@@ -29,6 +32,7 @@ __all__ = [
     "picture",
     "poses",
     "published",
+    "questions",
     "save",
     "sharing",
     "shorten",

@@ -19,6 +19,7 @@ from ..folders.read import Folder
 from ..folders.run import RunFolder, RunSummary, coupling_note, write_run
 from ..folders.study import StudyFolder
 from ..metrics import brace_torques
+from ..study.questions import law_name
 from ..study.summary import LevelSearch
 from .records import published_records
 from .samples import Sample
@@ -129,6 +130,7 @@ def _of_studies(studies: Studies) -> Iterator[Drawn]:
         chosen = [(name, study) for name, study in distributions if study.response == response]
         suffix = "" if response == distributions[0][1].response else f"_{response}"
         yield from _distributions(chosen, samples, response_label(response), suffix)
+    yield from _questions(studies)
     yield from _searches(studies, distributions, samples)
     for name, study in distributions:
         if pearson_intervals(study, study.response):
@@ -152,6 +154,45 @@ def _distributions(chosen: Studies, samples: Mapping[str, Sample], text: str, su
         drawn = plots.percentiles([samples[n] for n, _ in with_levels], text, pose_note(with_levels))
         yield Drawn(f"percentiles{suffix}", "Levels side by side", caption, drawn)
     yield from _poses(chosen, samples, text, suffix)
+
+
+def _questions(studies: Studies) -> Iterator[Drawn]:
+    asked = [(name, study) for name, study in studies if study.summary.questions and study.summary.search is None]
+    for name, study in asked:
+        summary = study.summary
+        answers = [
+            plots.Answer(
+                f"{plots.label(q.response or key).partition(', +')[0]} {q.event}"
+                + ("" if q.source == "own" else " (literature)"),
+                q.probability,
+                _both(q.sampling_ci or (q.ci_low, q.ci_high)),
+                _both(q.threshold_ci),
+                {law_name(law): p for law, p in (q.shapes or {}).items()},
+            )
+            for key, q in summary.questions.items()
+        ]
+        own = {q.response for q in summary.questions.values() if q.source == "own"}
+        curves = [
+            plots.Exceeded(
+                response_label(response),
+                np.array(curve.threshold),
+                *(np.array(values, float) for values in (curve.probability, curve.low, curve.high)),
+            )
+            for response, curve in (summary.curves or {}).items()
+            if response in own or (not own and response == study.response)
+        ]
+        caption = (
+            "How likely the response exceeds a threshold. What the sample leaves open and what is not known of the "
+            "threshold stand apart: more landings narrow the first alone, more specimens the second alone."
+        )
+        drawn = plots.questions(answers, curves, pose_note([(name, study)]))
+        yield Drawn(f"questions{_end(study, len(asked))}", f"How likely: {name}", caption, drawn)
+
+
+def _both(pair: tuple[float | None, float | None] | None) -> tuple[float, float] | None:
+    if pair is None or pair[0] is None or pair[1] is None:
+        return None
+    return pair[0], pair[1]
 
 
 def _tornado(name: str, study: StudyFolder, end: str) -> Drawn:

@@ -18,9 +18,9 @@ from ..folders.run import RunFolder, RunSummary
 from ..folders.study import StudyFolder
 from ..metrics import pose_artefacts, table, unit_of
 from ..study.manifest import FmuFile
-from ..study.summary import FormSearch, LevelSearch, Percentile, Response, SobolSearch
+from ..study.summary import FormSearch, LevelSearch, Percentile, Probability, Response, SobolSearch
 from .blocks import Block, Cell, Folded, Heading, PageTable, Paragraph, Row
-from .words import ends, percent, percentage, percentage_ends, rounded, signed
+from .words import ends, fine_ends, percent, percentage, percentage_ends, rounded, signed
 
 FAILURES = 20  # rows of the table of failed trials
 SOURCES = (
@@ -80,9 +80,22 @@ def _levels_of(study: StudyFolder) -> dict[str, str | Cell]:
             cells[f"{name}: {level} %"] = Cell(rounded(p.value), (*ends(p.ci_low, p.ci_high), *beside))
         cells[f"{name}: mean ± SD"] = _mean_sd(found)
     for key, q in summary.questions.items():
-        label = f"P({plots.label(key).partition(', +')[0]} {q.event})"
-        cells[label] = Cell(percent(q.probability), percentage_ends(q.ci_low, q.ci_high))
+        own = "" if q.source == "own" else ", literature"
+        label = f"P({plots.label(q.response or key).partition(', +')[0]} {q.event}){own}"
+        cells[label] = Cell(percent(q.probability), _doubts(q))
     return cells
+
+
+def _doubts(q: Probability) -> tuple[str, ...]:
+    """What the sample and what the threshold leave open, a line each."""
+    lines = [f"sample {e}" for e in fine_ends(q.ci_low, q.ci_high)]
+    if q.threshold_ci is not None:
+        behind = f"threshold, n = {q.specimens}:" if q.specimens else "threshold's ends"
+        lines += [f"{behind} {e}" for e in fine_ends(*q.threshold_ci)]
+    if q.shapes:
+        least, most = min(q.shapes.values()), max(q.shapes.values())
+        lines.append(f"threshold's shape {percentage(least)} … {percentage(most)}")
+    return tuple(lines)
 
 
 def _peaks(runs: Sequence[tuple[str, RunFolder]]) -> PageTable:

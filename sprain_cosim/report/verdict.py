@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from markupsafe import Markup
@@ -15,9 +15,9 @@ from ..folders.read import Folder
 from ..folders.run import RunFolder
 from ..folders.study import PEAK, StudyFolder
 from ..literature import INJURY_INVERSION
-from ..study.summary import FormSearch, Level, LevelSearch, Percentile, Threshold
+from ..study.summary import FormSearch, Level, LevelSearch, LevelTest, Percentile, Probability, Threshold
 from .blocks import Block, Paragraph, Verdict, rich
-from .words import interval, percent, percent_interval, rounded, signed, unit_after
+from .words import fine_ends, interval, percent, percent_interval, percentage_ends, rounded, signed, unit_after
 
 MEAN, SD = INJURY_INVERSION
 EXCEEDS = f"Probability that inversion exceeds the injury range ({MEAN:g} ± {SD:g}° from neutral)"
@@ -144,10 +144,12 @@ def _of_study(study: StudyFolder) -> Markup:
     summary = study.summary
     n, done, failed = summary.n_requested, summary.n_completed, summary.n_failed
     text = _distribution(study)
+    own = [(key, q) for key, q in summary.questions.items() if q.source == "own"]
+    for key, q in own:
+        text += _answer(f"Probability that the {plots.label(q.response or key).partition(', +')[0]} lies {q.event}", q)
     question = summary.questions.get(INVERSION)
     if question is not None:
-        p, about = percent(question.probability), percent_interval(question)
-        text += rich(" {exceeds}: <b>{p}</b>{about}.", exceeds=EXCEEDS, p=p, about=about)
+        text += _answer(EXCEEDS, question)
     if failed:
         kinds = ", ".join(f"{count} {status}" for status, count in summary.failures.items())
         text += rich(
@@ -159,6 +161,40 @@ def _of_study(study: StudyFolder) -> Markup:
     else:
         text += " No landing failed." if done == n else f" {n - done} landings are missing."
     return text + "".join(f" {note[:1].upper()}{note[1:]}." for note in summary.notes)
+
+
+def _answer(event: str, q: Probability) -> Markup:
+    """A probability with its doubts, apart, and the sentence on which of them dominates."""
+    of = "its larger end " if q.probability is None else ""
+    doubts = [f"{of}as far as {q.trials or 'the'} landings know it {e} %" for e in fine_ends(q.ci_low, q.ci_high)]
+    behind = f"the {q.specimens} specimens behind the threshold" if q.specimens else "the threshold's ends"
+    doubts += [f"as far as {behind} know it {e} %" for e in fine_ends(*(q.threshold_ci or (None, None)))]
+    if q.shapes and not q.specimens:
+        doubts += [f"for thresholds of other shapes {e} %" for e in fine_ends(*_least_and_most(q.shapes))]
+    return rich(
+        " {event}: <b>{p}</b>{doubts}.{dominates}",
+        event=event,
+        p="not one number" if q.probability is None else percent(q.probability),
+        doubts=f" ({'; '.join(doubts)})" if doubts else "",
+        dominates=_dominates(q),
+    )
+
+
+def _least_and_most(shapes: Mapping[str, float]) -> tuple[float, float]:
+    return min(shapes.values()), max(shapes.values())
+
+
+def _dominates(q: Probability) -> str:
+    """Which doubt is the wider, and what would narrow it."""
+    specimens = "more specimens would" if q.specimens else "narrower bounds would"
+    if q.threshold_ci is None:
+        specimens = "its law, and how many specimens stand behind it, would have to be known"
+    words = {
+        "threshold": f"The threshold is what is known least: more landings change nothing, {specimens}",
+        "sampling": "The sample is what is known least: more landings narrow it",
+        "both": "Sample and threshold leave about as much open: more landings and more knowledge of it are needed",
+    }
+    return f" {words[q.dominates]}." if q.dominates in words else ""
 
 
 def _distribution(study: StudyFolder) -> Markup:
@@ -210,20 +246,49 @@ def _of_search(study: StudyFolder, found: LevelSearch | FormSearch) -> Markup:
         )
     else:
         text = rich(
-            "With {cost}: the probability that {response} exceeds {threshold} is <b>{p}</b> (β = {beta}).",
+            "With {cost}: the probability that {response} exceeds {threshold} is <b>{p}</b>{beside}.",
             cost=cost,
             response=response,
             threshold=_threshold(found.threshold, unit),
             p=percent(found.probability),
-            beta="–" if found.beta is None else f"{found.beta:.2f}",
+            beside=_beside_estimate(found),
         )
     reasons = "; ".join(found.reasons)
+    if isinstance(found, FormSearch) and found.ci_low is not None:
+        return text + rich(
+            " Sphere test and sampling say <b>{status}</b>{reasons}.",
+            status=found.status,
+            reasons=f": {reasons}" if reasons else "",
+        )
+    if isinstance(found, LevelSearch) and found.check is not None:
+        return text + rich(
+            " {n} random landings test it: {levels}. Together with slopes, curvature and order: <b>{status}</b>.",
+            n=found.check.n,
+            levels="; ".join(_tested(found.check, level) for level in found.check.off),
+            status=found.status,
+        )
     return text + rich(
         " The method's own check of slopes, curvature and order says <b>{status}</b>{reasons}; it does not measure how "
         "far a level is off.",
         status=found.status,
         reasons=f": {reasons}" if reasons else "",
     )
+
+
+def _beside_estimate(found: FormSearch) -> str:
+    beta = "–" if found.beta is None else f"{found.beta:.2f}"
+    if found.ci_low is None:
+        return f" (first order, β = {beta}: no interval)"
+    ends = "".join(f"95 % interval {e} %" for e in percentage_ends(found.ci_low, found.ci_high))
+    return f" ({ends}; first order alone {percent(found.first_order)}, β = {beta})"
+
+
+def _tested(check: LevelTest, level: str) -> str:
+    """A level with the share that really lies below it."""
+    off, (low, high) = check.off[level], check.ci[level]
+    if off is None or low is None or high is None:
+        return f"the {level} % level unknown"
+    return f"below the {level} % level lie {float(level) + off:.3g} % (off by {signed(low)} to {signed(high)} points)"
 
 
 def _threshold(threshold: Threshold, unit: str) -> str:

@@ -57,6 +57,12 @@ def percentage_ends(low: float | None, high: float | None) -> tuple[str, ...]:
     return () if low is None or high is None else (f"{percentage(low)} … {percentage(high)}",)
 
 
+def fine_ends(low: float | None, high: float | None) -> tuple[str, ...]:
+    """The interval of a probability in percent with three figures, for one that stands beside another; none where there
+    is none."""
+    return () if low is None or high is None else (f"{100 * low:.3g} … {100 * high:.3g}",)
+
+
 def percent_interval(entry: WithInterval) -> str:
     """ " (95 % interval 1.2 … 2 %)" of a probability; nothing where there is none."""
     return "".join(f" (95 % interval {ends} %)" for ends in percentage_ends(entry.ci_low, entry.ci_high))

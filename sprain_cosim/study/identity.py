@@ -103,10 +103,12 @@ def changes(
 
 
 def _fields(description: Scenario | Plan, kind: str, replaced: Mapping[str, Any]) -> dict[str, Any]:
+    """A field that `replaced` holds as None does not count, and is left out: a later one leaves older identities as
+    they are."""
     return {
         field.name: replaced[field.name] if field.name in replaced else _plain(getattr(description, field.name))
         for field in dataclasses.fields(description)
-        if f"{kind}.{field.name}" not in CHANGES_NO_ROW
+        if f"{kind}.{field.name}" not in CHANGES_NO_ROW and replaced.get(field.name, field) is not None
     }
 
 

@@ -10,6 +10,7 @@ from typing import Any
 from ..uq import statistics
 from .evaluation import FACTORS
 from .plan import Plan
+from .questions import law_name
 from .summary import (
     PAIR,
     Axis,
@@ -66,7 +67,7 @@ def _question(name: str, q: Probability) -> list[str]:
         rows.append((f"threshold, {f'n = {q.specimens}' if q.specimens else 'its ends'}", q.threshold_ci))
     lines += [f"  {label:32}{_share(low):>10} ... {_share(high)}" for label, (low, high) in rows]
     if q.shapes:
-        shapes = ", ".join(f"{law} {_share(p)}" for law, p in q.shapes.items())
+        shapes = ", ".join(f"{law_name(law)} {_share(p)}" for law, p in q.shapes.items())
         lines.append(f"  {'threshold of another shape':32}{'':2}{shapes}")
     return [*lines, f"  {q.sentence}"] if q.sentence else lines
 

@@ -90,10 +90,15 @@ def threshold_text(threshold: Threshold, unit_name: str) -> str:
         case Uniform(low, high):
             return f"{low:g} ... {high:g}{after}, uniform"
         case Marginal():
-            shape = "" if isinstance(threshold, Normal) else f", {type(threshold).__name__.lower()}"
+            shape = "" if isinstance(threshold, Normal) else f", {law_name(type(threshold).__name__.lower())}"
             return f"{threshold.mean:.4g} ± {threshold.sd:.3g}{after}{shape}"
         case number:
             return f"{number:g}{after}"
+
+
+def law_name(law: str) -> str:
+    """A law as people write it: Weibull was a man."""
+    return "Weibull" if law == "weibull" else law
 
 
 def unit_of_response(name: str) -> Unit | None:

@@ -77,6 +77,20 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "grid": lambda: plots.grid(
         np.arange(4.0), [(f"gain {k}", np.arange(4.0) + k) for k in range(6)], "co-activation", QUANTITY, NOTE
     ),
+    "questions": lambda: plots.questions(
+        [
+            plots.Answer(
+                "peak inversion from neutral above 35 ± 6 deg, n = 10",
+                0.016,
+                (0.0157, 0.0158),
+                (8e-4, 0.15),
+                {"normal": 0.016, "lognormal": 0.006, "Weibull": 0.025},
+            ),
+            plots.Answer("inversion moment above 2.7 ... 4.3 N·m, no law between", None, (0.9, 0.97), (0.6, 0.96)),
+        ],
+        [plots.Exceeded(QUANTITY, *(np.linspace(a, b, 9) for a, b in ((20, 40), (1, 0), (0.9, 0), (1, 0.1))))],
+        NOTE,
+    ),
     "torque_angle": plots.torque_angle,
 }
 

@@ -36,7 +36,7 @@ OWN = f"P({INVERSION} > 35 +- 6 deg, n = 10)"
         (f"P( {INVERSION}>24deg )", 24.0, "above 24 deg"),
         (f"P({INVERSION} > 35 ± 6 deg)", Normal(35.0, 6.0), "above 35 ± 6 deg"),
         (f"P({INVERSION} > 35 deg +/- 6 deg, n=10)", Measured(Normal(35.0, 6.0), 10), "above 35 ± 6 deg, n = 10"),
-        (f"P({INVERSION} > weibull 35 +- 6 deg)", Weibull(35.0, 6.0), "above 35 ± 6 deg, weibull"),
+        (f"P({INVERSION} > weibull 35 +- 6 deg)", Weibull(35.0, 6.0), "above 35 ± 6 deg, Weibull"),
         (f"P({MOMENT} > 2.7 .. 4.3 N.m)", Bounds(2.7, 4.3), "above 2.7 ... 4.3 N·m, nothing known between"),
         (f"P({MOMENT} > 2700 N.mm)", pytest.approx(2.7), "above 2.7 N·m"),
         ("P(time_of_peak_subtalar_s > 80 ms)", pytest.approx(0.08), "above 0.08 s"),
