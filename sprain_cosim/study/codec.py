@@ -16,13 +16,14 @@ from ..scenario import Scenario
 from ..uq import distributions
 from ..uq.exceedance import Bounds
 from ..uq.measured import Measured
+from .marginals import Fitted
 from .plan import Plan
 from .questions import Question
 
 STUDY = "Study"  # the name under which a plan stands in a file
 CLASSES: dict[str, Any] = (
     {STUDY: Plan}
-    | {kind.__name__: kind for kind in (Scenario, Master, Question, Measured, Bounds)}
+    | {kind.__name__: kind for kind in (Scenario, Master, Question, Measured, Bounds, Fitted)}
     | {
         kind.__name__: kind
         for kind in vars(distributions).values()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -13,11 +13,12 @@ from ..errors import InputError, nearest
 from ..metrics import OF_BRACE, THROWN_TEXT, pose_artefacts, unit_of
 from ..records import finite
 from ..uq import sensitivity, statistics
-from ..uq.distributions import Array, Marginal
-from ..uq.exceedance import Exceedance, doubted_exceedance
+from ..uq.distributions import Array, LogNormal, Marginal, Normal, Weibull
+from ..uq.exceedance import Bounds, Exceedance, doubted_exceedance, input_interval
 from ..uq.measured import Measured
 from ..uq.reliability import FormResult, LevelCheck, LevelResult, RareEvent, Status
 from ..uq.sensitivity import SobolIndices
+from .marginals import Fitted
 from .plan import Plan
 from .questions import LITERATURE, Question, threshold_text
 from .summary import (
@@ -37,6 +38,7 @@ from .summary import (
     Percentile,
     Probability,
     Response,
+    SampleFit,
     Sensitivity,
     SobolIndex,
     SobolSearch,
@@ -61,6 +63,7 @@ FOR_CHAOS = 100  # completed trials for polynomial chaos
 CHAOS_DEGREE = 3  # at most; seconds instead of minutes for ten inputs and thousands of trials
 FACTORS = ("dmean_dmean", "dmean_dsd", "dsd_dmean", "dsd_dsd")
 CURVE = 41  # thresholds of a curve
+REWEIGHTED = 4_000  # rows that specimens behind inputs are judged from
 UNCHECKED = (
     "the levels were not tested on random landings: slopes, curvature and order alone have called levels right that "
     "are off by ten percent points; leave --no-check out"
@@ -103,10 +106,29 @@ def summarise(study: Plan, trials: pd.DataFrame, found: Found | None) -> StudySu
         dropped=tuple(study.scenario.dropped),
         isolation=apart.kind,
         granted=apart.granted,
+        fits={name: _fit(fit) for name, fit in study.fits.items() if name in _specimens(study)} or None,
     )
     if found is not None:
         return _with_search(summary, study, found)
     return _with_sample(summary, study, trials, done, metrics)
+
+
+def _fit(fit: Fitted) -> SampleFit:
+    return SampleFit(fit.law, fit.n, fit.file, finite(fit.aicc), fit.anderson_darling, fit.p_value, fit.warnings)
+
+
+def _specimens(study: Plan) -> dict[str, Measured | None]:
+    """{input that varies as it was measured: its law and the specimens behind it; None where the doubt about its
+    parameters cannot be carried on}."""
+    correlated = np.zeros(len(study.marginals), bool)
+    if study.correlation is not None:
+        correlated = (study.correlation != np.eye(len(study.marginals))).any(axis=1)
+    found = dict[str, Measured | None]()
+    for (name, marginal), joined in zip(study.marginals.items(), correlated, strict=True):
+        if name in study.fits and not marginal.is_fixed:
+            alone = isinstance(marginal, Normal | LogNormal | Weibull) and not joined
+            found[name] = Measured(marginal, study.fits[name].n) if alone else None
+    return found
 
 
 def _with_search(summary: StudySummary, study: Plan, found: Found) -> StudySummary:
@@ -149,6 +171,7 @@ def _with_sample(
     if len(done) >= LEAST and study.method != "grid":
         asked = [q for q in study.exceedances if q.response in values]
         questions = {q.name: sample.question(q, values[q.response]) for q in asked}
+        questions = _with_inputs(study, done, questions, asked, notes)
         curves = {q.response: sample.curve(values[q.response]) for q in asked}
         if all(q.name in questions for q in LITERATURE):
             notes.append(TWO_THRESHOLDS)
@@ -165,6 +188,44 @@ def _with_sample(
         grid=_grid(study, trials) if study.method == "grid" else None,
         stopping=_stopping(study, sample, values[study.responses[0]]) if responses else None,
     )
+
+
+def _with_inputs(
+    study: Plan,
+    done: pd.DataFrame,
+    found: Mapping[str, Probability],
+    asked: Sequence[Question],
+    notes: list[str],
+) -> dict[str, Probability]:
+    """The probabilities with what the specimens behind measured inputs leave open, where the trials can tell."""
+    specimens = _specimens(study)
+    columns = {k: specimens[name] for k, name in enumerate(study.names) if specimens.get(name) is not None}
+    lost = [name for name, law in specimens.items() if law is None]
+    if lost:
+        notes.append(f"the specimens behind {', '.join(lost)} are not carried on: its law is cut or correlated")
+    if not columns:
+        return dict(found)
+    rows = done.iloc[:REWEIGHTED]
+    x, out = rows[study.headings].to_numpy(float), dict[str, Probability]()
+    for question in asked:
+        probability = out[question.name] = found[question.name]
+        threshold = question.threshold
+        if threshold is None or isinstance(threshold, Bounds):
+            continue
+        law = threshold.marginal if isinstance(threshold, Measured) else threshold
+        y = rows[question.response].to_numpy(float)
+        try:
+            e = input_interval(x, y, law, {k: m for k, m in columns.items() if m is not None}, seed=study.seed)
+        except ValueError as problem:
+            notes.append(f"{question.name}: what the inputs' specimens leave open is not known: {problem}")
+            continue
+        more = f" The specimens behind the inputs leave {e.low:.3g} ... {e.high:.3g} open."
+        out[question.name] = replace(
+            probability,
+            inputs_ci=(finite(e.low), finite(e.high)),
+            sentence=f"{probability.sentence or ''}{more}".strip(),
+        )
+    return out
 
 
 @dataclass(frozen=True)
@@ -284,6 +345,41 @@ def _nested(values: Array) -> list[Any]:
     return [_nested(row) for row in values]
 
 
+@dataclass(frozen=True)
+class _Slopes:
+    """Importance of the inputs (d,) with its standard error, and the share of the variance that is linear."""
+
+    importance: Array
+    error: Array
+    r2: float
+
+    @classmethod
+    def of(cls, study: Plan, x: Array, y: Array) -> Self:
+        """Of dependent inputs in physical space, where the order of the study's lines does not matter."""
+        marginals = tuple(study.marginals.values())
+        if study.correlation is None:
+            fit = sensitivity.importance(x, y, marginals)
+            return cls(fit.alpha, fit.standard_error, fit.r2)
+        order = list(study.drawing)  # sums in one order, so that the last digit does not depend on the lines either
+        correlation = study.correlation[np.ix_(order, order)]
+        found = sensitivity.importance_x(x[:, order], y, [marginals[k] for k in order], correlation)
+        column = np.argsort(order)
+        return cls(found.alone[column], found.alone_error[column], found.r2)
+
+
+def _physical(study: Plan, alpha: Array) -> Array:
+    """A search's unit vector along each input's own standard score: of dependent inputs the one along independent
+    variables depends on the order of the study's lines. A threshold after the inputs stays where it is."""
+    if study.correlation is None:
+        return alpha
+    joint = study.joint
+    turned = alpha.copy()
+    turned[: len(joint)] = np.linalg.solve(joint.cholesky.T, alpha[: len(joint)])
+    turned[[k for k, m in enumerate(joint.marginals) if m.is_fixed]] = 0.0
+    norm = float(np.linalg.norm(turned))
+    return turned / norm if norm > 0 else turned
+
+
 def _sensitivity(study: Plan, x: Array, y: Array) -> Sensitivity:
     marginals = tuple(study.marginals.values())
     active = [i for i, m in enumerate(marginals) if not m.is_fixed]
@@ -293,9 +389,12 @@ def _sensitivity(study: Plan, x: Array, y: Array) -> Sensitivity:
     factors = sensitivity.sensitivity_factors(
         x, y, marginals, study.correlation, resamples=RESAMPLES if len(y) <= MANY else 0, seed=study.seed
     )
-    fit = sensitivity.importance(x, y, marginals, study.correlation) if len(y) > len(active) + 1 else None
+    slopes = None
+    smooth = not any(m.is_discrete for m in marginals)  # a choice has no slope, and no place in a polynomial
+    if smooth and len(y) > len(active) + 1:
+        slopes = _Slopes.of(study, x, y)
     chaos = None
-    if study.correlation is None and len(y) >= FOR_CHAOS:
+    if smooth and study.correlation is None and len(y) >= FOR_CHAOS:
         chaos = sensitivity.given_data_indices(x[:MANY], y[:MANY], marginals, CHAOS_DEGREE)
     inputs = {}
     for k, i in enumerate(active):
@@ -305,14 +404,14 @@ def _sensitivity(study: Plan, x: Array, y: Array) -> Sensitivity:
             **{f: finite(getattr(factors, f)[i]) for f in FACTORS},
             standard_error=Factors(*(finite(getattr(factors.standard_error, f)[i]) for f in FACTORS)),
             ci=FactorIntervals(*(_factor_interval(factors, f, i) for f in FACTORS)),
-            importance=None if fit is None else finite(fit.alpha[i]),
-            importance_standard_error=None if fit is None else finite(fit.standard_error[i]),
+            importance=None if slopes is None else finite(slopes.importance[i]),
+            importance_standard_error=None if slopes is None else finite(slopes.error[i]),
             sobol_first=None if chaos is None else finite(chaos.first[i]),
             sobol_total=None if chaos is None else finite(chaos.total[i]),
         )
     return Sensitivity(
         inputs,
-        None if fit is None else LinearFit(finite(fit.r2)),
+        None if slopes is None else LinearFit(finite(slopes.r2)),
         None if chaos is None else ChaosFit(chaos.degree, chaos.terms, finite(chaos.q2)),
     )
 
@@ -348,7 +447,7 @@ def _form(study: Plan, found: FormResult) -> FormSearch:
         finite(found.beta),
         finite(found.probability),
         limit,
-        _named(names, found.alpha),
+        _named(names, _physical(study, found.alpha)),
         _named(names, found.design_point),
     )
 
@@ -403,7 +502,7 @@ def _levels(study: Plan, found: LevelResult) -> LevelSearch:
         known = study.published.get("monte_carlo", {}).get(f"{key} % [deg]")
         levels[key] = Level(
             finite(value),
-            _named(study.names, found.importance[p]),
+            _named(study.names, _physical(study, found.importance[p])),
             _named(study.names, found.design_point[p]),
             found.iterations[p],
             # a method of the mean value family matches Monte Carlo if it lies in its interval
@@ -416,7 +515,7 @@ def _levels(study: Plan, found: LevelResult) -> LevelSearch:
         (*found.reasons, *(found.check.reasons if found.check else ())),
         study.responses[0],
         levels,
-        _named(study.names, found.linear_importance),
+        _named(study.names, _physical(study, found.linear_importance)),
         finite(found.mean),
         finite(found.sd),
         None if found.check is None else _level_test(found.check),
@@ -485,6 +584,6 @@ def _probability(question: Question, found: Exceedance, failed: int | None) -> P
         found.specimens,
         found.dominates,
         found.sentence(),
-        found.trials,
-        failed,
+        trials=found.trials,
+        failed=failed,
     )

@@ -15,14 +15,15 @@ from .. import keys
 from ..cosim.system import System
 from ..errors import InputError, nearest, problems_to_error
 from ..files import parse_toml, read_text
+from ..fmu.element import Connector
 from ..scenario import Scenario, load_scenario
 from ..scenario.file import PARAMETERS, VARIABLE
 from ..scenario.title import RAN
 from ..shipped import scenario_folder, shipped_scenarios, shipped_studies
-from ..units import Unit, quantity
-from ..uq.distributions import Array, Marginal
+from ..units import quantity
+from ..uq.distributions import Array, JointDistribution, Marginal
 from .inputs import parameter, unit_name
-from .marginals import DISTRIBUTION, NUMBER, marginal
+from .marginals import DISTRIBUTION, NUMBER, Measurements, marginal
 from .methods import METHODS
 from .plan import BEFORE_SAMPLING, TOLERANCE
 from .questions import THRESHOLD, questions_of, threshold_of, unit_of_response
@@ -44,6 +45,7 @@ LEVELS = keys.simple(
 NARROW = math.radians(0.25)  # a smaller spread of an angle is likely to be radians written as degrees
 NEEDS_SCENARIO = 'needs scenario = "the name of a scenario or a file"'
 RESPONSE = "peak_subtalar_angle_deg"
+CORRELATIONS = ("correlation", "rank_correlation")
 T = TypeVar("T")
 
 
@@ -167,7 +169,17 @@ FILE = keys.File(
                     keys.raw("number", {"type": "number", "exclusiveMinimum": -1, "exclusiveMaximum": 1}),
                     r"^\S+\s*,\s*\S+$",
                 ),
-                "Pearson correlation of two marginals, joined by a Gaussian copula",
+                "Pearson's correlation of two marginals, joined by a Gaussian copula",
+                "0",
+            ),
+            keys.Key(
+                "rank_correlation",
+                keys.Named(
+                    '"component.a, component.b"',
+                    keys.raw("number", {"type": "number", "exclusiveMinimum": -1, "exclusiveMaximum": 1}),
+                    r"^\S+\s*,\s*\S+$",
+                ),
+                "the same by Spearman's correlation, that of the ranks",
                 "0",
             ),
             keys.Key("study", SETTINGS, "how many landings, and what is asked of them"),
@@ -206,12 +218,17 @@ def load_study(name: str | Path) -> Study:
         problems_to_error(str(path), [*problems, str(problem)] if problems else [])
         raise
     system = scenario.system()
-    marginals, units = _varied("marginals", content, system, problems, marginal)
+    measured = Measurements(path.parent)
+
+    def distribution(spec: Any, own: Connector, place: str) -> Marginal:
+        return marginal(spec, own.unit, place, measured, own.value)
+
+    marginals, units = _varied("marginals", content, system, problems, distribution)
     grid, units_of_grid = _varied("grid", content, system, problems, _levels)
-    correlation = _correlation(content.get("correlation", {}), list(marginals), problems)
+    correlation = _correlation(content, marginals, problems)
     options = content.get("study", {})
-    options |= _of_responses(options, problems)
-    questions = questions_of(content.get("questions", []), problems)
+    options |= _of_responses(options, problems, measured)
+    questions = questions_of(content.get("questions", []), problems, measured)
     problems_to_error(str(path), problems)
     return Study(
         title=content.get("title", ""),
@@ -219,12 +236,17 @@ def load_study(name: str | Path) -> Study:
         marginals=marginals,
         units=units | units_of_grid,
         correlation=correlation,
+        fits={n: measured.fits[f"marginals.{n}"] for n in marginals if f"marginals.{n}" in measured.fits},
         grid=grid,
         questions=questions,
         published=content.get("published", {}),
         source=path.stem if path.parent == scenario_folder() / "studies" else str(path),
         text=text,
-        warnings=(*scenario.warnings, *(_narrow(n, m) for n, m in marginals.items() if _is_narrow(m, units[n]))),
+        warnings=(
+            *scenario.warnings,
+            *(f"{place}: {warning}" for place, fit in measured.fits.items() for warning in fit.warnings),
+            *(_narrow(n, m) for n, m in marginals.items() if _is_narrow(m, units[n])),
+        ),
         **options,
     ).checked()
 
@@ -246,15 +268,15 @@ def _varied(
     content: Mapping[str, Any],
     system: System,
     problems: list[str],
-    read: Callable[[Any, Unit | None, str], T],
+    read: Callable[[Any, Connector, str], T],
 ) -> tuple[dict[str, T], dict[str, str]]:
     """What stands in a table of parameters that vary, and their units."""
     found, units = dict[str, T](), dict[str, str]()
     for key, spec in content.get(table, {}).items():
         place = f"{table}.{key}"
         try:
-            own = parameter(system, key).unit
-            units[key] = unit_name(own)
+            own = parameter(system, key, isinstance(spec, dict) and "choices" in spec)
+            units[key] = unit_name(own.unit)
             found[key] = read(spec, own, place)
         except (InputError, ValueError) as problem:
             known = isinstance(problem, InputError) and place in str(problem)
@@ -273,46 +295,60 @@ def _narrow(name: str, marginal: Marginal) -> str:
     )
 
 
-def _levels(spec: Any, own: Unit | None, place: str) -> tuple[float, ...]:
+def _levels(spec: Any, own: Connector, place: str) -> tuple[float, ...]:
     if not isinstance(spec, list) or not spec:
         raise InputError(f"{place}: must be a list of levels, such as [0, 5, 10]")
-    return tuple(quantity(v, own, place) for v in spec)
+    return tuple(quantity(v, own.unit, place) for v in spec)
 
 
-def _correlation(spec: Mapping[str, Any], names: Sequence[str], problems: list[str]) -> Array | None:
-    if not spec:
-        return None
-    matrix = np.eye(len(names))
-    stated: dict[frozenset[str], str] = {}
-    for pair, rho in spec.items():
-        both = [p.strip() for p in pair.split(",")]
-        unknown = [p for p in both if p not in names]
-        if len(both) != 2 or unknown or both[0] == both[-1]:
-            where = (
-                f"no marginal {unknown[0]!r}{nearest(unknown[0], names)}"
-                if unknown
-                else 'write "component.a, component.b" = 0.3'
-            )
-            problems.append(f"correlation.{pair}: {where}")
-        elif isinstance(rho, bool) or not isinstance(rho, int | float) or not -1 < rho < 1:
-            problems.append(f"correlation.{pair} = {rho!r}: must be a number between -1 and 1")
-        else:
-            i, j = names.index(both[0]), names.index(both[1])
-            if (other := stated.setdefault(frozenset(both), pair)) != pair:
-                problems.append(f"correlation.{pair}: is stated twice, also as {other!r}; remove one")
-            matrix[i, j] = matrix[j, i] = rho
-    return matrix
+def _correlation(content: Mapping[str, Any], marginals: Mapping[str, Marginal], problems: list[str]) -> Array | None:
+    """Pearson's, whichever of the two is stated."""
+    names, matrix, stated = list(marginals), np.eye(len(marginals)), dict[frozenset[str], str]()
+    for table in CORRELATIONS:
+        for pair, rho in content.get(table, {}).items():
+            place, both = f"{table}.{pair}", [p.strip() for p in pair.split(",")]
+            unknown = [p for p in both if p not in names]
+            if len(both) != 2 or unknown or both[0] == both[-1]:
+                where = (
+                    f"no marginal {unknown[0]!r}{nearest(unknown[0], names)}"
+                    if unknown
+                    else 'write "component.a, component.b" = 0.3'
+                )
+                problems.append(f"{place}: {where}")
+            elif isinstance(rho, bool) or not isinstance(rho, int | float) or not -1 < rho < 1:
+                problems.append(f"{place} = {rho!r}: must be a number between -1 and 1")
+            else:
+                if (other := stated.setdefault(frozenset(both), place)) != place:
+                    problems.append(f"{place}: is stated twice, also as {_in_words(other, table)}; remove one")
+                i, j = (names.index(name) for name in both)
+                try:
+                    matrix[i, j] = matrix[j, i] = rho if table == CORRELATIONS[0] else _pearson(marginals, both, rho)
+                except ValueError as problem:
+                    problems.append(f"{place}: {str(problem).removeprefix('inputs 0 and 1: ')}")
+    return matrix if stated else None
 
 
-def _of_responses(options: Mapping[str, Any], problems: list[str]) -> dict[str, Any]:
+def _in_words(place: str, table: str) -> str:
+    """The pair alone where it stands in the same table."""
+    other, _, pair = place.partition(".")
+    return repr(pair) if other == table else place
+
+
+def _pearson(marginals: Mapping[str, Marginal], pair: Sequence[str], spearman: float) -> float:
+    """Pearson's correlation of two marginals whose ranks have this one."""
+    joint = JointDistribution([marginals[name] for name in pair], [[1.0, spearman], [spearman, 1.0]], "spearman")
+    return 0.0 if joint.correlation is None else float(joint.correlation[0, 1])
+
+
+def _of_responses(options: Mapping[str, Any], problems: list[str], measured: Measurements) -> dict[str, Any]:
     """The settings that are values of the first response: threshold and half_width."""
     own, found = unit_of_response(options.get("responses", (RESPONSE,))[0]), dict[str, Any]()
-    for key, read in (("threshold", threshold_of), ("half_width", quantity)):
+    for key in ("threshold", "half_width"):
         if key not in options:
             continue
-        place = f"study.{key}"
+        place, spec = f"study.{key}", options[key]
         try:
-            found[key] = read(options[key], own, place)
+            found[key] = threshold_of(spec, own, place, measured) if key == "threshold" else quantity(spec, own, place)
         except (InputError, ValueError) as problem:
             problems.append(str(problem) if place in str(problem) else f"{place}: {problem}")
     if not found.get("half_width", 1.0) > 0:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 CHANGES_NO_ROW = {
     "Plan.title": "a heading",
     "Plan.scenario": "its own fields stand in its place",
+    "Plan.fits": "where a marginal comes from, which counts itself",
     "Plan.questions": "answered from the rows when they are done; what method form searches counts as its threshold",
     "Plan.half_width": "a stopping rule is judged when the trials are done",
     "Plan.published": "printed beside the results",
@@ -53,6 +54,7 @@ COUNTS_FOR = {
     "budget": SEARCHES,
     "check": ("form",),  # of levels, it comes after the method's own landings
 }
+DRAWING = "drawing"  # in the order of an identity; since 0.2.0
 LONG = 10_000  # characters, above which a sequence counts by its hash
 
 
@@ -65,10 +67,17 @@ def identity(plan: Plan, files: Mapping[str, Mapping[str, str]] | None = None) -
     }
     return {
         "version": __version__,
-        "order": {"components": list(scenario.fmus), "inputs": list(plan.names)},
+        "order": _order(plan),
         **_fields(scenario, "Scenario", contents),
         **_fields(plan, "Plan", {name: None for name, methods in COUNTS_FOR.items() if plan.method not in methods}),
     } | _of_search(plan)
+
+
+def _order(plan: Plan) -> dict[str, Any]:
+    """Of the inputs' columns, and of their drawing where that is another."""
+    order = {"components": list(plan.scenario.fmus), "inputs": list(plan.names)}
+    drawn = [plan.names[k] for k in plan.drawing]
+    return order if drawn == order["inputs"] else {**order, DRAWING: drawn}
 
 
 def _of_search(plan: Plan) -> dict[str, Any]:

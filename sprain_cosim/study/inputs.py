@@ -40,15 +40,17 @@ class InputTable:
     warnings: tuple[str, ...] = ()
 
 
-def parameter(system: System, name: str) -> Connector:
-    """The parameter that can vary under this name. Raises InputError where there is none."""
+def parameter(system: System, name: str, by_choice: bool = False) -> Connector:
+    """The parameter that can vary under this name, `by_choice` among single values. Raises InputError where there is
+    none."""
     connector = system.find(name)
     if connector.causality != "parameter":
         raise InputError(f"{name}: is an {connector.causality}, not a parameter")
-    if connector.kind != "real":
+    if connector.kind != "real" and not (by_choice and connector.scalar_number):
         raise InputError(
             f"{name}: only real parameters can vary, not "
             f"{'an enumeration' if connector.items else f'a {connector.kind}'}"
+            f"{' (but among choices = [...] of a study file)' if connector.scalar_number else ''}"
         )
     return connector
 
@@ -103,7 +105,7 @@ class _Columns:
 
     def reader(self, place: int, heading: str) -> Callable[[str], None]:
         """What takes a cell of the column. Raises InputError for a cell that does not fit."""
-        name, unit = _named(heading)
+        name, unit = heading_of(heading)
         component = name.partition(".")[0]
         if name == "trial":
             self.numbered = True
@@ -145,7 +147,7 @@ class _Columns:
         return read
 
 
-def _named(heading: str) -> tuple[str, str]:
+def heading_of(heading: str) -> tuple[str, str]:
     """Name and unit of a heading, with or without a blank between them."""
     match = HEADING.fullmatch(heading)
     return (match[1], match[2]) if match else (heading, "")

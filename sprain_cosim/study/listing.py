@@ -34,6 +34,11 @@ def study_listing(study: Plan, summary: StudySummary) -> str:
         f"{summary.n_completed} of {summary.n_requested} trials completed, {_number(summary.wall_s, '.1f')} s wall time"
     ]
     lines += [f"failed: {count} {status}" for status, count in summary.failures.items()]
+    lines += [
+        f"{name}: {law_name(fit.law)} fitted to {fit.n} values of {fit.file}, AICc "
+        f"{_number(fit.aicc, '.1f') or 'none'}, Anderson-Darling A² = {fit.anderson_darling:.2g}, p = {fit.p_value:.2g}"
+        for name, fit in (summary.fits or {}).items()
+    ]
     if summary.amv is not None:
         lines += _levels(study, summary.amv)
     elif summary.form is not None:
@@ -65,6 +70,8 @@ def _question(name: str, q: Probability) -> list[str]:
         rows.append((f"sample{counted}", q.sampling_ci))
     if q.threshold_ci is not None:
         rows.append((f"threshold, {f'n = {q.specimens}' if q.specimens else 'its ends'}", q.threshold_ci))
+    if q.inputs_ci is not None:
+        rows.append(("specimens behind the inputs", q.inputs_ci))
     lines += [f"  {label:32}{_share(low):>10} ... {_share(high)}" for label, (low, high) in rows]
     if q.shapes:
         shapes = ", ".join(f"{law_name(law)} {_share(p)}" for law, p in q.shapes.items())

@@ -3,6 +3,7 @@ picklable; it knows no files and runs nothing (study.py does)."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -23,7 +24,8 @@ from ..uq.measured import Measured
 from .identity import digest_of, identity
 from .inputs import parameter as varied_parameter
 from .inputs import read_table
-from .methods import METHODS
+from .marginals import Fitted
+from .methods import METHODS, SEARCHES
 from .questions import LITERATURE, Question, parse_question
 
 if TYPE_CHECKING:
@@ -48,6 +50,7 @@ class Plan:
     trials       number of trials; of landings for method sobol-indices
     seed         of everything random
     correlation  (d, d) Pearson correlations of the marginals in their order, joined by a Gaussian copula; None: none
+    fits         {"component.parameter": the fit to measured values that its marginal is}
     grid         {"component.parameter": levels in its own unit}, for method grid
     levels       probabilities at which a search looks for the response's value, and a stopping rule for its interval
     threshold    of the first response, whose exceedance is asked for
@@ -80,6 +83,7 @@ class Plan:
     trials: int = 1000
     seed: int = 0
     correlation: Array | None = None
+    fits: Mapping[str, Fitted] = field(default_factory=dict)
     grid: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     levels: tuple[float, ...] = (0.05, 0.5, 0.95)
     threshold: Threshold | None = None
@@ -120,17 +124,32 @@ class Plan:
     def joint(self) -> JointDistribution:
         return JointDistribution(tuple(self.marginals.values()), self.correlation)
 
+    @property
+    def drawing(self) -> tuple[int, ...]:
+        """The columns in the order in which numbers are drawn for them: their own, or with correlations that of their
+        names, so that the lines of a file may stand in any order."""
+        if self.correlation is None:
+            return tuple(range(len(self.names)))
+        return tuple(sorted(range(len(self.names)), key=lambda k: self.names[k]))
+
+    def _drawn(self) -> tuple[JointDistribution, list[int]]:
+        """The inputs in the order of drawing, and where each column stands in it."""
+        order, marginals = list(self.drawing), tuple(self.marginals.values())
+        correlation = None if self.correlation is None else self.correlation[np.ix_(order, order)]
+        return JointDistribution([marginals[k] for k in order], correlation), np.argsort(order).tolist()
+
     def sample(self) -> Array:
         """(n, d) inputs in their own units, one row a trial. Row i of a Monte Carlo or Sobol' study depends on the
         study and i alone.
 
         Raises InputError for a method that is a search, not a sample."""
-        if self.method == "monte-carlo":
-            return sampling.monte_carlo(self.joint, self.trials, self.seed)
-        if self.method == "lhs":
-            return sampling.latin_hypercube(self.joint, self.trials, self.seed)
-        if self.method == "sobol":
-            return sampling.sobol(self.joint, self.trials, self.seed, self.replicates)
+        if self.method in ("monte-carlo", "lhs", "sobol"):
+            joint, column = self._drawn()
+            if self.method == "monte-carlo":
+                return sampling.monte_carlo(joint, self.trials, self.seed)[:, column]
+            if self.method == "lhs":
+                return sampling.latin_hypercube(joint, self.trials, self.seed)[:, column]
+            return sampling.sobol(joint, self.trials, self.seed, self.replicates)[:, column]
         if self.method == "grid":
             return sampling.full_factorial([self.grid[name] for name in self.names])
         if self.method == "table":
@@ -142,8 +161,9 @@ class Plan:
         """The sample piece by piece: numbers (k,) and inputs (k, d). A Monte Carlo study of any size is drawn in
         constant memory."""
         if self.method == "monte-carlo":
-            for first, x in sampling.monte_carlo_blocks(self.joint, self.trials, self.seed):
-                yield np.arange(first, first + len(x)), x
+            joint, column = self._drawn()
+            for first, x in sampling.monte_carlo_blocks(joint, self.trials, self.seed):
+                yield np.arange(first, first + len(x)), x[:, column]
         else:
             x = self.sample()
             yield np.array(self.numbers or range(len(x)), np.int64), x
@@ -236,20 +256,27 @@ class Plan:
             try:
                 _ = self.joint
             except ValueError as problem:
-                problems.append(f"correlation: {problem}")
+                problems.append(f"correlation: {self._named(str(problem))}")
         problems_to_error(self.source or self.heading, problems)
         return self
+
+    def _named(self, problem: str) -> str:
+        """A message about "inputs 0 and 3" with their names."""
+        names = list(self.marginals)
+        return re.sub(r"inputs (\d+) and (\d+)", lambda m: f"{names[int(m[1])]} and {names[int(m[2])]}", problem)
 
     def _range_problems(self, system: System) -> Iterator[str]:
         """Names that are no parameters, marginals and levels outside a parameter's range."""
         for name in (*self.marginals, *self.grid):
             try:
-                connector = varied_parameter(system, name)
+                marginal = self.marginals.get(name)
+                connector = varied_parameter(
+                    system, name, marginal is not None and (marginal.is_discrete or marginal.is_fixed)
+                )
             except InputError as problem:
                 yield str(problem)
                 continue
             allowed = f"{connector.minimum:g} ... {connector.maximum:g} {self.units[name]}"
-            marginal = self.marginals.get(name)
             outside = marginal.probability_outside(connector.minimum, connector.maximum) if marginal else 0.0
             if outside > IMPOSSIBLE:
                 yield (
@@ -277,6 +304,9 @@ class Plan:
             yield f"questions: method {self.method} draws no sample that could answer them; leave them out"
         if self.method not in ("grid", "table") and not self.marginals:
             yield "no marginals: nothing would vary"
+        steps = [name for name, m in self.marginals.items() if m.is_discrete]
+        if steps and self.method in SEARCHES and self.method != "sobol-indices":
+            yield f"marginals.{steps[0]}: choices have no slope that method {self.method} could follow; take a sample"
         for name in self.responses:
             if name not in NAMES:
                 yield f"response {name!r}: no such metric{nearest(name, NAMES)}"

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from .codec import decode
-from .identity import digest_of, identity
+from .identity import DRAWING, digest_of, identity
 from .methods import SEARCHES
 from .plan import Plan
 
@@ -30,6 +30,7 @@ def facts_today(facts: Mapping[str, str]) -> dict[str, str]:
         return dict(facts)
     files = {kind: then.get(kind, {}) for kind in ("fmus", "maps")}
     now = identity(study, files) | {"version": then["version"]}
+    now["order"].pop(DRAWING, None)  # columns were drawn in the file's order
     return {**facts, "identity": json.dumps(now, sort_keys=True), "digest": digest_of(now)}
 
 

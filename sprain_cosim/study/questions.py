@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from .. import keys
@@ -16,10 +15,11 @@ from ..errors import InputError, nearest
 from ..literature import INJURY_INVERSION, INJURY_INVERSION_TEXT, INJURY_MOMENT, INJURY_MOMENT_TEXT
 from ..metrics import NAMES, unit_of
 from ..units import Unit, quantity, split, unit
-from ..uq.distributions import LogNormal, Marginal, Normal, Uniform, Weibull
+from ..uq.distributions import LogNormal, Marginal, Normal, Truncated, Uniform, Weibull
 from ..uq.exceedance import SHAPES, Bounds, Threshold
 from ..uq.measured import Measured
-from .marginals import DISTRIBUTION, ENDS, FAMILIES, NUMBER, marginal
+from .marginals import DISTRIBUTION, ENDS, NUMBER, SAMPLES, Measurements, marginal
+from .marginals import NAMES as LAWS
 
 GRAMMAR = '"P(RESPONSE > VALUE UNIT)", with "VALUE +- SD UNIT", "LOW .. HIGH UNIT" and ", n = 10" where they apply'
 
@@ -30,7 +30,7 @@ THRESHOLD = keys.Either(
             *DISTRIBUTION.table.keys,
             keys.Key("n", keys.whole(3), "beside normal, lognormal, weibull: specimens that it was estimated from"),
         ),
-        more={"anyOf": [*({"required": [name]} for name in FAMILIES), {"required": list(ENDS)}]},
+        more={"anyOf": [*({"required": [name]} for name in LAWS), {"required": list(ENDS)}]},
     ),
     "quantity, or distribution",
     "that of the response",
@@ -114,16 +114,20 @@ def known_response(name: str, place: str) -> str:
     return name
 
 
-def threshold_of(spec: Any, own: Unit | None, place: str, folder: Path | None = None) -> Threshold:
-    """A threshold as a study file writes it. Raises InputError that begins with `place`, ValueError for numbers that no
-    distribution has."""
+def threshold_of(spec: Any, own: Unit | None, place: str, measured: Measurements | None = None) -> Threshold:
+    """A threshold as a study file writes it; `measured` takes the fits of its samples. Raises InputError that begins
+    with `place`, ValueError for numbers that no distribution has."""
     if not isinstance(spec, dict):
         return quantity(spec, own, place)
     if set(spec) == set(ENDS):
         return Bounds(*(quantity(spec[end], own, f"{place}.{end}") for end in ENDS))
-    law = marginal({key: value for key, value in spec.items() if key != "n"}, own, place)
-    if law.is_fixed:
-        raise InputError(f'{place}: a fixed threshold is written as a value, such as "24 deg"')
+    law = marginal({key: value for key, value in spec.items() if key != "n"}, own, place, measured)
+    if SAMPLES in spec and "n" in spec:
+        raise InputError(f"{place}: n is the number of the samples; leave it out")
+    if SAMPLES in spec and measured is not None and not isinstance(law, Truncated):
+        return Measured(law, measured.fits[place].n)
+    if law.is_fixed or law.is_discrete:
+        raise InputError(f'{place}: a threshold is a value, such as "24 deg", a law or two ends')
     if "n" not in spec:
         return law
     if not keys.is_whole(spec["n"]):
@@ -131,7 +135,9 @@ def threshold_of(spec: Any, own: Unit | None, place: str, folder: Path | None = 
     return Measured(law, spec["n"])
 
 
-def questions_of(specs: Sequence[Mapping[str, Any]], problems: list[str]) -> tuple[Question, ...]:
+def questions_of(
+    specs: Sequence[Mapping[str, Any]], problems: list[str], measured: Measurements | None = None
+) -> tuple[Question, ...]:
     """The [[questions]] of a study file."""
     found: list[Question] = []
     for k, spec in enumerate(specs, 1):
@@ -141,7 +147,9 @@ def questions_of(specs: Sequence[Mapping[str, Any]], problems: list[str]) -> tup
             if "above" not in spec and "levels" not in spec:
                 raise InputError(f'{place}: asks nothing; give above = "24 deg" or levels = [0.99]')
             above = spec.get("above")
-            threshold = None if above is None else threshold_of(above, unit_of_response(response), f"{place}.above")
+            threshold = None
+            if above is not None:
+                threshold = threshold_of(above, unit_of_response(response), f"{place}.above", measured)
             found.append(Question(response, threshold, spec.get("levels", ())))
         except (InputError, ValueError) as problem:
             problems.append(str(problem) if place in str(problem) else f"{place}.above: {problem}")

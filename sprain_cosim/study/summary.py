@@ -87,7 +87,8 @@ class InputSensitivity(Record):
     pearson, spearman           correlation with the response
     dmean_dmean ... dsd_dsd     see Factors
     standard_error, ci          of those four
-    importance                  its part in the unit vector of a linear fit in standard space; + raises the response
+    importance                  its part in the unit vector of a linear fit in standard space; + raises the response. Of
+                                correlated inputs along each one's own standard score, the others held
     importance_standard_error   its standard error
     sobol_first, sobol_total    Sobol' indices from polynomial chaos, 0 ... 1
     """
@@ -186,6 +187,7 @@ class Probability(Record):
     specimens        behind the threshold
     dominates        which of the two is wider: sampling, threshold, both, none; None where one is not known
     sentence         says so, and what would narrow it
+    inputs_ci        what the specimens behind measured inputs leave open, 95 %; None where no input was measured
     trials, failed   behind the number
     """
 
@@ -201,6 +203,7 @@ class Probability(Record):
     specimens: int | None = optional()
     dominates: str | None = optional()
     sentence: str | None = optional()
+    inputs_ci: PAIR | None = optional()
     trials: int | None = optional()
     failed: int | None = optional()
 
@@ -401,6 +404,26 @@ class Kept(Record):
         return super().from_json({"roles": roles, "first": content.get("first", 0)}, place)
 
 
+@dataclass(frozen=True)
+class SampleFit(Record):
+    """The law fitted to measured values of an input.
+
+    law                        normal, lognormal or weibull
+    n, file                    number of values, and where they stand
+    aicc                       Akaike's criterion with the correction for small samples; None for three values
+    anderson_darling, p_value  the statistic of the fitted law, and how likely a larger one is if the law holds
+    warnings                   what speaks against it
+    """
+
+    law: str
+    n: int
+    file: str
+    aicc: float | None
+    anderson_darling: float
+    p_value: float
+    warnings: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StudySummary(Summary):
     """Content of a study's summary.json, and what a campaign's `summary` is.
@@ -415,6 +438,7 @@ class StudySummary(Summary):
     sensitivity                {response: what moves it}
     questions                  {question: its probability}; those of the literature are called by their metric
     curves                     {metric: the probability that it exceeds fixed thresholds}, where something is asked
+    fits                       {input: the law fitted to its measured values}
     notes                      what a reader must know about the numbers
     dropped                    parameters that the FMU put in a component's place does not have
     isolation                  sandbox or process: where the trials ran
@@ -443,6 +467,7 @@ class StudySummary(Summary):
     sensitivity: Mapping[str, Sensitivity] = field(default_factory=dict)
     questions: Mapping[str, Probability] = field(default_factory=dict)
     curves: Mapping[str, Curve] | None = optional()
+    fits: Mapping[str, SampleFit] | None = optional()
     notes: tuple[str, ...] = ()
     dropped: tuple[str, ...] = ()
     isolation: str = ""

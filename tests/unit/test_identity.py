@@ -21,6 +21,7 @@ from sprain_cosim.study.codec import encode
 from sprain_cosim.study.folder import load_study_plan, recorded_plan
 from sprain_cosim.study.identity import CHANGES_NO_ROW, COUNTS_FOR, changes
 from sprain_cosim.study.ledger import Ledger
+from sprain_cosim.study.marginals import Fitted
 from sprain_cosim.study.merge import merge
 from sprain_cosim.study.methods import METHODS
 from sprain_cosim.study.plan import Plan
@@ -89,6 +90,7 @@ PLAN: dict[str, Callable[[Plan], Any]] = {
     "correlation": lambda _: np.eye(10),
     "grid": lambda _: {"plant.drop_height": (0.3, 0.4)},
     "threshold": lambda _: 35.0,
+    "fits": lambda _: {"brace.angle_scale": Fitted("normal", 9, "bench.csv", 1.0, 0.3, 0.5)},
     "questions": lambda _: (Question("peak_inversion_from_neutral_deg", 35.0),),
     "tolerance": lambda _: 1e-4,
     "half_width": lambda _: 0.5,

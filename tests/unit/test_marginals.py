@@ -29,6 +29,10 @@ DEGREE = math.pi / 180
         ({"beta": {"alpha": 1, "beta": 1, "low": "0 deg", "high": "12 deg"}}, 6, 12 / math.sqrt(12)),
         ({"empirical": ["1 deg", "2 deg", "3 deg"]}, 2, math.sqrt(1 / 3)),
         ({"fixed": "7 deg"}, 7, 0),
+        ({"choices": ["3 deg", "1 deg"]}, 2, 1),
+        ({"choices": {"3 deg": 1, "1 deg": 3}}, 1.5, math.sqrt(0.75)),
+        ({"triangular": {"low": "0 deg", "mode": "6 deg", "high": "12 deg"}, "low": "6 deg"}, 8, math.sqrt(2)),
+        ({"empirical": ["1 deg", "2 deg", "3 deg"], "high": "2 deg"}, 1.5, math.sqrt(1 / 12)),
     ],
     ids=lambda v: next(iter(v)) if isinstance(v, dict) else "",
 )
@@ -39,13 +43,12 @@ def test_families_have_the_moments_of_their_numbers(spec: dict[str, Any], mean: 
 
 
 def test_every_distribution_has_a_name() -> None:
-    """But for `Truncated`, which low and high make, and `Choices`, which is of names."""
+    """But for `Truncated`, which low and high make."""
     made = {family.make for family in FAMILIES.values()}
     known = {getattr(distributions, name) for name in distributions.__all__} - {
         distributions.Array,
         distributions.JointDistribution,
         distributions.Marginal,
-        distributions.Choices,
         Truncated,
     }
     assert made == known
@@ -65,6 +68,11 @@ def test_every_distribution_has_a_name() -> None:
         ({"triangular": {"low": "1 deg"}}, "triangular = { low = ..., mode = ..., high = ... }"),
         ({"uniform": {"low": "1 deg", "high": "2 deg"}, "low": "1 deg"}, "low and high belong inside uniform"),
         ({"fixed": "1 deg", "high": "1 deg"}, "a fixed value has no low or high"),
+        ({"choices": ["1 deg", "2 deg"], "high": "1 deg"}, "choices have no low or high"),
+        ({"choices": ["1 deg", "1 deg"]}, "a value stands twice"),
+        ({"choices": "1 deg"}, "choices must be a list"),
+        ({"choices": {"1 deg": "a"}}, "weights must be numbers"),
+        ({"samples": "bench.csv"}, "samples stand in a study file"),
         ({"empirical": "1 deg"}, "empirical must be a list of values"),
         ({"beta": {"alpha": "1 deg", "beta": 1, "low": "1 deg", "high": "2 deg"}}, "here.alpha"),
         ({"lognormal": {"mean": "0 deg", "sd": "0 deg"}}, "write { fixed = 0 }"),
