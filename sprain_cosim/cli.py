@@ -113,15 +113,15 @@ def run_command(
     if in_process:
         chosen = chosen.unconfined()
     for warning in (*chosen.warnings, *chosen.doubts(), *device_doubts(chosen)):
-        click.echo(f"warning: {warning}", err=True)
+        _show(f"warning: {warning}", err=True)
     if out is not None:
         check_run_folder(out)
         if (out / FILE).exists() and not force:
-            click.echo(f"warning: {out}: its earlier run is overwritten; the next version asks for --force", err=True)
+            _show(f"warning: {out}: its earlier run is overwritten; the next version asks for --force", err=True)
         chosen = chosen.recording("plant.*")
     result = chosen.run()
     if result.warning:
-        click.echo(f"warning: {result.warning}", err=True)
+        _show(f"warning: {result.warning}", err=True)
     summary = RunSummary.of(chosen, result)
     if check_coupling and result.status == "completed":
         summary = replace(summary, coupling_check=chosen.coupling_check(result))
@@ -130,13 +130,13 @@ def run_command(
 
         leave_run(out, result, summary)
     if as_json:
-        click.echo(json.dumps(summary.to_json(), allow_nan=False))
+        _show(json.dumps(summary.to_json(), allow_nan=False))
     elif result.status == "completed":
         _print_table(chosen.heading, summary.initial_pose, result)
         for key, change in (summary.coupling_check or {}).items():
-            click.echo(f"{'at half the step:' if key == 'peak_subtalar_angle_deg' else '':18}{key:44}{change:+.4g}")
+            _show(f"{'at half the step:' if key == 'peak_subtalar_angle_deg' else '':18}{key:44}{change:+.4g}")
         if out is not None:
-            click.echo(f"\nwritten: {', '.join(str(out / name) for name in FILES)}")
+            _show(f"\nwritten: {', '.join(str(out / name) for name in FILES)}")
     if result.status != "completed":
         raise SimulationError(result.message)
 
@@ -144,21 +144,21 @@ def run_command(
 def _print_table(title: str, pose: str | None, result: Result) -> None:
     from .metrics import THROWN_TEXT, pose_artefacts, table
 
-    click.echo(
+    _show(
         f"{title}  ·  {f'pose {pose}, ' if pose else ''}{result.scheme}, {len(result.time) - 1} steps, "
         f"{1e3 * result.wall:.0f} ms wall time\n"
     )
     rows = table(result)
     if rows:
-        click.echo(f"{'':32}{'value':>10}  {'unit':7}{'time [ms]':>10}")
+        _show(f"{'':32}{'value':>10}  {'unit':7}{'time [ms]':>10}")
     for label, value, unit, time in rows:
-        click.echo(f"{label:32}{value:10.2f}  {unit:7}{1e3 * time:10.1f}")
+        _show(f"{label:32}{value:10.2f}  {unit:7}{1e3 * time:10.1f}")
     if pose_artefacts(result.metrics, pose):
-        click.echo(THROWN_TEXT)
+        _show(THROWN_TEXT)
     if result.coupling_error is not None:
-        click.echo(f"{'coupling error':32}{100 * result.coupling_error:10.2f}  % of the energy exchanged")
+        _show(f"{'coupling error':32}{100 * result.coupling_error:10.2f}  % of the energy exchanged")
     for name, held in result.held.items():
-        click.echo(
+        _show(
             f"{'age of a held torque':32}{held.largest_change:10.2f}  N·m     {name} is sampled every "
             f"{1e3 * held.period:g} ms; {held.axis} torque, {100 * held.share:.0f} % of its largest, at most, from one "
             "call to the next"
@@ -260,7 +260,7 @@ def study_command(
             raise InputError("--inputs: its rows are the trials; leave --method and --trials out")
         chosen = chosen.with_inputs(inputs)
     for warning in (*chosen.warnings, *chosen.scenario.doubts(), *device_doubts(chosen.scenario)):
-        click.echo(f"warning: {warning}", err=True)
+        _show(f"warning: {warning}", err=True)
     share = _share(max_failed)
     portion = part(shard) if shard else None
     folder = out or Path("runs") / (Path(study).stem + (f"-{portion[0]}of{portion[1]}" if portion else ""))
@@ -282,10 +282,10 @@ def study_command(
             command=again,
         )
     except (signals.Interrupted, SimulationError):
-        click.echo(f"{chr(10) if sys.stderr.isatty() else ''}continue with: {again} --resume", err=True)
+        _show(f"{chr(10) if sys.stderr.isatty() else ''}continue with: {again} --resume", err=True)
         raise
     _warn_of_trials(done, folder)
-    click.echo(
+    _show(
         json.dumps(done.summary.to_json(), allow_nan=False)
         if as_json
         else f"{study_listing(done.study, done.summary)}\n\nwritten: {folder}"
@@ -295,15 +295,15 @@ def study_command(
 def _warn_of_trials(done: Campaign, folder: Path) -> None:
     """What a reader of the table must know."""
     for warning in done.warnings:
-        click.echo(f"warning: {warning}", err=True)
+        _show(f"warning: {warning}", err=True)
     if done.summary.not_reproduced:
-        click.echo(
+        _show(
             f"warning: trials {list(done.summary.not_reproduced)} gave other numbers when they were run again "
             "for their trajectories",
             err=True,
         )
     if done.summary.n_failed:
-        click.echo(
+        _show(
             f"warning: {done.summary.n_failed} trials failed; how, and the commands that run them again: "
             f"{folder / 'failures.json'}",
             err=True,
@@ -321,7 +321,7 @@ def merge_command(folders: tuple[Path, ...], out: Path | None, parquet: bool, as
     from .study.merge import merge
 
     done = merge(folders, out, parquet)
-    click.echo(
+    _show(
         json.dumps(done.summary.to_json(), allow_nan=False)
         if as_json
         else f"{study_listing(done.study, done.summary)}\n\nwritten: {done.out}"
@@ -356,11 +356,11 @@ def trial_command(folder: Path, number: int, out: Path | None, as_json: bool) ->
     if out is not None:
         leave_run(out, result, summary)
     if as_json:
-        click.echo(json.dumps(summary.to_json(), allow_nan=False))
+        _show(json.dumps(summary.to_json(), allow_nan=False))
     elif result.status == "completed":
         _print_table(f"{scenario.heading}, trial {number}", summary.initial_pose, result)
     if not as_json:
-        click.echo(f"\n{outcome.status}: {verdict}{f'; written: {out}' if out else ''}")
+        _show(f"\n{outcome.status}: {verdict}{f'; written: {out}' if out else ''}")
     if result.status != "completed":
         raise SimulationError(
             f"trial {number} {outcome.status}: {outcome.message} (recorded: {again.row.outcome.status})"
@@ -382,7 +382,7 @@ def reproduce_command(manifest: Path, workers: int | None, progress: str, out: P
     from .study.reproduce import reproduce
 
     done = reproduce(manifest, out, workers, reporter(progress))
-    click.echo(json.dumps(done.to_json(), allow_nan=False) if as_json else done.text())
+    _show(json.dumps(done.to_json(), allow_nan=False) if as_json else done.text())
     return 0 if done.identical else 1
 
 
@@ -412,7 +412,7 @@ def check_command(fmu: Path, mapping: Path | None, settings: tuple[str, ...], as
     from .scenario import parse_value
 
     values = {n: parse_value(v) for n, v in (_pair(text, "--set", "NAME=VALUE") for text in settings)}
-    report = check_brace(fmu, mapping, values, lambda line: click.echo(line, err=True))
+    report = check_brace(fmu, mapping, values, lambda line: _show(line, err=True))
     proposed = Path(f"{fmu.stem}.map.toml")
     if report.proposal and mapping is None and not proposed.exists():
         try:
@@ -427,9 +427,9 @@ def check_command(fmu: Path, mapping: Path | None, settings: tuple[str, ...], as
                 f"{problem.strerror}), then check with --map:\n{report.proposal}"
             )
     if as_json:
-        click.echo(json.dumps(report.as_dict(), allow_nan=False))
+        _show(json.dumps(report.as_dict(), allow_nan=False))
     else:
-        click.echo(report.text())
+        _show(report.text())
     return 0 if report.fits else 1
 
 
@@ -504,15 +504,15 @@ def compare_command(
             max_failed=_share(max_failed),
             in_process=in_process,
             progress=reporter(progress),
-            say=lambda name: None if progress == "none" else click.echo(f"{name} ...", err=True),
+            say=lambda name: None if progress == "none" else _show(f"{name} ...", err=True),
         )
     except signals.Interrupted:
-        click.echo(f"continue with: {again} --resume", err=True)
+        _show(f"continue with: {again} --resume", err=True)
         raise
     for entry in done.entries:
         for warning in entry.warnings:
-            click.echo(f"warning: {entry.name}: {warning}", err=True)
-    click.echo(
+            _show(f"warning: {entry.name}: {warning}", err=True)
+    _show(
         json.dumps(done.summary.to_json(), allow_nan=False)
         if as_json
         else f"{comparison_listing(done.summary)}\n\nwritten: {done.out}/compare.json, {done.out}/figures/compare.png"
@@ -546,7 +546,7 @@ def brace_new(folder: Path, lang: str) -> None:
     """Start a brace project in FOLDER: sources that build as they are, and a README."""
     from .brace.new import new_brace
 
-    click.echo(
+    _show(
         f"written: {', '.join(str(path) for path in new_brace(folder, lang))}\nnext: sprain-cosim brace build {folder}"
     )
 
@@ -562,7 +562,7 @@ def brace_build(folder: Path, output: Path | None, platforms: tuple[str, ...]) -
     from .brace.new import build_brace
 
     target = build_brace(folder, output, platforms)
-    click.echo(f"written: {target}\nnext: sprain-cosim check {target}")
+    _show(f"written: {target}\nnext: sprain-cosim check {target}")
 
 
 @brace_group.command("from-csv")
@@ -577,11 +577,11 @@ def brace_from_csv(table: Path, output: Path | None) -> None:
 
     target = output or table.with_suffix(".fmu")
     for axis, (low, high) in from_csv(table, target, fmu_path("brace_table", Path.cwd(), "brace_table")).items():
-        click.echo(
+        _show(
             f"{axis}: {57.29577951308232 * low:.4g} ... {57.29577951308232 * high:.4g} deg; outside, the torque goes "
             "straight on with the end slope"
         )
-    click.echo(f"written: {target}\nnext: sprain-cosim check {target}")
+    _show(f"written: {target}\nnext: sprain-cosim check {target}")
 
 
 @cli.command("plot")
@@ -594,7 +594,7 @@ def plot_command(folders: tuple[Path, ...], out: Path | None) -> None:
     from .folders.read import read_folders
 
     for path in write_figures(read_folders(folders), out or folders[0]):
-        click.echo(f"written: {path}")
+        _show(f"written: {path}")
 
 
 TRIAL = click.option(
@@ -621,9 +621,9 @@ def animate_command(folders: tuple[Path, ...], trial: str | None, slow: float, o
     target = out or folders[0] / "animation.webp"
     runs = [run for folder in folders for run in load_landings(folder, trial)]
     for run in runs:
-        click.echo(run.label, err=True)
+        _show(run.label, err=True)
     count = animate(runs, target, slow)
-    click.echo(f"written: {target} ({count} picture{'s' if count > 1 else ''}, {target.stat().st_size / 1e6:.1f} MB)")
+    _show(f"written: {target} ({count} picture{'s' if count > 1 else ''}, {target.stat().st_size / 1e6:.1f} MB)")
 
 
 @cli.command("export")
@@ -644,7 +644,7 @@ def export_command(folder: Path, trial: str | None, kind: str | None, content: s
     from .folders.landing import load_landing
 
     rows, columns = write_landing(load_landing(folder, trial), output, kind, content)
-    click.echo(f"written: {output} ({rows} rows, {columns} columns and time)")
+    _show(f"written: {output} ({rows} rows, {columns} columns and time)")
 
 
 @cli.command("report")
@@ -661,7 +661,7 @@ def report_command(folders: tuple[Path, ...], out: Path | None) -> None:
     from .folders.read import read_folders
     from .report.page import write_report
 
-    click.echo(f"written: {write_report(read_folders(folders), out or folders[0])}")
+    _show(f"written: {write_report(read_folders(folders), out or folders[0])}")
 
 
 @cli.command("scenarios")
@@ -673,10 +673,10 @@ def scenarios_command(as_json: bool) -> None:
 
     listed = [(name, load_scenario(name).heading) for name in shipped_scenarios()]
     if as_json:
-        click.echo(json.dumps({"folder": str(scenario_folder()), "scenarios": dict(listed)}))
+        _show(json.dumps({"folder": str(scenario_folder()), "scenarios": dict(listed)}))
         return
     for name, title in listed:
-        click.echo(f"{name:26}{title}")
+        _show(f"{name:26}{title}")
 
 
 @cli.command("build")
@@ -688,9 +688,9 @@ def build_command(models: tuple[str, ...], platforms: tuple[str, ...]) -> None:
 
     built = build_all(models, platforms)
     for fmu in built:
-        click.echo(f"{fmu.file}  {fmu.guid[:12]}{'' if fmu.new else '  current'}")
+        _show(f"{fmu.file}  {fmu.guid[:12]}{'' if fmu.new else '  current'}")
     if not built:
-        click.echo("nothing to build: the FMUs ship with the package")
+        _show("nothing to build: the FMUs ship with the package")
 
 
 @cli.command("validate")
@@ -736,7 +736,7 @@ def validate_command(
     checks = suite.select(suite.suite(folder), only)
     if listed:
         for check in checks:
-            click.echo(f"{check.id:14}{'quick' if check.quick else 'full':7}{check.title}")
+            _show(f"{check.id:14}{'quick' if check.quick else 'full':7}{check.title}")
         return 0
     output.check_targets(out, junit)
 
@@ -746,13 +746,13 @@ def validate_command(
     report = suite.run_checks(
         checks,
         Laboratory(quick, workers),
-        lambda done: click.echo(suite.outcome_line(done), err=as_json),
+        lambda done: _show(suite.outcome_line(done), err=as_json),
         only,
         keep,
         lambda: bool(received),
     )
     keep(report)
-    click.echo(
+    _show(
         output.json_text(report).strip()
         if as_json
         else f"\n{suite.totals(report)}" + (f"\nwritten: {out}" if out else "")
@@ -768,10 +768,10 @@ def doctor_command(as_json: bool) -> None:
 
     found = findings()
     if as_json:
-        click.echo(json.dumps([{"ok": ok, "what": what, "detail": detail} for ok, what, detail in found]))
+        _show(json.dumps([{"ok": ok, "what": what, "detail": detail} for ok, what, detail in found]))
     else:
         for ok, what, detail in found:
-            click.echo(f"{'ok     ' if ok else 'problem'}  {what:18}{detail}")
+            _show(f"{'ok     ' if ok else 'problem'}  {what:18}{detail}")
     if not all(ok for ok, _, _ in found):
         raise SystemExit(4)
 
@@ -867,12 +867,17 @@ class _Warnings(logging.Handler):
     """What the package logs, as the command line says it."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        click.echo(f"warning: {_one_line(record.getMessage())}", err=True)
+        _show(f"warning: {_one_line(record.getMessage())}", err=True)
 
 
 def _say(message: str, code: int) -> int:
-    click.echo(f"error: {message}", err=True)
+    _show(f"error: {message}", err=True)
     return code
+
+
+def _show(text: str, err: bool = False) -> None:
+    """The one way to the terminal: titles, names and paths come from strangers."""
+    click.echo(visible(text), err=err)
 
 
 def _one_line(text: str) -> str:

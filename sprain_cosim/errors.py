@@ -11,7 +11,12 @@ SprainError                exit code
 from __future__ import annotations
 
 import difflib
+import re
+import unicodedata
 from collections.abc import Iterable
+
+LINE_ENDS = re.compile(r"\s*\n\s*")
+UNUSUAL = re.compile(r"[^\n\t -~]")
 
 
 class SprainError(Exception):
@@ -19,9 +24,13 @@ class SprainError(Exception):
 
     exit_code = 1
 
+    def __str__(self) -> str:
+        """One line without control characters, whatever names it quotes."""
+        return visible(LINE_ENDS.sub(" ", super().__str__()))
+
 
 class InputError(SprainError):
-    """Something the user gave cannot be used. Several problems found together are joined by newlines."""
+    """Something the user gave cannot be used."""
 
     exit_code = 2
 
@@ -56,8 +65,14 @@ def problems_to_error(place: str, problems: Iterable[str]) -> None:
 
 
 def visible(text: str) -> str:
-    """The text with control characters shown instead of sent to a terminal."""
-    return "".join(c if c.isprintable() or c in "\n\t" else ascii(c)[1:-1] for c in text)
+    """The text with control characters shown instead of sent to a terminal, a page, a figure or a table: all that is
+    not printed, such as escape sequences and turns of the direction of writing; ends of lines and tabs remain."""
+    return UNUSUAL.sub(_shown, text)
+
+
+def _shown(found: re.Match[str]) -> str:
+    c = found[0]
+    return c if c.isprintable() or unicodedata.category(c) == "Zs" else ascii(c)[1:-1]
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

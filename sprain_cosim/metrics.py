@@ -89,7 +89,8 @@ def metrics(run: Signals) -> dict[str, float]:
         out[f"peak_{LABELS[axis]}_velocity_deg_s"] = degrees * float(run[f"plant.{axis}_velocity"].max())
     if "plant.inversion_angle" in run.index:
         out["peak_inversion_from_neutral_deg"] = degrees * float(run["plant.inversion_angle"].max())
-    torques = torques if all(f"plant.brace_{axis}_moment" in run.index for axis in peak) else {}
+    needed = [f"plant.brace_{axis}_moment" for axis in peak] + [f"plant.{axis}_angle" for axis in torques]
+    torques = torques if all(name in run.index for name in needed) else {}
     for who in ("anatomy", "brace") if torques else ("anatomy",):
         for axis, k in peak.items():
             out[f"{who}_{LABELS[axis]}_moment_Nm"] = float(run[f"plant.{who}_{axis}_moment"][k])

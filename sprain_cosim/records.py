@@ -7,6 +7,7 @@ not know are passed over, so that a later version may add some."""
 from __future__ import annotations
 
 import math
+import sys
 import types
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, Field, field, fields
@@ -22,6 +23,7 @@ KINDS: Mapping[Any, tuple[tuple[type, ...], str]] = {  # what JSON may hold for 
     str: ((str,), "a text"),
     bool: ((bool,), "true or false"),
 }
+LARGEST: Mapping[Any, float] = {int: 2**128, float: sys.float_info.max}  # seeds are whole numbers of up to 128 bits
 
 
 def optional() -> Any:
@@ -110,6 +112,8 @@ def _typed(kind: Any, content: Any, place: str) -> Any:
         allowed, name = KINDS[kind]
         if not isinstance(content, allowed) or (isinstance(content, bool) and kind is not bool):
             raise InputError(f"{place}: must be {name}")
+        if isinstance(content, int | float) and abs(content) > LARGEST.get(kind, math.inf):
+            raise InputError(f"{place}: is too large a number")
         return kind(content)
     if origin is tuple:
         each = arguments[:1] * len(content) if isinstance(content, list) and arguments[-1] is Ellipsis else arguments

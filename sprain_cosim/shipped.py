@@ -37,19 +37,27 @@ def template(name: str, source: str) -> Path:
     return inside if inside.exists() else SOURCES / source
 
 
+def is_file(path: Path) -> bool:
+    """Whether there is such a file; a name that no file can have is none."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
 def fmu_path(name: str, beside: Path, what: str) -> Path:
     """The file of a shipped FMU's name, or of a path relative to `beside`; `what` begins the message.
 
     Raises InputError where there is none, EnvironmentProblem for a shipped one that is not built."""
     if "/" not in name and "\\" not in name and not name.endswith(".fmu"):
         built = FMUS / f"{name}.fmu"
-        if built.is_file():
+        if is_file(built):
             return built
-        if (SOURCES / name.removesuffix(FMI3) / "interface.py").is_file():
+        if is_file(SOURCES / name.removesuffix(FMI3) / "interface.py"):
             raise EnvironmentProblem(f"{what}: not built yet; run `sprain-cosim build`")
-        if not (beside / name).is_file():
+        if not is_file(beside / name):
             raise InputError(f"{what}: no such FMU file, and none of that name ships{nearest(name, shipped_fmus())}")
     path = beside / name
-    if not path.is_file():
+    if not is_file(path):
         raise InputError(f"{what}: no such FMU file")
     return path

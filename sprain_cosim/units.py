@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -177,7 +178,7 @@ def quantity(value: float | str, target: Unit | None, what: str) -> float:
             )
         number, name = parts
     else:
-        number, name = float(value), ""
+        number, name = float(value) if abs(value) <= sys.float_info.max else math.inf, ""
     if not math.isfinite(number):
         raise InputError(f"{what} = {value!r}: must be finite")
     if not name:

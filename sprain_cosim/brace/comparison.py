@@ -217,8 +217,8 @@ def _cell(estimate: MeanEstimate | None, factor: float, sign: bool = False) -> s
 
 def _held(brace: BraceSummary, motion: str) -> str:
     held = brace.resistance_Nm
-    return f"{_small(held[f'{motion}_5deg'])} / {_small(held[f'{motion}_10deg'])}" if held else ""
+    return f"{_small(held.get(f'{motion}_5deg'))} / {_small(held.get(f'{motion}_10deg'))}" if held else ""
 
 
-def _small(value: float) -> str:
-    return f"{0.0 if abs(value) < 5e-3 else value:.2f}"
+def _small(value: float | None) -> str:
+    return "?" if value is None else f"{0.0 if abs(value) < 5e-3 else value:.2f}"

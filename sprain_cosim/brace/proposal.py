@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import re
 
 from ..contract import INPUTS, OUTPUTS, plain
+from ..errors import visible
 from ..fmu.component import Component
 from ..fmu.element import Connector
 from ..units import unit
@@ -68,15 +70,25 @@ def _candidates(component: Component, causality: str, link: str, kinds: tuple[st
 def _unused(component: Component, shown: str) -> list[str]:
     """The other scalar variables, as comments."""
     rest = [
-        f"#   {causality} {name} [{connector.unit.name if connector.unit else 'no unit'}]"
+        f"#   {causality} {_plain(name)} [{connector.unit.name if connector.unit else 'no unit'}]"
         for causality in ("input", "output")
         for name, connector in component.select(causality).items()
-        if connector.scalar_number and f'"{name}"' not in shown
+        if connector.scalar_number and quoted(name) not in shown
     ]
     if not rest:
         return []
     more = [f"#   and {len(rest) - LISTED} more"] if len(rest) > LISTED else []
     return ["# Not used above; an entry may name any of these:", *rest[:LISTED], *more]
+
+
+def quoted(name: str) -> str:
+    """A name as a text of TOML."""
+    return json.dumps(name, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _plain(name: str) -> str:
+    """A name as it may stand in a comment."""
+    return visible(" ".join(name.split()))
 
 
 def _is_force(connector: Connector) -> bool:
@@ -91,9 +103,9 @@ def _is_force(connector: Connector) -> bool:
 def _lever_line(names: list[str], jcs: bool) -> str:
     axis = _axis(names[0], WORDS_JCS if jcs else WORDS)[0] or next(iter(WORDS))
     if len(names) == 1:
-        entry = f'{axis}_torque = {{ from = "{names[0]}", arm = "40 mm" }}'
+        entry = f'{axis}_torque = {{ from = {quoted(names[0])}, arm = "40 mm" }}'
         return f"# {entry}   # review: a force; state its lever arm and take the first # away"
-    listed, signs = ", ".join(f'"{name}"' for name in names), ", ".join("1" for _ in names)
+    listed, signs = ", ".join(map(quoted, names)), ", ".join("1" for _ in names)
     entry = f'{axis}_torque = {{ from = [{listed}], factor = [{signs}], arm = "40 mm" }}'
     return f"# {entry}   # review: or their sum; -1 for one that pulls the other way"
 
@@ -122,7 +134,7 @@ def _line(name: str, connector: Connector, kind: str, link: str, words: Words, t
         axis, turned = own.removesuffix(f"_{kind}"), False
     target = f"{axis or next(iter(WORDS))}_{kind}"
     declared = connector.unit is not None and not connector.unit.dimensionless
-    entry = f'{link} = "{name}"' + ("" if declared else ', unit = "?"') + (", factor = -1" if turned else "")
+    entry = f"{link} = {quoted(name)}" + ("" if declared else ', unit = "?"') + (", factor = -1" if turned else "")
     line = f"{target} = {{ {entry} }}"
     if target in taken:
         return f"# {line}   # review: a second candidate"

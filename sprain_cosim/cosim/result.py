@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -9,7 +11,8 @@ from typing import IO, TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, visible
+from ..files import LARGEST_RECORD, read_frame
 from ..metrics import metrics
 from ..units import Unit
 
@@ -82,26 +85,30 @@ class Result:
     def csv(self) -> str:
         """The record as signals.csv has it: `time [s]`, then `component.variable [unit]`, ten digits."""
         headings = ["time [s]", *(f"{n} [{u.name if u else '?'}]" for n, u in zip(self.names, self.units, strict=True))]
+        head = io.StringIO()
+        csv.writer(head, lineterminator="\n").writerow(map(visible, headings))  # names may hold commas
         values = np.column_stack([self.time, self.values])
         line = (
             ",".join(["%.10g"] * len(headings)) + "\n"
         )  # one format for all rows: 30 times as fast as pandas, and the same bytes
         text = (line * len(values)) % tuple(values.ravel().tolist())
-        return ",".join(headings) + "\n" + (text if np.isfinite(values).all() else text.replace("nan", ""))
+        return head.getvalue() + (text if np.isfinite(values).all() else text.replace("nan", ""))
 
     @classmethod
     def read_csv(cls, source: Path | IO[bytes]) -> Result:
         """The record of a signals.csv, also gzipped as a study keeps it. Raises InputError when it is none."""
-        import pandas as pd
-
         try:
-            table = pd.read_csv(source, index_col=0)
+            table = read_frame(source, LARGEST_RECORD, index_col=0)
             names, units = zip(*(str(c).removesuffix("]").rsplit(" [", 1) for c in table.columns), strict=True)
             time, values = table.index.to_numpy(float), table.to_numpy(float)
         except FileNotFoundError:
             raise InputError(f"{source}: no such file; make the run again with --out") from None
-        except (ValueError, EOFError, OSError) as problem:
-            raise InputError(f"{source}: cannot be read: {problem}") from None
+        except ValueError as problem:
+            raise InputError(f"{source}: cannot be read: {str(problem)[:200]}") from None
+        if not len(time) or not np.isfinite(time).all() or np.isinf(values).any():
+            raise InputError(
+                f"{source}: cannot be read: {'holds a number that is not finite' if len(time) else 'no rows'}"
+            )
         known = tuple(None if u == "?" else Unit(u) for u in units)
         return cls(time=time, values=values, names=names, units=known, status="completed", message="", scheme="")
 

@@ -17,7 +17,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
+from matplotlib.text import Text
 
+from ..errors import visible
 from ..files import write
 
 COLUMN = 8.5 / 2.54  # inches
@@ -112,6 +114,10 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     def inside(*args: P.args, **kwargs: P.kwargs) -> Figure:
         with rc_context(STYLE):
             figure = draw(*args, **kwargs)
+            for text in figure.findobj(Text):
+                assert isinstance(text, Text)
+                if (shown := visible(text.get_text())) != text.get_text():
+                    text.set_text(shown)
             figure.draw_without_rendering()
         figure.set_layout_engine(
             "none"

@@ -20,6 +20,7 @@ from . import archive
 from .element import Capabilities, Connector, Element
 
 OWN_TOOL = "sprain-cosim"
+MOST_VARIABLES = 100_000  # 2 s and 300 MB
 PYTHON_SLAVE = "resources/slavemodule.txt"  # what PythonFMU and PythonFMU3 put into their FMUs
 
 
@@ -120,6 +121,12 @@ def _parsed(description: bytes) -> Any:
     """fmpy's ModelDescription of a modelDescription.xml."""
     from fmpy.model_description import read_model_description
 
+    count = description.count(b"valueReference")
+    if count > MOST_VARIABLES:
+        raise InputError(
+            f"modelDescription.xml has some {count} variables; at most {MOST_VARIABLES} are accepted; export the FMU "
+            "without the model's inner variables"
+        )
     container = io.BytesIO()  # fmpy wants an archive; this one holds nothing but the description that was checked
     with zipfile.ZipFile(container, "w") as packed:
         packed.writestr("modelDescription.xml", description)

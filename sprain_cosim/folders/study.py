@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..files import read_toml
 from ..study import trajectories
 from ..study.folder import read_trials
+from ..study.manifest import FILE as MANIFEST
 from ..study.manifest import Manifest, read_manifest
 from ..study.summary import StudySummary, read_summary
 
@@ -106,11 +107,20 @@ class StudyFolder:
         return frozenset(str(c).partition(" [")[0] for c in self.trials.columns if "." in str(c))
 
     @property
+    def ran_with(self) -> Mapping[str, Any]:
+        """{"component.parameter": value} of the scenario as it ran; empty where the manifest does not say. Raises
+        InputError."""
+        found = self.manifest.identity.get("parameters") or {}
+        if not isinstance(found, Mapping):
+            raise InputError(f"{self.path / MANIFEST}, identity, parameters: must be an object")
+        return found
+
+    @property
     def published(self) -> Mapping[str, Any]:
         """Published figures of the study file; none when the study ran with another pose, device or parameter than the
         file names."""
         named = self.file.parameters
-        ran = self.manifest.identity.get("parameters", named)
+        ran = self.ran_with or named
         devices = {Path(fmu.file).name for fmu in self.manifest.fmus.values()}
         same = (
             named.get("plant.initial_pose", self.pose) == self.pose

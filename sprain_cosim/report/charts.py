@@ -101,5 +101,5 @@ def script_data(content: Sequence[Mapping[str, Any]]) -> Markup:
     return Markup(json.dumps(content, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"))
 
 
-def _digits(values: NDArray[np.float64]) -> list[float]:
-    return [float(f"{v:.4g}") for v in values]
+def _digits(values: NDArray[np.float64]) -> list[float | None]:
+    return [float(f"{v:.4g}") if np.isfinite(v) else None for v in values.tolist()]

@@ -1,4 +1,5 @@
-"""Pages from templates. The engine escapes every text that is put in; a name that a template lacks is an error."""
+"""Pages from templates. The engine escapes every text that is put in, and control characters are shown; a name that a
+template lacks is an error."""
 
 from __future__ import annotations
 
@@ -8,6 +9,8 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
+
+from ..errors import visible
 
 
 @cache
@@ -31,4 +34,4 @@ def asset(name: str) -> Markup:
 
 def render(template: str, **values: Any) -> str:
     """The page that a template of templates/ makes of `values`."""
-    return _environment().get_template(template).render(values)
+    return visible(_environment().get_template(template).render(values))

@@ -265,7 +265,7 @@ def inputs_tables(items: Sequence[Named]) -> list[Block]:
         if isinstance(item, RunFolder):
             fixed, varied = item.summary.parameters, dict[str, Any]()
         else:
-            fixed = item.manifest.identity.get("parameters") or item.file.parameters
+            fixed = item.ran_with or item.file.parameters
             varied = {k: v for k, v in item.file.marginals.items() if k in item.varied}
         rows: list[Row] = [[_parameter(k), _distribution(v)] for k, v in varied.items()]
         rows += [[_parameter(k), str(v)] for k, v in fixed.items() if k not in varied]

@@ -11,7 +11,7 @@ from ..cosim.coupling import SCHEMES, check_scheme
 from ..cosim.master import Master
 from ..errors import InputError, nearest, problems_to_error
 from ..files import read_toml
-from ..shipped import fmu_path, scenario_folder, shipped_scenarios
+from ..shipped import fmu_path, is_file, scenario_folder, shipped_scenarios
 from .scenario import SECOND, Scenario, Value, share
 from .title import RAN
 
@@ -168,11 +168,11 @@ def load_scenario(name: str | Path) -> Scenario:
 def _find(name: str, beside: Path | None = None) -> Path:
     places = [Path(name)] if beside is None else [beside / name, beside / f"{name}.toml"]
     for place in places:
-        if place.is_file():
+        if is_file(place):
             return place
     if NAME.fullmatch(name) or "/" not in name:
         inside = scenario_folder() / f"{name}.toml"
-        if inside.is_file():
+        if is_file(inside):
             return inside
     if name.endswith(".toml") or "/" in name:
         raise InputError(f"{name}: no such scenario file")

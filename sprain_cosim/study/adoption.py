@@ -24,7 +24,7 @@ def version_before(study: Plan, held: Plan, folder: Path) -> str | None:
     belong to the version. `held` is the study from the copies of its files."""
     try:
         with Ledger.read(folder) as ledger:
-            before = json.loads(ledger.facts.get("identity", "{}"))
+            before = ledger.said("identity")
     except InputError:  # damaged: who opens it to write mends it
         return None
     now = held.identity

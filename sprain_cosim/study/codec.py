@@ -54,8 +54,15 @@ def encode(value: Any) -> Any:
 
 def decode(content: Any) -> Any:
     """The inverse of `encode`. Raises InputError for anything else."""
+    try:
+        return _decoded(content)
+    except (TypeError, ValueError, OverflowError, RecursionError) as problem:
+        raise InputError(f"made by another version: {str(problem)[:200]}") from None
+
+
+def _decoded(content: Any) -> Any:
     if isinstance(content, list):
-        return [decode(v) for v in content]
+        return [_decoded(v) for v in content]
     if not isinstance(content, dict):
         return content
     kind: Any = content.get("!")
@@ -65,12 +72,12 @@ def decode(content: Any) -> Any:
     if kind == "array":
         return np.array(value, float)
     if kind == "tuple":
-        return tuple(decode(v) for v in value)
+        return tuple(_decoded(v) for v in value)
     if kind == "map":
-        return {decode(k): decode(v) for k, v in value}
-    if kind in CLASSES:
+        return {_decoded(k): _decoded(v) for k, v in value}
+    if isinstance(kind, str) and kind in CLASSES:
         try:
-            return CLASSES[kind](**{k: decode(v) for k, v in content.items() if k != "!"})
+            return CLASSES[kind](**{k: _decoded(v) for k, v in content.items() if k != "!"})
         except (TypeError, ValueError) as problem:
             raise InputError(f"made by another version: {kind}: {problem}") from None
     raise InputError(f"made by another version: {kind!r} is not known")

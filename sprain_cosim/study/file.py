@@ -19,7 +19,7 @@ from ..fmu.element import Connector
 from ..scenario import Scenario, load_scenario
 from ..scenario.file import PARAMETERS, VARIABLE
 from ..scenario.title import RAN
-from ..shipped import scenario_folder, shipped_scenarios, shipped_studies
+from ..shipped import is_file, scenario_folder, shipped_scenarios, shipped_studies
 from ..units import quantity
 from ..uq.distributions import Array, JointDistribution, Marginal
 from .inputs import parameter, unit_name
@@ -197,9 +197,9 @@ FILE = keys.File(
 def load_study(name: str | Path) -> Study:
     """A study from a file or the name of one that ships. Raises InputError with all problems."""
     path = Path(name)
-    if not path.is_file():
+    if not is_file(path):
         path = scenario_folder() / "studies" / f"{name}.toml"
-    if not path.is_file():
+    if not is_file(path):
         if str(name) in shipped_scenarios():
             raise InputError(
                 f"{name}: is a scenario, one landing; `sprain-cosim run {name}` runs it, a study varies it"
@@ -254,7 +254,7 @@ def load_study(name: str | Path) -> Study:
 def _scenario(content: Mapping[str, Any], path: Path, problems: list[str]) -> Scenario:
     """The study's scenario with the parameters of the study on top."""
     beside = path.parent / content["scenario"]
-    scenario = load_scenario(beside if beside.is_file() else content["scenario"])
+    scenario = load_scenario(beside if is_file(beside) else content["scenario"])
     for key, value in content.get("parameters", {}).items():
         try:
             scenario = scenario.override(key, value)

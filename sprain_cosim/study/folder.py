@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import EnvironmentProblem, InputError
-from ..files import sweep, whole_file, write, write_json
+from ..files import read_frame, sweep, whole_file, write, write_json
 from .codec import decode
 from .identity import changes
 from .ledger import FILE, LOCK, RESUME, Ledger
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 FAILURES = "failures.json"
 TRIALS = "trials.csv"
+WORDS = ("status", "message")  # its columns that hold no numbers
 
 
 def check_study_folder(folder: Path, resume: bool) -> None:
@@ -48,7 +49,7 @@ def check_study_folder(folder: Path, resume: bool) -> None:
 def recorded_plan(folder: Path, ledger: Ledger) -> Plan:
     """The study that a ledger was made with, whatever has become of its files. Raises InputError when the ledger does
     not say."""
-    study = decode(json.loads(ledger.facts.get("study", "null")))
+    study = decode(ledger.said("study"))
     if not isinstance(study, Plan):
         raise InputError(f"{folder}: the ledger does not say what study it belongs to")
     return study
@@ -58,11 +59,11 @@ def load_study_plan(folder: Path, ledger: Ledger) -> Plan:
     """The study that a ledger was made with, from the copies of its files where those have changed. Raises InputError
     when there is no copy of a file that is gone or has changed."""
     study = recorded_plan(folder, ledger)
-    study = replace(study, scenario=restored(study.scenario, json.loads(ledger.facts["identity"])))
+    study = replace(study, scenario=restored(study.scenario, ledger.said("identity")))
     for name, path in (*study.scenario.fmus.items(), *study.scenario.maps.items()):
         if not path.is_file():
             raise InputError(f"{folder}: was made with {name} = {path}, which is gone; put it back")
-    different = changes(json.loads(ledger.facts["identity"]), json.loads(json.dumps(study.identity)), ("version",))
+    different = changes(ledger.said("identity"), json.loads(json.dumps(study.identity)), ("version",))
     if different:
         raise InputError(
             f"{folder}: its study is another now ({'; '.join(different)}); put back what has changed since"
@@ -157,14 +158,24 @@ def missing(numbers: Sequence[int], limit: int = 5) -> str:
 
 def read_trials(folder: Path, as_text: bool = False) -> pd.DataFrame:
     """trials.csv, one row a trial; `as_text` every cell as it is written. Raises InputError."""
-    import pandas as pd
-
     path = folder / TRIALS
     try:
         if as_text:
-            return pd.read_csv(path, dtype=str, keep_default_na=False)
-        return pd.read_csv(path, keep_default_na=True)
+            return read_frame(path, dtype=str, keep_default_na=False)
+        table = read_frame(path, keep_default_na=True, dtype={"status": str, "message": str})
     except FileNotFoundError:
         raise InputError(f"{folder}: no trials.csv in it; the study is not finished") from None
-    except (ValueError, OSError) as problem:
-        raise InputError(f"{path}: cannot be read: {problem}") from None
+    for column in table.columns:
+        wrong = "" if column in WORDS else _no_numbers(table[column], column == "trial")
+        if wrong:
+            raise InputError(f"{path}: column {column}: {wrong}")
+    return table
+
+
+def _no_numbers(column: pd.Series, whole: bool) -> str:
+    """What is wrong with a column of numbers; a cell of them may be empty, one of `whole` numbers not."""
+    if column.dtype.kind not in "iuf" and column.notna().any():
+        return "holds a cell that is no number"
+    if whole and (column.dtype.kind not in "iu" or not column.is_unique or (column < 0).any()):
+        return "must hold different whole numbers, not negative"
+    return "holds a number that is not finite" if np.isinf(column.to_numpy(float)).any() else ""

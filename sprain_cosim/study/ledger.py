@@ -214,7 +214,10 @@ class Ledger:
             if version > BEFORE_CHECKSUMS and facts.pop(CHECK, None) != _sum_of_facts(facts):
                 raise ledger._unreadable("what it says of its study does not fit its checksum")
             ledger._checked = version > BEFORE_CHECKSUMS
-            ledger.facts = facts if ledger._checked else facts_today(facts)
+            try:
+                ledger.facts = facts if ledger._checked else facts_today(facts)
+            except (ValueError, TypeError, AttributeError, KeyError, RecursionError):
+                raise ledger._unreadable("what it says of its study cannot be read") from None
             return ledger
         raise InputError(f"{path}: cannot be read as a ledger: {trouble}")
 
@@ -236,6 +239,16 @@ class Ledger:
                     fresh._database.backup(target)
             except sqlite3.Error as problem:
                 raise _trouble(folder, problem) from None
+
+    def said(self, fact: str) -> Any:
+        """What it says of its study, None for nothing; `identity` is always an object. Raises InputError."""
+        try:
+            content = json.loads(self.facts.get(fact, "null"))
+        except (TypeError, ValueError, RecursionError):
+            content = ...
+        if content is ... or (fact == "identity" and not isinstance(content, dict)):
+            raise self._unreadable(f"what it says of its study ({fact}) cannot be read")
+        return content
 
     def add(self, row: Row) -> None:
         """Within the open transaction, see `commit`."""
@@ -294,7 +307,10 @@ class Ledger:
     def finished(self) -> tuple[np.ndarray, np.ndarray]:
         """(n,) numbers of all rows, ascending; (n,) whether each failed."""
         found = self._asked("SELECT trial, status != 'completed' FROM trials ORDER BY trial")
-        pairs = np.array(found, np.int64).reshape(-1, 2)
+        try:
+            pairs = np.array(found, np.int64).reshape(-1, 2)
+        except (TypeError, ValueError, OverflowError):
+            raise self._unreadable("a trial's number or status is none") from None
         return pairs[:, 0].copy(), pairs[:, 1].astype(bool)
 
     def rows(self) -> Iterator[Row]:
@@ -318,7 +334,7 @@ class Ledger:
                     parsed[text] = json.loads(text)
                 named = dict(zip(parsed[text], np.frombuffer(metrics).tolist(), strict=True))
                 yield Row(trial, np.frombuffer(inputs), Outcome(status, message, named, wall, attempts, log), worker)
-        except sqlite3.DatabaseError as problem:
+        except (sqlite3.DatabaseError, TypeError, ValueError) as problem:
             raise self._unreadable(problem) from None
 
     def _records(self, which: str, *values: Any) -> Iterator[tuple[Sequence[Any], str]]:

@@ -42,7 +42,7 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
         study = load_study_plan(folders[0], parts[0])
         for folder, part in zip(folders, parts, strict=True):
             if part.facts["digest"] != parts[0].facts["digest"]:
-                one, other = (json.loads(ledger.facts["identity"]) for ledger in (parts[0], part))
+                one, other = (ledger.said("identity") for ledger in (parts[0], part))
                 different = "; ".join(changes(one, other, words=("there", "here")))
                 raise InputError(f"{folder}: belongs to another study than {folders[0]} ({different})")
         study = max((load_study_plan(f, p) for f, p in zip(folders, parts, strict=True)), key=lambda s: s.trials)

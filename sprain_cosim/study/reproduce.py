@@ -146,6 +146,8 @@ def _study(folder: Path, then: Manifest) -> Plan:
     else:
         study = load_study(folder / "study.toml")
         method, seed = (then.identity.get(key, getattr(study, key)) for key in ("method", "seed"))
+        if not isinstance(method, str) or not isinstance(seed, int):
+            raise InputError(f"{folder / FILE}, identity: method must be a text, seed a whole number")
         study = replace(study, method=method, seed=seed, trials=then.trials or study.trials)
     now = identity_then(study) if is_previous(then.identity) else json.loads(json.dumps(study.identity))
     changed = changes(then.identity, now, OF_THE_MACHINE)

@@ -1,10 +1,12 @@
-"""Whatever a file holds, its parser gives an object or one error of ours in one line: scenario, study, mapping, the two
-kinds of CSV (R3).
+"""Whatever a file holds, its reader gives an object or one error of ours in one line: the files that people write,
+descriptions of FMUs, typed options (R3), and the folders that runs, studies and comparisons leave (R26).
 
-Texts are valid files with random edits: near misses reach deeper than noise. Noise comes too."""
+Texts are valid files with random edits: near misses reach deeper than noise. Noise comes too. tools/fuzz.py does the
+same for longer, by what code an input reaches; what it once found is among its seeds."""
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Callable
 from functools import lru_cache
@@ -22,160 +24,9 @@ from sprain_cosim.scenario import load_scenario
 from sprain_cosim.shipped import scenario_folder
 from sprain_cosim.study.study import Study
 from tests.native import device
+from tools import fuzz
+from tools.fuzz import INPUTS, MAPPING, SCENARIO, STUDY, TABLE, TOKENS
 
-SCENARIO = """
-base = "incline30"
-title = "A brace"
-[components.brace]
-fmu = "brace_bushing"
-[parameters]
-"brace.angle_scale" = 2.4
-"plant.drop_height" = "0.30 m"
-"plant.initial_pose" = "touching"
-[connections]
-"brace.rotation_x_angle" = "plant.rotation_x_angle"
-[master]
-communication_step = "0.5 ms"
-scheme = "auto"
-stop = "150 ms"
-"""
-STUDY = """
-scenario = "incline30_mixed"
-title = "A study"
-[parameters]
-"plant.initial_pose" = "published"
-[marginals]
-"plant.drop_height" = { lognormal = { mean = "0.30 m", sd = "0.05 m" }, low = "0.1 m" }
-"controller.coactivation" = { uniform = { low = 0.1, high = 0.3 } }
-"plant.talocrural_angle_at_contact" = { normal = { mean = "-34 deg", sd = "5 deg" } }
-[grid]
-"controller.reflex_gain" = [0, 5, 10]
-[correlation]
-"plant.drop_height, controller.coactivation" = 0.3
-[study]
-method = "monte-carlo"
-trials = 16
-seed = 20211208
-responses = ["peak_subtalar_angle_deg"]
-levels = [0.05, 0.5]
-threshold = "35 deg"
-replicates = 8
-space = "x"
-step = 0.1
-difference = "forward"
-[published]
-source = "here"
-"""
-MAPPING = """
-active = true
-step = "1 ms"
-reset = true
-[inputs]
-subtalar_angle = { to = "In1_InvAngle", unit = "deg", offset = 2.0 }
-subtalar_velocity = "In2_InvVel"
-[outputs]
-subtalar_torque = { from = "M_out", factor = -1, unit = "N.mm" }
-"""
-TABLE = """angle [deg],subtalar_resistance_loading [N.m],subtalar_resistance_unloading [N.m],talocrural_torque [lbf.in]
--30,-8,-7.5,70
--10,-2,-1.5,
-0,0,0,0
-10,2,1.5,-12
-30,8,7.5,-80
-"""
-INPUTS = """trial,plant.drop_height [m],controller.coactivation,plant.talocrural_angle_at_contact [deg],status
-0,0.30,0.2,-34,completed
-1,0.25,0.21,-30,failed
-7,0.35,0.19,-31,
-"""
-TOKENS = [
-    *(
-        "",
-        "0",
-        "-1",
-        "1e400",
-        "1e-400",
-        "nan",
-        "inf",
-        "-inf",
-        "true",
-        "false",
-        "99999999999999999999999",
-        "0x7fffffffffffffff",
-        "9223372036854775808",
-    ),
-    *(
-        '""',
-        '"',
-        "'",
-        "'''",
-        '"""',
-        "[",
-        "]",
-        "[[",
-        "{",
-        "}",
-        "{}",
-        "[]",
-        "=",
-        ",",
-        ".",
-        "\n",
-        "\r",
-        "\t",
-        "#",
-        "\\",
-        "\\u0000",
-        "\0",
-        "\ufeff",
-        "\u202e",
-    ),
-    *(
-        "é",
-        "𝔘",
-        "1979-05-27",
-        "07:32:00",
-        '"0.3"',
-        '"0.3 furlong"',
-        '"1 m"',
-        '"nan m"',
-        '"1e999 m"',
-        '"deg"',
-        '" "',
-        "[1, [2, [3]]]",
-        "{ a = { b = { c = 1 } } }",
-    ),
-    *(
-        '"../../../etc/passwd"',
-        '"/dev/null"',
-        '"."',
-        '"m"',
-        '"N.m"',
-        '"rad^9999999999"',
-        '"m/m/m"',
-        '"1/0"',
-        "subtalar_angle",
-        "%s",
-        "{0}",
-        "a" * 300,
-    ),
-    *(
-        "brace",
-        "plant",
-        "component",
-        "low",
-        "mean",
-        "unit",
-        "factor",
-        "to",
-        "from",
-        "fmu",
-        "map",
-        "base",
-        "scheme",
-        "subtalar_torque",
-    ),
-]
 EDITS = st.lists(
     st.tuples(
         st.sampled_from(["insert", "cut", "replace", "double", "swap"]),
@@ -277,3 +128,59 @@ def test_the_text_itself_is_accepted(kind: str, place: Path) -> None:
     name, text, parse = CASES[kind]
     (place / name).write_text(text.replace('subtalar_velocity = "In2_InvVel"\n', ""))
     parse(place / name)
+
+
+@pytest.fixture(scope="module")
+def parsers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, fuzz.Target]:
+    return fuzz.parsers(tmp_path_factory.mktemp("parsers"))
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, fuzz.Target]:
+    return fuzz.folder_readers(tmp_path_factory.mktemp("folders"))
+
+
+TYPED = ("checks", "description", "unit", "option")
+FILES = ("scenario", "study", "mapping", "table", "inputs", *TYPED)
+FOLDERS = ("folder-run", "folder-study", "folder-compared")
+EVERY_FOLDER = (
+    *(*FOLDERS, "folder-search", "folder-before-run", "folder-before-study", "folder-before-search"),
+    *("folder-before-form", "folder-before-light", "folder-before-comparison"),
+)
+A_MINUTE = float(os.environ.get("SPRAIN_FUZZ_SECONDS", "60"))
+
+
+def fuzzed(name: str, targets: dict[str, fuzz.Target], seconds: float = 60.0, most: int = 60) -> fuzz.Findings:
+    """From the kept seeds on: no other exception, nothing over 2 s or 500 MB."""
+    findings, target = fuzz.Findings(None), targets[name]
+    fuzz.at_random(name, target, [*target.seeds, *fuzz.kept().get(name, [])], seconds, 0, findings, most)
+    assert not findings.kinds
+    assert findings.longest < fuzz.MOST_TIME
+    assert findings.largest_memory < fuzz.MOST_MEMORY
+    return findings
+
+
+@pytest.mark.parametrize("name", TYPED)
+def test_parsers(name: str, parsers: dict[str, fuzz.Target]) -> None:
+    assert fuzzed(name, parsers).inputs >= 60
+
+
+@pytest.mark.parametrize("name", FOLDERS)
+def test_edited_folders(name: str, folders: dict[str, fuzz.Target]) -> None:
+    assert fuzzed(name, folders).inputs >= 60
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", FILES)
+def test_every_parser_for_a_minute(name: str, parsers: dict[str, fuzz.Target]) -> None:
+    assert fuzzed(name, parsers, A_MINUTE, 1 << 60).inputs > 60
+    assert set(parsers) == set(FILES)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", EVERY_FOLDER)
+def test_every_folder_for_a_minute(name: str, folders: dict[str, fuzz.Target]) -> None:
+    assert fuzzed(name, folders, A_MINUTE, 1 << 60).inputs > 60
+    assert {f for f in folders if not f.startswith(("folder-compared-", "folder-before-comparison-"))} == {
+        *EVERY_FOLDER
+    }

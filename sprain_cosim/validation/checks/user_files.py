@@ -29,6 +29,7 @@ from ...files import read_toml
 from ...metrics import unit_of
 from ...scenario import Scenario, load_scenario
 from ...scenario.file import PARAMETERS
+from ...shipped import is_file
 from ...study.file import load_study
 from ...study.study import Study
 from ..check import Check, CheckRow
@@ -250,7 +251,7 @@ def _judge_together(table: Mapping[str, Any], problems: list[str]) -> None:
 def _source(entry: Mapping[str, Any], folder: Path) -> Scenario | Study:
     """The scenario or the study that the check names: a file beside its own, or one that ships."""
     name = str(entry.get("scenario", entry.get("study")))
-    where = folder / name if (folder / name).is_file() else name
+    where = folder / name if is_file(folder / name) else name
     return load_scenario(where) if "scenario" in entry else load_study(where)
 
 
@@ -260,7 +261,7 @@ def _with_changes(source: Scenario | Study, entry: Mapping[str, Any], folder: Pa
     for component, file in entry.get("fmu", {}).items():
         own = folder / str(file)
         mapping = folder / maps[component] if component in maps else None
-        source = source.replace_fmu(component, own if own.is_file() else str(file), mapping)
+        source = source.replace_fmu(component, own if is_file(own) else str(file), mapping)
     for key, value in entry.get("set", {}).items():
         source = source.override(key, value)
     if "step" in entry:
