@@ -7,7 +7,7 @@ ON_ALL_CORES := -n auto --dist worksteal
 # reference numbers, not part of the project: tests and checks that need them skip and say so where the folder is absent
 export SPRAIN_REFERENCE ?= $(abspath ../shared/reference)
 
-.PHONY: bench browser demo docs test validate lint build lock clean
+.PHONY: bench browser demo docs test validate lint build wheel wine lock clean
 
 demo: build
 	$(RUN) run incline30 --out $(OUT)/incline30 --force
@@ -35,6 +35,20 @@ bench: build
 browser: build
 	command -v chromium >/dev/null || command -v google-chrome >/dev/null || { apt-get update -qq && apt-get install -y -qq chromium; }
 	SPRAIN_BROWSER=required $(BIN)/python -m pytest tests/cli/test_browser.py
+
+# one wheel with the FMUs for linux64, win64 and darwin64: needs mingw-w64 (Debian: gcc-mingw-w64-x86-64); zig, 440 MB, links for macOS
+wheel: .venv/installed
+	$(BIN)/python -m pip install --quiet ziglang==0.17.1
+	$(RUN) build --platform linux64 --platform win64 --platform darwin64
+	$(BIN)/python -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir dist .
+	@ls -l dist/*.whl
+
+# the FMUs for Windows, run under wine; needs root on Debian when wine or mingw-w64 is not there yet
+wine: .venv/installed
+	command -v wine >/dev/null && command -v x86_64-w64-mingw32-gcc >/dev/null || \
+	  { apt-get update -qq && apt-get install -y -qq --no-install-recommends wine wine64 gcc-mingw-w64-x86-64; }
+	$(RUN) build
+	SPRAIN_WINE=required $(BIN)/python -m pytest -m long tests/fmi/test_windows.py
 
 lint: .venv/installed
 	$(BIN)/ruff check .

@@ -8,9 +8,11 @@ import platform
 
 from .errors import EnvironmentProblem, SprainError
 from .fmu import cache
+from .fmu.build.built import PACKAGES, version
+from .fmu.build.link import PLATFORMS, has_compiler
 from .sandbox.kernel import offered
 
-REQUIRED = ("fmpy", "numpy", "scipy", "pandas", "matplotlib", "click", "mujoco-core", "numba")
+REQUIRED = ("fmpy", "numpy", "scipy", "pandas", "matplotlib", "click")
 
 Finding = tuple[bool, str, str]
 
@@ -25,10 +27,25 @@ def findings() -> list[Finding]:
             found.append((True, name, importlib.metadata.version(name)))
         except importlib.metadata.PackageNotFoundError:
             found.append((False, name, f"not installed; run `pip install {name}`"))
-    found += [_cache(), _sandbox()]
+    found += [_build(), _cache(), _sandbox()]
     if all(ok for ok, _, _ in found):
         found += [*_fmus(), _landing()]
     return found
+
+
+def _build() -> Finding:
+    """Never a reason to fail: to run FMUs nothing of it is needed."""
+    versions = {name: version(name) for name in PACKAGES}
+    missing = [name for name, found in versions.items() if found is None]
+    if missing:
+        return True, "build", f"{', '.join(missing)} not installed: FMUs run, Python devices cannot be compiled"
+    places = [name for name in PLATFORMS if all(map(has_compiler, PLATFORMS[name].slices))]
+    return (
+        True,
+        "build",
+        f"{', '.join(f'{name} {found}' for name, found in versions.items())}; C compilers for "
+        f"{', '.join(places) or 'no platform'}",
+    )
 
 
 def _cache() -> Finding:

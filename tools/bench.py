@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import platform
+import resource
 import subprocess
 import sys
 import time
@@ -27,6 +28,7 @@ from fmus.plant import kernels
 from fmus.plant.constants import sole
 from fmus.plant.plant import Landing, Plant
 from sprain_cosim.scenario import load_scenario
+from sprain_cosim.study.worker import Worker
 
 STOP, STEP = 0.150, 5e-4
 OPENSIM = 6.3  # s per landing, median, OpenSim 4.6 on the same class of machine
@@ -129,7 +131,7 @@ def peer(name: str, package: str) -> tuple[float, float] | str:
     if not (environment / "complete").is_file():
         for command in (
             [sys.executable, "-m", "venv", environment],
-            [python, "-m", "pip", "install", "--quiet", package, "mujoco-core", "numba", "numpy"],
+            [python, "-m", "pip", "install", "--quiet", package, "numpy"],
         ):
             outcome = subprocess.run(command, capture_output=True, text=True)
             if outcome.returncode:
@@ -154,6 +156,22 @@ def peer(name: str, package: str) -> tuple[float, float] | str:
         return f"failed: {(outcome.stderr.strip().splitlines() or [f'exit code {outcome.returncode}'])[-1]}"
     answer = json.loads(found)
     return answer["seconds"], answer["peak"]
+
+
+def processor_time(run: Callable[[], object], repeat: int) -> float:
+    """Least processor time [s] of the child processes that `run` starts and waits for."""
+    times = []
+    for _ in range(repeat):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        run()
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        times.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    return min(times)
+
+
+def worker() -> None:
+    with Worker(load_scenario("incline30_brace"), ["plant.drop_height"]) as child:
+        assert child.run([0.3]).status == "completed"
 
 
 def row(label: str, seconds: float, note: str = "") -> None:
@@ -206,6 +224,14 @@ def main() -> None:
                 seconds,
                 f"peak {np.degrees(peak):.2f} deg; without reset and initialisation",
             )
+    for label, arguments_of in (
+        ("sprain-cosim --help", ["--help"]),
+        ("sprain-cosim run incline30", ["run", "incline30"]),
+    ):
+        command = [sys.executable, "-m", "sprain_cosim", *arguments_of]
+        seconds = processor_time(lambda: subprocess.run(command, check=True, stdout=subprocess.DEVNULL), repeat)  # noqa: B023
+        row(label, seconds, "processor time, start to end")
+    row("a study's worker", processor_time(worker, repeat), "processor time: its start, the FMUs, one braced landing")
     print(
         "\nmicroseconds per communication step, incline30_brace (each call timed, so a little more than in the run "
         "above)"

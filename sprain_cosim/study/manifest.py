@@ -18,7 +18,7 @@ from .identity import digest_of
 from .plan import Plan
 
 FILE = "manifest.json"
-PACKAGES = ("numpy", "scipy", "fmpy", "pandas", "mujoco-core", "numba")
+PACKAGES = ("numpy", "scipy", "fmpy", "pandas")
 
 
 @dataclass(frozen=True)

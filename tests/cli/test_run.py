@@ -333,6 +333,28 @@ def test_help_does_not_load_the_heavy_libraries() -> None:
     assert outcome.stdout.strip().endswith("[]")
 
 
+def test_a_run_loads_what_it_uses(tmp_path: Path) -> None:
+    """Tables, statistics and figures are loaded where they are written or drawn, what compiles never."""
+    code = """if True:
+        import sys
+        from sprain_cosim.cli import main
+        def loaded(*arguments):
+            try:
+                main(["run", "incline30", *arguments])
+            except SystemExit as end:
+                assert not end.code
+            heavy = {"scipy", "pandas", "matplotlib", "numba", "llvmlite", "mujoco", "pythonfmu"}
+            print("loaded:", sorted(heavy & set(sys.modules)))
+        loaded()
+        loaded("--out", sys.argv[1])
+    """
+    command = [sys.executable, "-c", code, str(tmp_path / "run")]
+    outcome = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    said = [line for line in outcome.stdout.splitlines() if line.startswith("loaded:")]
+    assert said[0] == "loaded: []", outcome.stderr
+    assert "numba" not in said[1] and "llvmlite" not in said[1] and "mujoco" not in said[1]
+
+
 def test_study_prints_its_table_and_resumes(tmp_path: Path) -> None:
     out = tmp_path / "s"
     outcome = call("study", "study6", "--trials", "24", "--workers", "2", "--out", str(out), "--progress", "none")

@@ -49,7 +49,7 @@ class BuildRecord:
         try:
             files = {self.folder / name: sha for name, sha in entry["files"].items()}
             same = (
-                entry["sources"] == _sources(model)
+                entry["sources"] == sources(model)
                 and set(platforms) <= set(entry["platforms"])
                 and all(version in (None, entry["packages"][name]) for name, version in _versions().items())
                 and all(hashlib.sha256(file.read_bytes()).hexdigest() == sha for file, sha in files.items())
@@ -58,10 +58,13 @@ class BuildRecord:
         except (TypeError, KeyError, AttributeError, OSError):
             return []
 
-    def add(self, model: Path, platforms: Iterable[str], guid: str, files: Iterable[Path]) -> list[Built]:
+    def add(
+        self, model: Path, digested: str, platforms: Iterable[str], guid: str, files: Iterable[Path]
+    ) -> list[Built]:
+        """`digested`: `sources(model)` before it was compiled; they may have changed meanwhile."""
         files = list(files)
         self.models[model.name] = {
-            "sources": _sources(model),
+            "sources": digested,
             "platforms": sorted(platforms),
             "packages": _versions(),
             "guid": guid,
@@ -73,17 +76,19 @@ class BuildRecord:
         write_json(self.folder / FILE, self.models)
 
 
-def _sources(model: Path) -> str:
+def sources(model: Path) -> str:
     """Digest of the model's folder, the shim and the modules that build."""
     parts = {"model": tree(model), "shim": tree(shim()), "build": tree(Path(__file__).parent)}
     return digest({f"{part}/{path}": data for part, members in parts.items() for path, data in members.items()})
 
 
 def _versions() -> dict[str, str | None]:
-    found: dict[str, str | None] = {}
-    for name in PACKAGES:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            found[name] = None
-    return found
+    return {name: version(name) for name in PACKAGES}
+
+
+def version(package: str) -> str | None:
+    """None: it is not installed."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None

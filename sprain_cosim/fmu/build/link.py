@@ -57,13 +57,14 @@ FOLDERS_3 = {  # of a slice in archives of FMI 3.0
 }
 OPTIONS = {  # of a slice
     "linux64": ("-fPIC", "-s", "-Wl,--build-id=none", "-Wl,-z,defs", "-Wl,-z,noexecstack", "-Wl,--hash-style=gnu"),
-    "win64": ("-static", "-s", "-Wl,--no-insert-timestamp"),
+    "win64": ("-static", "-s", "-Wl,--no-insert-timestamp", "-fno-builtin-sin", "-fno-builtin-cos"),
     "darwin64": ("-fPIC", "-s"),
     "aarch64-darwin": ("-fPIC", "-s"),
 }
+WINDOWS = "windows.c"
 MINGW = "x86_64-w64-mingw32-"
 ZIG = {"darwin64": "x86_64-macos.11.0", "aarch64-darwin": "aarch64-macos.11.0"}
-# mingw-w64's own are of the x87 unit: twice the time of a landing; these are exported by the C library of Windows
+# what the C library of Windows exports; mingw-w64's own are of the x87 unit, with which a landing takes twice the time
 MATH_OF_WINDOWS = (
     *("acos", "asin", "atan", "atan2", "ceil", "cos", "cosh", "exp", "floor", "fmod", "log", "log10", "pow", "sin"),
     *("sinh", "sqrt", "tan", "tanh", "cosf", "expf", "logf", "powf", "sinf", "sqrtf"),
@@ -134,7 +135,8 @@ def _linked(compiled: Compiled, variables: Variables, guid: str, part: str, endi
             (folder / f"{level}.o").write_bytes(compiled.objects[part, level])
         sources = [*SHIM, "table.c", *(f"{level}.o" for level in levels)]
         if part == "win64":
-            sources.append(_math_of_windows(folder))
+            shutil.copyfile(shim() / WINDOWS, folder / WINDOWS)
+            sources += [WINDOWS, _math_of_windows(folder)]
         options = ["-std=gnu11", "-O2", "-ffp-contract=off", "-fvisibility=hidden", f"-I{headers()}"]
         library = folder / f"{compiled.name}{ending}"
         _run(compiled.name, library_command(part, library, [*options, *sources, "-lm"]), folder)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ...errors import EnvironmentProblem, InputError, nearest
 from ...shipped import FMI3, FMUS, SOURCES, shipped_fmus
-from .built import BuildRecord, Built
+from .built import BuildRecord, Built, sources
 from .compile import Compiled, compile_devices
 from .description import (
     GUID_PLACE,
@@ -49,6 +49,7 @@ def build_all(names: Iterable[str] = (), platforms: Sequence[str] = ()) -> list[
     record = BuildRecord.read(FMUS)
     built = {folder: record.current(folder, places) for folder in chosen}
     stale = [folder for folder in chosen if not built[folder]]
+    digested = {folder: sources(folder) for folder in stale}
     if stale:
         _check_compilers(places)
     for folder, compiled in zip(stale, compile_devices(stale, slices(places)) if stale else (), strict=True):
@@ -56,7 +57,7 @@ def build_all(names: Iterable[str] = (), platforms: Sequence[str] = ()) -> list[
         files = {FMUS / f"{folder.name}.fmu": own.fmi2, FMUS / f"{folder.name}{FMI3}.fmu": own.fmi3}
         for file, content in files.items():
             write_fmu(file, content)
-        built[folder] = record.add(folder, places, own.guid, files)
+        built[folder] = record.add(folder, digested[folder], places, own.guid, files)
         record.write()
     return [fmu for folder in chosen for fmu in built[folder]]
 
@@ -165,11 +166,11 @@ def constants_file(guid: str, constants: bytes) -> bytes:
 
 def _guid(compiled: Compiled, description: str) -> str:
     """SHA-256 of what the model is made from: the same on every platform and for every set of platforms."""
-    sources: Mapping[str, bytes] = {
+    parts: Mapping[str, bytes] = {
         "model": compiled.sources.encode(),
         **{f"shim/{path}": data for path, data in tree(shim()).items()},
         "constants": compiled.constants,
         "first_state": compiled.first_state,
         "description": description.encode(),
     }
-    return digest(sources)
+    return digest(parts)

@@ -14,14 +14,14 @@ EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
 def pack(members: Mapping[str, bytes]) -> bytes:
-    """The archive of {path: content}. Stored, not deflated: the bytes do not depend on the version of zlib."""
+    """The archive of {path: content}; the same bytes for the same content and zlib."""
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         for path, data in sorted(members.items(), key=lambda item: (item[0] != "modelDescription.xml", item[0])):
             entry = zipfile.ZipInfo(path, EPOCH)
             entry.external_attr = 0o644 << 16
-            entry.create_system = 3
-            archive.writestr(entry, data)
+            entry.create_system, entry.compress_type = 3, zipfile.ZIP_DEFLATED
+            archive.writestr(entry, data, compresslevel=9)
     return buffer.getvalue()
 
 
