@@ -771,7 +771,7 @@ def doctor_command(as_json: bool) -> None:
         _show(json.dumps([{"ok": ok, "what": what, "detail": detail} for ok, what, detail in found]))
     else:
         for ok, what, detail in found:
-            _show(f"{'ok     ' if ok else 'problem'}  {what:18}{detail}")
+            _show(f"{'ok     ' if ok else 'problem'}  {what:22}{detail}")
     if not all(ok for ok, _, _ in found):
         raise SystemExit(4)
 
