@@ -145,6 +145,11 @@ static int prepare(Instance *m, const char *guid, const char *resources) {
         if (!read_constants(m, resources, own, table)) return 0;
         m->call.constants = table, m->guid = own;
     }
+    if (model.attach) {
+        char folder[PATH], why[TEXT / 2] = "the host passes no folder of resources";
+        if (!resources || !path_of(resources, "", folder) || !model.attach(folder, why, sizeof why))
+            return device_refuse(m, "%s: %s", model.name, why), 0;
+    }
     if (guid && strcmp(guid, m->guid))
         return device_refuse(m, "%s: the GUID %.80s is not that of this library, %s; unpack the FMU again", model.name, guid, m->guid), 0;
     return (m->code = choose(m)) != NULL;

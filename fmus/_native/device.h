@@ -57,7 +57,10 @@ typedef struct {
     const void *constants, *first_state;
     size_t n_variables, n_reasons, n_codes, constants_size, state_size, saved_size;
     int constants_in_resources; /* read from resources/constants.bin, not from the library */
+    int (*attach)(const char *folder, char *why, size_t size); /* of a device with functions in C: given the resources; 0: it cannot run */
 } Model;
+
+int device_attach(const char *folder, char *why, size_t size);
 
 extern const Model model; /* written by the build */
 

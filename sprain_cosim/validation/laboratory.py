@@ -6,6 +6,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import shutil
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property
@@ -152,6 +153,12 @@ def _clone(_: Laboratory) -> str:
     )
 
 
+def _plant_mujoco(_: Laboratory) -> str:
+    if (FMUS / "plant_mujoco.fmu").is_file() and sys.platform == "linux":
+        return ""
+    return "no plant_mujoco.fmu, which is for 64-bit Linux; in a clone run `sprain-cosim build plant_mujoco`"
+
+
 def _module(name: str, extra: str) -> Callable[[Laboratory], str]:
     return lambda _: (
         "" if importlib.util.find_spec(name) else f"{name} is not installed; pip install 'sprain-cosim[{extra}]'"
@@ -163,5 +170,6 @@ NEEDS: dict[str, Callable[[Laboratory], str]] = {
     "browser": _browser,
     "reference": _reference,
     "clone": _clone,
+    "plant_mujoco": _plant_mujoco,
     "openturns": _module("openturns", "reliability"),
 }

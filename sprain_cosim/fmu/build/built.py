@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from importlib import metadata
@@ -77,8 +78,11 @@ class BuildRecord:
 
 
 def sources(model: Path) -> str:
-    """Digest of the model's folder, the shim and the modules that build."""
+    """Digest of the model's folder, of the models beside it whose modules it imports, of the shim and the modules that
+    build."""
     parts = {"model": tree(model), "shim": tree(shim()), "build": tree(Path(__file__).parent)}
+    for name in re.findall(rb"^from \.\.(\w+)", b"\n".join(parts["model"].values()), re.MULTILINE):
+        parts[name.decode()] = tree(model.parent / name.decode())
     return digest({f"{part}/{path}": data for part, members in parts.items() for path, data in members.items()})
 
 

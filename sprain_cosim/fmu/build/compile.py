@@ -18,6 +18,7 @@ import re
 import sys
 import tempfile
 from collections.abc import Collection, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from types import FunctionType
@@ -78,6 +79,8 @@ class Compiled:
     - `symbol`: {function of FUNCTIONS: the name under which it stands in the objects}
     - `takes`, `returns`: of each symbol, its arguments and whether it returns a position in `reasons`
     - `sources`: digest of all modules of its package and of what compiles them
+    - `files`: {path in the FMU: content} that the device adds
+    - `native`, `include`: source of its own functions in C and the folder of their headers; empty without
     """
 
     name: str
@@ -91,6 +94,14 @@ class Compiled:
     constants_in_resources: bool
     reasons: tuple[Reason, ...]
     sources: str
+    files: Mapping[str, bytes]
+    native: str
+    include: str
+
+    @property
+    def slices(self) -> frozenset[str]:
+        """Of platforms, those that there is code for."""
+        return frozenset(part for part, _ in self.objects)
 
 
 def prefix(level: str) -> str:
@@ -99,8 +110,16 @@ def prefix(level: str) -> str:
 
 
 def compile_devices(folders: Sequence[Path], platforms: Sequence[str]) -> list[Compiled]:
-    """Compiles the devices in one process of their own. Raises InputError where a device is at fault,
-    EnvironmentProblem where the compiler is not installed."""
+    """Compiles the devices in processes of their own, one for each processor. Raises InputError where a device is at
+    fault, EnvironmentProblem where the compiler is not installed."""
+    count = max(1, min(len(folders), os.cpu_count() or 1))
+    shares = [folders[k::count] for k in range(count)]
+    with ThreadPoolExecutor(count) as threads:
+        done = list(threads.map(lambda share: _compile_share(share, platforms), shares))
+    return [done[k % count][k // count] for k in range(len(folders))]
+
+
+def _compile_share(folders: Sequence[Path], platforms: Sequence[str]) -> list[Compiled]:
     with tempfile.TemporaryDirectory() as work:
         command = [sys.executable, "-m", __package__, work, ",".join(platforms), *map(str, folders)]
         path = os.pathsep.join(p for p in sys.path if p)
@@ -128,6 +147,9 @@ def _read(folder: Path, entry: dict[str, Any]) -> Compiled:
         entry["constants_in_resources"],
         tuple(Reason(*reason) for reason in entry["reasons"]),
         entry["sources"],
+        {name: (folder / file).read_bytes() for name, file in entry["files"].items()},
+        entry["native"],
+        entry["include"],
     )
 
 
@@ -159,10 +181,13 @@ def _write(target: Path, folder: Path, platforms: Sequence[str]) -> dict[str, An
     target.mkdir()
     objects = []
     for platform in platforms:
-        for level in TARGETS[platform].levels:
+        for level in TARGETS[platform].levels if not device.platforms or platform in device.platforms else ():
             file = f"{platform}-{level}.o"
             (target / file).write_bytes(emit(device, module, TARGETS[platform].triple, level))
             objects.append((platform, level, file))
+    files = {name: f"file{k}" for k, name in enumerate(device.files)}
+    for name, content in device.files.items():
+        (target / files[name]).write_bytes(content)
     (target / "state.bin").write_bytes(device.first_state.tobytes())
     (target / "constants.bin").write_bytes(b"" if device.constants is None else device.constants.tobytes())
     return {
@@ -175,6 +200,9 @@ def _write(target: Path, folder: Path, platforms: Sequence[str]) -> dict[str, An
         "constants_in_resources": device.constants_in_resources,
         "reasons": [(r.format, r.offset) for r in device.reasons],
         "sources": _sources(device),
+        "files": files,
+        "native": (folder / "native.c").read_text("utf-8") if device.native else "",
+        "include": str(device.include or ""),
     }
 
 
@@ -228,6 +256,8 @@ def lower(device: Device) -> tuple[str, dict[str, bool]]:
             replaced = compilable.form(value)
             if replaced is not None:
                 setattr(module, name, replaced)
+    for name in device.native:
+        llvm.add_symbol(name, 1)  # the linker's; numba wants to find it in this process, where nothing calls it
     nothing = np.dtype([("none", "f8")])
     kinds = {
         **dict.fromkeys(("values", "seed", "result"), from_dtype(device.values)),
@@ -360,7 +390,11 @@ class Compilable:
         if isinstance(value, CPUDispatcher) and value.py_func.__module__ in self._own:
             options = {k: v for k, v in value.targetoptions.items() if k in ("error_model", "fastmath", "inline")}
             return self._once(value.py_func, options)
-        if isinstance(value, FunctionType) and value.__module__ in self._own and value.__name__ != "constants":
+        if (
+            isinstance(value, FunctionType)
+            and value.__module__ in self._own
+            and value.__name__ not in ("constants", "files")
+        ):
             return self._once(value, {"error_model": "python"})
         return None
 
@@ -432,7 +466,7 @@ def _gates(device: Device, ir: str) -> None:
             "global object that is neither a number, a tuple nor an array stands in it"
         )
     opened = {m.strip('"') for m in re.findall(r'^declare .*?@([\w.$]+|"[^"]+")', ir, re.MULTILINE)}
-    unknown = sorted(n for n in opened if n not in ALLOWED and not n.startswith("llvm."))
+    unknown = sorted(n for n in opened if n not in ALLOWED and n not in device.native and not n.startswith("llvm."))
     if unknown:
         raise InputError(
             f"{device.folder / 'device.py'}: {', '.join(unknown)}: no function that every host has; {subset.WAY_OUT}"

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
+import contextlib
+import importlib
 import math
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -28,6 +31,7 @@ BASE_UNITS: dict[str, dict[str, int]] = {
     "J": {"kg": 1, "m": 2, "s": -2},
 }
 GUID_PLACE = "@GUID@"
+PACKAGE = "_device"  # the name under which a model is imported; what is compiled must not depend on where it lies
 STEP = 0.0005  # s, of the default experiment
 
 Variables = list[dict[str, Any]]
@@ -40,13 +44,39 @@ TABLES = {  # of interface.py: the columns of its rows
 }
 
 
+@contextlib.contextmanager
+def package(folder: Path) -> Iterator[str]:
+    """While it lasts, the modules of a model's folder can be imported below the prefix given: as members of the package
+    that the folder lies in, freshly run and not left in sys.modules."""
+    folder = folder.resolve()
+    inside = (folder.parent / "__init__.py").is_file()
+    top = ModuleType(PACKAGE)
+    top.__path__ = [str(folder.parent if inside else folder)]
+    prefix = f"{PACKAGE}.{folder.name}" if inside else PACKAGE
+    before = sys.dont_write_bytecode
+    _forget()
+    sys.modules[PACKAGE], sys.dont_write_bytecode = top, True
+    try:
+        if inside:
+            middle = ModuleType(prefix)
+            middle.__path__ = [str(folder)]
+            sys.modules[prefix] = middle
+        yield prefix
+    finally:
+        sys.dont_write_bytecode = before
+        _forget()
+
+
+def _forget() -> None:
+    for name in [n for n in sys.modules if n == PACKAGE or n.startswith(f"{PACKAGE}.")]:
+        del sys.modules[name]
+
+
 def load_interface(path: Path) -> ModuleType:
     """`interface.py`, run. Raises InputError for what is at fault in it."""
     try:
-        spec = importlib.util.spec_from_file_location("_interface", path)
-        assert spec is not None and spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
+        with package(path.parent) as prefix:
+            module = importlib.import_module(f"{prefix}.{path.stem}")
     except SyntaxError as problem:
         raise InputError(f"{path}: {problem.msg} in line {problem.lineno}") from None
     except Exception as problem:

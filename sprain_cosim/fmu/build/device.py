@@ -28,7 +28,7 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -36,7 +36,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from .description import Variables, variables_of
+from .description import PACKAGE, Variables, package, variables_of
 
 FUNCTIONS = {
     "initialise": ("values", "state", "constants", "time", "step"),
@@ -46,7 +46,6 @@ FUNCTIONS = {
     "restored": ("values", "state", "constants", "time", "step"),
     "differentiate": ("values", "state", "constants", "seed", "result"),
 }
-PACKAGE = "_device"  # the name under which a device is imported; what is compiled must not depend on where it lies
 KINDS = (np.dtype("f8"), np.dtype("i8"))
 
 
@@ -69,6 +68,9 @@ class Device:
     - `constants`: a record, or None
     - `saved`: bytes of the state that belong to a saved state
     - `constants_in_resources`: the FMU reads its constants when it is instantiated
+    - `platforms`: those it can be built for; none named: all
+    - `native`, `include`: functions of its own in C, of `native.c` beside device.py, and a folder of headers for it
+    - `files`: {path in the FMU: content} that it adds
     """
 
     name: str
@@ -83,6 +85,10 @@ class Device:
     saved: int
     reasons: tuple[Reason, ...]
     constants_in_resources: bool
+    platforms: tuple[str, ...] = ()
+    native: tuple[str, ...] = ()
+    include: Path | None = None
+    files: Mapping[str, bytes] = field(default_factory=dict)
 
     def records(self) -> tuple[Any, Any, Any]:
         """(values, state, constants) of a fresh instance, to run the functions as plain Python."""
@@ -123,6 +129,10 @@ def read_device(folder: Path) -> Device:
             saved if state.names else 0,
             tuple(_reason(folder, text, state) for text in getattr(device, "REASONS", ("",))),
             bool(getattr(device, "CONSTANTS_IN_RESOURCES", False)),
+            tuple(getattr(device, "PLATFORMS", ())),
+            tuple(getattr(device, "NATIVE", ())),
+            getattr(device, "INCLUDE", None),
+            device.files() if hasattr(device, "files") else {},
         )
 
 
@@ -132,31 +142,10 @@ def _has(device: ModuleType) -> bool:
 
 @contextlib.contextmanager
 def _imported(folder: Path) -> Iterator[tuple[ModuleType, ModuleType, tuple[ModuleType, ...]]]:
-    """The modules interface and device of the folder, as members of the package it lies in, freshly run and not left
-    in sys.modules."""
-    folder = folder.resolve()
-    inside = (folder.parent / "__init__.py").is_file()
-    top = ModuleType(PACKAGE)
-    top.__path__ = [str(folder.parent if inside else folder)]
-    prefix = f"{PACKAGE}.{folder.name}" if inside else PACKAGE
-    before = sys.dont_write_bytecode
-    _forget()
-    sys.modules[PACKAGE], sys.dont_write_bytecode = top, True
-    try:
-        if inside:
-            middle = ModuleType(prefix)
-            middle.__path__ = [str(folder)]
-            sys.modules[prefix] = middle
+    """The modules interface and device of the folder, and all of their package."""
+    with package(folder) as prefix:
         interface, device = (importlib.import_module(f"{prefix}.{name}") for name in ("interface", "device"))
         yield interface, device, tuple(m for n, m in sorted(sys.modules.items()) if n.startswith(f"{PACKAGE}."))
-    finally:
-        sys.dont_write_bytecode = before
-        _forget()
-
-
-def _forget() -> None:
-    for name in [n for n in sys.modules if n == PACKAGE or n.startswith(f"{PACKAGE}.")]:
-        del sys.modules[name]
 
 
 def _functions(folder: Path, device: ModuleType) -> dict[str, Callable[..., Any]]:

@@ -131,9 +131,13 @@ def _linked(compiled: Compiled, variables: Variables, guid: str, part: str, endi
         (folder / "table.c").write_text(c_table(compiled, variables, guid, levels), "utf-8")
         for name in (*SHIM, "device.h"):
             shutil.copyfile(shim() / name, folder / name)
+        own = []
+        if compiled.native:
+            (folder / "native.c").write_text(compiled.native, "utf-8")
+            own = ["native.c", *([f"-I{compiled.include}"] if compiled.include else [])]
         for level in levels:
             (folder / f"{level}.o").write_bytes(compiled.objects[part, level])
-        sources = [*SHIM, "table.c", *(f"{level}.o" for level in levels)]
+        sources = [*SHIM, *own, "table.c", *(f"{level}.o" for level in levels)]
         if part == "win64":
             shutil.copyfile(shim() / WINDOWS, folder / WINDOWS)
             sources += [WINDOWS, _math_of_windows(folder)]
@@ -199,7 +203,7 @@ def c_table(compiled: Compiled, variables: Variables, guid: str, levels: Sequenc
     own = not compiled.constants_in_resources
     sizes = (
         f"{len(variables)}, {len(compiled.reasons)}, {len(levels)}, {len(compiled.constants)}, "
-        f"{len(compiled.first_state)}, {compiled.saved}, {int(not own)}"
+        f"{len(compiled.first_state)}, {compiled.saved}, {int(not own)}, {'device_attach' if compiled.native else '0'}"
     )
     return "\n".join(
         [

@@ -54,6 +54,8 @@ def build_all(names: Iterable[str] = (), platforms: Sequence[str] = ()) -> list[
         _check_compilers(places)
     for folder, compiled in zip(stale, compile_devices(stale, slices(places)) if stale else (), strict=True):
         own = _archives(faces[folder], compiled, places)
+        if not own.platforms:
+            continue
         files = {FMUS / f"{folder.name}.fmu": own.fmi2, FMUS / f"{folder.name}{FMI3}.fmu": own.fmi3}
         for file, content in files.items():
             write_fmu(file, content)
@@ -72,6 +74,8 @@ def build_fmu(folder: Path, target: Path, platforms: Sequence[str] = ()) -> str:
     _check_compilers(places)
     (compiled,) = compile_devices([folder], slices(places))
     own = _archives(face, compiled, places)
+    if not own.platforms:
+        raise InputError(f"{folder}: this device cannot be built for {', '.join(places)}")
     write_fmu(target, own.fmi3 if target.stem.endswith(FMI3) else own.fmi2)
     return own.guid
 
@@ -133,11 +137,13 @@ class Archives:
     """One model in both versions of FMI: {path: content}, with the same libraries and the same GUID."""
 
     guid: str
+    platforms: tuple[str, ...]
     fmi2: Mapping[str, bytes]
     fmi3: Mapping[str, bytes]
 
 
 def _archives(face: Face, compiled: Compiled, platforms: Sequence[str]) -> Archives:
+    """For those of the platforms that the device can be built for."""
     told = (compiled.name, face.description, face.variables, face.fixed_step, "differentiate" in compiled.symbol)
     first, second = model_description(*told), model_description_3(*told)
     guid = _guid(compiled, first)
@@ -146,17 +152,19 @@ def _archives(face: Face, compiled: Compiled, platforms: Sequence[str]) -> Archi
         **{f"extra/{path}": data for path, data in tree(face.folder / "extra").items()},
         **{f"documentation/{path.name}": path.read_bytes() for path in sorted(face.folder.glob("*.md"))},
     }
+    common.update(compiled.files)
     if compiled.constants_in_resources:
         common[CONSTANTS] = constants_file(guid, compiled.constants)
     fmi2 = {"modelDescription.xml": first.replace(GUID_PLACE, guid).encode(), **common}
     fmi3 = {"modelDescription.xml": second.replace(GUID_PLACE, guid).encode(), **common}
-    for platform in platforms:
+    able = tuple(p for p in platforms if compiled.slices.issuperset(PLATFORMS[p].slices))
+    for platform in able:
         place = PLATFORMS[platform]
         libraries = link(compiled, face.variables, guid, platform)
         fmi2[f"binaries/{place.folder}/{compiled.name}{place.ending}"] = joined(libraries)
         for part, library in libraries.items():
             fmi3[f"binaries/{FOLDERS_3[part]}/{compiled.name}{place.ending}"] = library
-    return Archives(guid, fmi2, fmi3)
+    return Archives(guid, able, fmi2, fmi3)
 
 
 def constants_file(guid: str, constants: bytes) -> bytes:
@@ -171,6 +179,8 @@ def _guid(compiled: Compiled, description: str) -> str:
         **{f"shim/{path}": data for path, data in tree(shim()).items()},
         "constants": compiled.constants,
         "first_state": compiled.first_state,
+        "native": compiled.native.encode(),
+        **{f"files/{path}": data for path, data in compiled.files.items()},
         "description": description.encode(),
     }
     return digest(parts)
