@@ -321,6 +321,8 @@ def merge_command(folders: tuple[Path, ...], out: Path | None, parquet: bool, as
     from .study.merge import merge
 
     done = merge(folders, out, parquet)
+    for line in done.warnings:
+        click.echo(f"warning: {line}", err=True)
     _show(
         json.dumps(done.summary.to_json(), allow_nan=False)
         if as_json
@@ -377,13 +379,14 @@ def trial_command(folder: Path, number: int, out: Path | None, as_json: bool) ->
 )
 @JSON
 def reproduce_command(manifest: Path, workers: int | None, progress: str, out: Path | None, as_json: bool) -> int:
-    """Run the study of a MANIFEST again: exit code 0 identical, 1 not, and which trial is the first that differs."""
+    """Run the study of a MANIFEST again: exit code 0 identical (or rounded otherwise by code for another
+    level of processors, which is named), 1 not, and which trial is the first that differs."""
     from .study.progress import reporter
     from .study.reproduce import reproduce
 
     done = reproduce(manifest, out, workers, reporter(progress))
     _show(json.dumps(done.to_json(), allow_nan=False) if as_json else done.text())
-    return 0 if done.identical else 1
+    return 0 if done.identical or done.rounding else 1
 
 
 def _without_resume(arguments: list[str]) -> list[str]:

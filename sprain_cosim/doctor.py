@@ -6,6 +6,7 @@ import importlib.metadata
 import os
 import platform
 
+from . import processor
 from .errors import EnvironmentProblem, SprainError
 from .fmu import cache
 from .fmu.build.built import PACKAGES, version
@@ -20,7 +21,8 @@ Finding = tuple[bool, str, str]
 def findings() -> list[Finding]:
     """(ok, what, detail) rows."""
     found: list[Finding] = [
-        (True, "python", f"{platform.python_version()} on {platform.platform()}, {os.cpu_count()} cores")
+        (True, "python", f"{platform.python_version()} on {platform.platform()}, {os.cpu_count()} cores"),
+        (True, "processor", f"the FMUs run code for {processor.level() or 'a processor that is not known'}"),
     ]
     for name in REQUIRED:
         try:

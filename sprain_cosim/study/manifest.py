@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from .. import __version__
+from .. import __version__, processor
 from ..errors import InputError
 from ..files import read_json
 from ..records import Record
@@ -38,6 +39,8 @@ class Manifest(Record):
     study_digest   of the study's identity
     seed, trials   of the sample
     platform       of the machine
+    processor      levels of processors whose code the FMUs of the project ran (processor.py): one, unless the study
+                   went on where another one runs
     command        what was typed; empty from Python
     created        when the study began, ISO 8601 in UTC
     identity       what the digest is of
@@ -48,6 +51,7 @@ class Manifest(Record):
     study_digest: str = ""
     seed: int | None = None
     platform: str = ""
+    processor: tuple[str, ...] = ()
     command: str = ""
     created: str = ""
     trials: int | None = None
@@ -55,10 +59,15 @@ class Manifest(Record):
 
     @classmethod
     def of(
-        cls, study: Plan, identity: Mapping[str, Any], command: str = "", before: Manifest | None = None
+        cls,
+        study: Plan,
+        identity: Mapping[str, Any],
+        command: str = "",
+        before: Manifest | None = None,
+        levels: Sequence[str] = (),
     ) -> Manifest:
-        """Of a study of that `identity` on this machine. `before` is the manifest that stands in the folder: it keeps
-        when the study began."""
+        """Of a study of that `identity` on this machine, whose processor runs code for `levels`. `before` is the
+        manifest that stands in the folder: it keeps when the study began, and the levels then."""
         return cls(
             versions={"sprain-cosim": __version__, "python": platform.python_version()}
             | {name: _version(name) for name in PACKAGES},
@@ -66,6 +75,7 @@ class Manifest(Record):
             study_digest=digest_of(identity),
             seed=study.seed,
             platform=platform.platform(),
+            processor=tuple(dict.fromkeys([*(before.processor if before else ()), *filter(None, levels)])),
             command=command,
             created=(before and before.created) or datetime.now(UTC).isoformat(timespec="seconds"),
             trials=study.trials,
@@ -77,6 +87,18 @@ def read_manifest(folder: Path) -> Manifest:
     """That of a study's folder; one that says nothing where there is none. Raises InputError."""
     path = folder / FILE
     return Manifest.from_json(read_json(path), str(path)) if path.is_file() else Manifest()
+
+
+def level_then(folder: Path | None) -> str:
+    """The level of the processor that a study in a folder was run with, where it runs here and SPRAIN_CPU names no
+    other; else empty."""
+    if folder is None or os.environ.get(processor.VARIABLE):
+        return ""
+    try:
+        level = processor.lowest(read_manifest(folder).processor)
+    except InputError:
+        return ""
+    return level if processor.runs_here(level) else ""
 
 
 def whole_manifest(path: Path) -> Manifest:

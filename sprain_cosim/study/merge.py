@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
-from .backends.backend import Task
+from ..processor import within_rounding
+from .backends.backend import Backend, Task
 from .backends.choice import open_backend
 from .campaign import Campaign, at_hand
 from .dispatch import Dispatch
@@ -27,6 +29,8 @@ from .folder import (
 )
 from .identity import changes
 from .ledger import Ledger, Row
+from .manifest import level_then, read_manifest
+from .plan import Plan
 from .shards import trial_numbers
 from .summary import Kept, read_summary
 from .trajectories import Trajectories, roles_of
@@ -53,24 +57,26 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
                 f"trials {missing(lost.tolist())} are in none of the folders; run their shard with "
                 "--resume, or name its folder"
             )
+        levels = [read_manifest(source).processor for source in folders]
+        mixed = len({level for several in levels for level in several}) > 1
         folder = out or Path("runs") / Path(study.source or "study").stem
         check_study_folder(folder, resume=False)
         recorder = Trajectories(folder, 0)
         facts = parts[0].facts
         with Ledger(folder, facts["digest"], json.loads(facts["identity"]), facts["study"]) as ledger:
-            begin_folder(folder, study, "", json.loads(facts["identity"]))
+            begin_folder(folder, study, "", json.loads(facts["identity"]), list(chain.from_iterable(levels)))
             for source, part in zip(folders, parts, strict=True):
                 for row in part.rows():
                     known = ledger.row(row.trial)
                     if known is None:
                         ledger.add(row)
                         recorder.take(source, row.trial)
-                    elif _content(known) != _content(row):
+                    elif _content(known) != _content(row) and not (mixed and same_but_rounding(known, row)):
                         raise InputError(f"{source}: its trial {row.trial} differs from that of another folder")
             ledger.commit()
             table, timing = trial_tables(study, ledger, numbers)
             kept = roles_of(study, table, None)
-            dispatch = Dispatch(ledger, open_backend(Task(study.scenario, study.names), 1, None), trajectories=recorder)
+            dispatch = Dispatch(ledger, _backend(study, folder), trajectories=recorder)
             try:
                 changed = dispatch.repeat(recorder.lacks(kept.values()))
             finally:
@@ -87,7 +93,20 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
         merged=tuple(str(f) for f in folders),
     )
     finish_folder(folder, table, timing, summary, parquet)
-    return Campaign(study, summary, folder, at_hand((table, timing)))
+    return Campaign(study, summary, folder, at_hand((table, timing)), _other_levels(folders, levels))
+
+
+def _backend(study: Plan, folder: Path) -> Backend:
+    return open_backend(Task(study.scenario, study.names, level=level_then(folder)), 1, None)
+
+
+def _other_levels(folders: Sequence[Path], levels: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """The warning that parts ran code for different levels of processors."""
+    known = {folder: ", ".join(several) for folder, several in zip(folders, levels, strict=True) if several}
+    if len(set(known.values())) < 2:
+        return ()
+    where = "; ".join(f"{folder}: {level}" for folder, level in known.items())
+    return (f"the parts ran code for different processors, so their rows may differ in the last digits: {where}",)
 
 
 def _first_kept(folder: Path) -> int:
@@ -96,6 +115,16 @@ def _first_kept(folder: Path) -> int:
         return read_summary(folder).first_kept
     except InputError:
         return 0
+
+
+def same_but_rounding(one: Row, other: Row) -> bool:
+    """Whether two rows of a trial are those of two levels of processors."""
+    first, second = one.outcome, other.outcome
+    if (one.inputs.tobytes(), first.status) != (other.inputs.tobytes(), second.status):
+        return False
+    if first.metrics.keys() != second.metrics.keys():
+        return False
+    return all(within_rounding(value, second.metrics[name]) for name, value in first.metrics.items())
 
 
 def _content(row: Row) -> tuple[Any, ...]:

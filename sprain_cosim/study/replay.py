@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..process import Limits
 from .folder import load_study_plan
 from .ledger import Ledger, Row
+from .manifest import level_then
 from .plan import Plan
 from .worker import Outcome, Worker
 
@@ -62,7 +63,7 @@ def replay(folder: Path, trial: int, limits: Limits | None = None) -> Replay:
             numbers, _ = ledger.finished()
             have = f"it has {len(numbers)}, number {numbers[0]} to {numbers[-1]}" if len(numbers) else "it has none yet"
             raise InputError(f"{folder}: no trial {trial}; {have}")
-    with Worker(study.scenario, study.names, limits) as worker:
+    with Worker(study.scenario, study.names, limits, level_then(folder)) as worker:
         outcome = worker.run(row.inputs.tolist(), record=True)
     scenario = study.scenario
     result = Replay(study, row, outcome)

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import EnvironmentProblem, InputError
-from ..records import Record
+from ..processor import ROUNDING, within_rounding
+from ..records import Record, optional
 from ..shipped import fmu_path
 from .dispatch import Progress
 from .file import load_study
@@ -19,7 +20,7 @@ from .folder import read_trials, recorded_plan
 from .identity import changes
 from .ledger import FILE as LEDGER
 from .ledger import Ledger
-from .manifest import FILE, FmuFile, Manifest, whole_manifest
+from .manifest import FILE, FmuFile, Manifest, level_then, read_manifest, whole_manifest
 from .plan import Plan
 from .previous import identity_then, is_previous
 from .runner import run
@@ -52,6 +53,7 @@ class Reproduction(Record):
     identical    all trials are the same to the last digit
     trials       number that were compared
     different    number of those that differ
+    rounding     they differ in the last digits alone, and another level of processors ran the FMUs' code: no fault
     first        the first difference, or None
     differences  between then and now, one line each: versions, FMUs, platform
     out          the new folder
@@ -63,6 +65,7 @@ class Reproduction(Record):
     first: TrialDifference | None
     differences: tuple[str, ...]
     out: str
+    rounding: bool | None = optional()
 
     def text(self) -> str:
         lines = [f"differs: {line}" for line in self.differences] or ["versions, FMUs and platform are the same"]
@@ -70,6 +73,11 @@ class Reproduction(Record):
             lines.append(f"identical: {self.trials} trials, to the last digit")
         else:
             f = self.first
+            if self.rounding:
+                lines.append(
+                    "the same but for the last digits, as code for another level of processors rounds: "
+                    f"within {ROUNDING:g} of every value"
+                )
             lines.append(
                 f"{self.different} of {self.trials} trials differ; the first is trial {f.trial}: {f.column} = "
                 f"{f.before} then, {f.now} now"
@@ -98,11 +106,30 @@ def reproduce(
         progress=progress,
         trajectories=0,
         command=f"sprain-cosim reproduce {manifest}",
+        level=level_then(folder),
     )
     assert done.out is not None
-    first, different = compare_trials(before, _table(done.out))
-    differences = tuple(_differences(then, Manifest.of(study, study.identity)))
-    return Reproduction(first is None, len(before), different, first, differences, str(done.out))
+    after = _table(done.out)
+    first, different = compare_trials(before, after)
+    now = Manifest.of(study, study.identity, levels=read_manifest(done.out).processor)
+    differences = tuple(_differences(then, now))
+    other_level = bool(then.processor and now.processor) and then.processor != now.processor
+    rounding = (first is not None and other_level and _same_but_rounding(before, after)) or None
+    return Reproduction(first is None, len(before), different, first, differences, str(done.out), rounding)
+
+
+def _same_but_rounding(before: pd.DataFrame, now: pd.DataFrame) -> bool:
+    if not (before.index.equals(now.index) and before.columns.equals(now.columns)):
+        return False
+    cells = zip(before.to_numpy().ravel(), now.to_numpy().ravel(), strict=True)
+    return all(a == b or _numbers_within_rounding(str(a), str(b)) for a, b in cells)
+
+
+def _numbers_within_rounding(a: str, b: str) -> bool:
+    try:
+        return within_rounding(float(a), float(b))
+    except ValueError:
+        return False
 
 
 def compare_trials(before: pd.DataFrame, now: pd.DataFrame) -> tuple[TrialDifference | None, int]:
@@ -180,6 +207,8 @@ def _differences(then: Manifest, now: Manifest) -> list[str]:
         old, new = (m.fmus.get(name, ABSENT) for m in (then, now))
         if old.sha256 != new.sha256:
             found.append(f"FMU {name}: SHA-256 {str(old.sha256)[:12]} then, {str(new.sha256)[:12]} now ({new.file})")
+    if then.processor and now.processor and then.processor != now.processor:
+        found.append(f"code for {', '.join(then.processor)} processors then, for {', '.join(now.processor)} now")
     if then.platform != now.platform:
         found.append(f"platform {then.platform} then, {now.platform} now")
     return found

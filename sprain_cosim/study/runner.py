@@ -34,6 +34,7 @@ from .evaluation import summarise
 from .folder import begin_folder, check_study_folder, finish_folder, missing, trial_tables, write_failures
 from .ledger import FILE as LEDGER
 from .ledger import Ledger
+from .manifest import level_then, read_manifest
 from .methods import SEARCHES
 from .plan import Plan
 from .seal import seal, sealed
@@ -62,6 +63,7 @@ def run(
     trajectories: int = FIRST,
     parquet: bool = False,
     command: str = "",
+    level: str = "",
 ) -> Campaign:
     """Runs what the ledger in `out` lacks.
 
@@ -78,6 +80,8 @@ def run(
                   searches
     parquet       writes trials.parquet as well
     command       what was typed, for the manifest
+    level         of the processor, whose code the FMUs of the project run (processor.py); empty: that with which the
+                  folder was begun, where it runs here, else the lowest of the workers
 
     Raises InputError before any trial, SimulationError when too many failed or a search met a failed trial."""
     study.checked()
@@ -97,10 +101,11 @@ def run(
             if ledger is None and (done := _done(study, folder, numbers, max_failed, progress)) is not None:
                 return replace(done, warnings=(*kept, *done.warnings))
         backend = open_backend(
-            Task(held.scenario, study.names, limits or Limits()), workers, scheduler
+            Task(held.scenario, study.names, limits or Limits(), level or level_then(folder)), workers, scheduler
         )  # before the folder: a wrong address leaves none
         try:
             ledger = ledger or _ledger(study, held, folder)
+            notes = (*kept, *([adopted] if adopted else []), *_other_level(folder, backend.level))
             dispatch = Dispatch(ledger, backend, max_failed, progress, Trajectories(folder, first))
         except BaseException:
             backend.close()
@@ -110,7 +115,6 @@ def run(
         if folder is not None:
             finish_folder(folder, *tables, summary, parquet)
             seal(folder, ledger, request, recorded)
-        notes = (*kept, adopted) if adopted else kept
         warnings = (*notes, *_mended(ledger), *originals.changed_files(study.scenario, held.scenario))
         return Campaign(study, summary, folder, at_hand(tables), warnings)
     finally:
@@ -159,7 +163,7 @@ def _finished(
     found, recorded = None, list[int]()
     try:
         if folder is not None:
-            begin_folder(folder, study, command, held.identity)
+            begin_folder(folder, study, command, held.identity, [dispatch.backend.level])
         if numbers is None:
             found = run_search(study, dispatch)
         else:
@@ -182,6 +186,20 @@ def _finished(
     if shard is not None:
         summary = replace(summary, shard=shard, n_requested=len(table))
     return tables, summary, sorted({*recorded} - {*recorder.lacks(recorded)})
+
+
+def _other_level(folder: Path | None, level: str) -> tuple[str, ...]:
+    """The warning that a study goes on with code for another level of processors than it was begun with."""
+    try:
+        before = read_manifest(folder).processor if folder is not None else ()
+    except InputError:
+        before = ()
+    if not before or not level or level in before:
+        return ()
+    return (
+        f"{folder}: its trials so far ran code for {', '.join(before)} processors, those that follow code for {level}: "
+        "they may differ in the last digits",
+    )
 
 
 def _ledger(study: Plan, held: Plan, folder: Path | None) -> Ledger:

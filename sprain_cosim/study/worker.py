@@ -19,6 +19,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, Protocol
 
+from .. import processor
 from ..cosim.result import Result
 from ..errors import SimulationError, SprainError
 from ..fmu import archive
@@ -68,7 +69,9 @@ class Worker:
     """Drives one child after the other. `run` may be called from one thread, `kill` from any. Use as a context
     manager."""
 
-    def __init__(self, scenario: Openable, names: Sequence[str], limits: Limits | None = None) -> None:
+    def __init__(self, scenario: Openable, names: Sequence[str], limits: Limits | None = None, level: str = "") -> None:
+        """`level`: of the processor, whose code the shipped FMUs take; empty: the processor's own."""
+        self.level = level
         self.scenario, self.names, self.limits = scenario, tuple(names), limits or Limits()
         self._child: Child | None = None
         self._stopped = self._opened = False
@@ -146,7 +149,8 @@ class Worker:
             child = Child(__name__, self.limits)
             problem = ""
             try:
-                child.open((self._placed(), self.names, self.limits), self.limits.start, self._confinement())
+                subject = self._placed(), self.names, self.limits, self.level
+                child.open(subject, self.limits.start, self._confinement())
                 if not self._stopped:
                     self._opened = True
                     return child
@@ -190,9 +194,10 @@ def _marks(scenario: Openable) -> list[Path]:
 
 
 @contextlib.contextmanager
-def _handlers(subject: tuple[Openable, tuple[str, ...], Limits]) -> Iterator[Handlers]:
+def _handlers(subject: tuple[Openable, tuple[str, ...], Limits, str]) -> Iterator[Handlers]:
     """The child: opens the scenario, then runs trials with values of `names`."""
-    scenario, names, limits = subject
+    scenario, names, limits, level = subject
+    processor.take(level)
 
     def run(values: Sequence[float], record: bool) -> dict[str, Any]:
         began = perf_counter()

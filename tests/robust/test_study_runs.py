@@ -16,11 +16,15 @@ import pandas as pd
 import pytest
 
 import sprain_cosim as sc
+from sprain_cosim import processor
 from sprain_cosim.errors import InputError, SimulationError
 from sprain_cosim.process import Limits
 from sprain_cosim.study.campaign import Campaign
 from sprain_cosim.study.codec import encode
 from sprain_cosim.study.ledger import Ledger, Row
+from sprain_cosim.study.manifest import read_manifest
+from sprain_cosim.study.merge import merge
+from sprain_cosim.study.reproduce import reproduce
 from sprain_cosim.study.runner import _request
 from sprain_cosim.study.seal import NECESSARY, seal
 from sprain_cosim.study.summary import StudySummary
@@ -217,3 +221,44 @@ def test_a_finished_folder_of_100_000_trials_is_resumed_in_two_seconds(tmp_path:
     began = time.process_time()
     study.run(out=out, resume=True)
     assert time.process_time() - began < 2.0
+
+
+def test_a_study_takes_one_level_of_the_processor_and_says_which(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    older = processor.LEVELS[0]
+    study, levels = sc.load_study("study6"), lambda: read_manifest(tmp_path / "s").processor
+    monkeypatch.setenv(processor.VARIABLE, older)
+    study.run(trials=2, workers=1, out=tmp_path / "s")
+    assert levels() == (older,)
+    monkeypatch.delenv(processor.VARIABLE)
+    assert study.run(trials=3, workers=1, out=tmp_path / "s", resume=True).warnings == ()
+    assert levels() == (older,), "the rest of the table comes from the same code"
+
+
+@pytest.mark.long
+@pytest.mark.skipif(processor.own() != processor.LEVELS[-1], reason=f"this processor has no {processor.LEVELS[-1]}")
+def test_another_level_of_the_processor_is_named_and_no_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    older, newer = processor.LEVELS
+    study = sc.load_study("study6")
+    for part, level in enumerate((older, newer), 1):
+        monkeypatch.setenv(processor.VARIABLE, level)
+        study.run(trials=4, workers=1, out=tmp_path / f"p{part}", shard=(part, 2))
+    done = merge([tmp_path / "p1", tmp_path / "p2"], tmp_path / "both")
+    assert f"p1: {older}" in done.warnings[0]
+    assert f"p2: {newer}" in done.warnings[0]
+    assert read_manifest(tmp_path / "both").processor == (older, newer)
+    study.run(trials=2, workers=1, out=tmp_path / "s")
+    same = reproduce(tmp_path / "s", tmp_path / "a", workers=1)
+    assert same.identical
+    assert same.differences == ()
+    monkeypatch.setenv(processor.VARIABLE, older)
+    other = reproduce(tmp_path / "s", tmp_path / "b", workers=1)
+    assert (other.identical, other.rounding) == (False, True)
+    assert other.differences == ("code for x86-64-v3 processors then, for x86-64-v2 now",)
+    assert "the same but for the last digits" in other.text()
+    monkeypatch.delenv(processor.VARIABLE)
+    monkeypatch.setattr(processor, "runs_here", lambda level: False)  # as where the level of the folder is missing
+    went_on = study.run(trials=3, workers=1, out=tmp_path / "b", resume=True)
+    assert "ran code for x86-64-v2 processors, those that follow code for x86-64-v3" in went_on.warnings[0]
+    assert read_manifest(tmp_path / "b").processor == (older, newer)

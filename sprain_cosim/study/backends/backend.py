@@ -33,17 +33,20 @@ class Task:
     scenario  what a child opens
     names     (d,) the parameters that a trial sets
     limits    of a trial and of its process
+    level     of the processor, whose code every worker runs (processor.py); empty: the lowest of the workers
     """
 
     scenario: Openable
     names: tuple[str, ...]
     limits: Limits = field(default_factory=Limits)
+    level: str = ""
 
 
 class Backend(Protocol):
     """Order of the calls: (send* - receive)* - close, which may come at any moment and ends what runs."""
 
     batch: float  # s of work that one batch should hold
+    level: str  # of the processor, whose code all workers run; empty where it is not known
 
     def workers(self) -> int:
         """How many trials run at a time, now."""

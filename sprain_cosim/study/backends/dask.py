@@ -23,7 +23,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
-from ... import __version__
+from ... import __version__, processor
 from ...errors import EnvironmentProblem, InputError
 from ...fmu import cache
 from ...process import Program, python_command
@@ -58,10 +58,6 @@ class Dask:
             dask, distributed = (importlib.import_module(name) for name in ("dask", "distributed"))
         except ImportError:
             raise EnvironmentProblem("--scheduler: needs Dask: pip install 'sprain-cosim[distributed]'") from None
-        hashes = _hashes(task)
-        self._files = {sha: path for path, sha in hashes.items()}
-        self._task = pickle.dumps((task, hashes))
-        self._key = hashlib.sha256(self._task).hexdigest()[:16] + f"-{os.getpid()}"
         self._expected, self._now, self._asked = workers or 1, 0, -PATIENCE
         self._alone_since, self._said = monotonic(), False
         self._wait = _wait()
@@ -89,6 +85,19 @@ class Dask:
                 f"--scheduler {address}: no scheduler answers: {' '.join(str(problem).split())}"
             ) from None
         self._address = address
+        self.level = task.level or self._lowest_level()
+        hashes = _hashes(task)
+        self._files = {sha: path for path, sha in hashes.items()}
+        self._task = pickle.dumps((replace(task, level=self.level), hashes))
+        self._key = hashlib.sha256(self._task).hexdigest()[:16] + f"-{os.getpid()}"
+
+    def _lowest_level(self) -> str:
+        """Of SPRAIN_CPU here, else of the workers that are there by now, else this machine's; a worker that joins later
+        and is older refuses with that reason."""
+        if not os.environ.get(processor.VARIABLE):
+            with contextlib.suppress(Exception):  # no worker yet, or one without the package, which its batch reports
+                return processor.lowest(self._client.run(processor.level).values()) or processor.level()
+        return processor.level()
 
     def workers(self) -> int:
         if monotonic() - self._asked > 2.0:
@@ -287,7 +296,7 @@ def _batch(key: str, pickled: bytes, version: str, jobs: bytes, content: Mapping
             task = replace(task, scenario=replace(task.scenario, fmus=fmus, maps=maps))
         if held is not None:
             held[1].kill()
-        held = key, Worker(task.scenario, task.names, task.limits)
+        held = key, Worker(task.scenario, task.names, task.limits, task.level)
         with _guard:
             _workers[me] = held
     label = f"{os.uname().nodename}:{os.getpid()}"

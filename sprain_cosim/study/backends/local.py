@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ... import processor
 from ..ledger import Row
 from ..worker import Stopped, Worker
 from .backend import Job, Task
@@ -20,6 +21,7 @@ class Local:
     batch = 0.0  # single trials: the ledger gets each at once
 
     def __init__(self, task: Task, workers: int | None) -> None:
+        self.level = task.level or processor.level()
         self._task, self._count = task, workers or len(os.sched_getaffinity(0))
         self._workers: list[Worker] = []
         self._threads: list[threading.Thread] = []
@@ -61,7 +63,7 @@ class Local:
         return rows
 
     def _hire(self) -> None:
-        worker = Worker(self._task.scenario, self._task.names, self._task.limits)
+        worker = Worker(self._task.scenario, self._task.names, self._task.limits, self.level)
         thread = threading.Thread(target=self._work, args=(worker, str(len(self._workers))), daemon=True)
         self._workers.append(worker)
         self._threads.append(thread)
