@@ -1,0 +1,61 @@
+"""Every command in the documentation and the README names commands, options and values that the command line has, those
+of blocks that are not run or only in the long tests included; nothing is executed."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from itertools import takewhile
+from pathlib import Path
+
+import click
+import pytest
+
+from sprain_cosim.cli import cli
+from tests.docs_commands import ROOT, blocks
+
+PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "fmus").rglob("*.md")])
+
+
+def documented(page: Path) -> list[tuple[int, list[str]]]:
+    """(line of the block, words) of each call of sprain-cosim in a block of shell commands."""
+    found = []
+    for block in blocks(page):
+        if block.language in ("sh", "bash"):
+            numbers = re.sub(r"\$\(\(.*?\)\)", "1", block.text)  # what the shell computes
+            for line in re.sub(r"\\\n\s*", " ", numbers).splitlines():
+                words = shlex.split(line, comments=True)
+                if words and words[0].endswith("sprain-cosim"):
+                    found.append((block.line, words[1:]))
+    return found
+
+
+def parsed(words: list[str]) -> None:
+    """Raises click's own error for a word that is not understood."""
+    command: click.Command = cli
+    with click.Context(cli) as context:
+        while isinstance(command, click.Group) and words and not words[0].startswith("-"):
+            _, found, words = command.resolve_command(context, words)
+            assert found is not None
+            command = found
+        try:
+            command.make_context(command.name, list(words), parent=context)
+        except click.exceptions.Exit:  # --help, --version
+            pass
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if documented(p)], ids=lambda p: str(p.relative_to(ROOT)))
+def test_what_a_page_types_is_understood(page: Path) -> None:
+    for line, words in documented(page):
+        own = list(takewhile(lambda word: word not in ("|", ">", "&&", "&"), words))
+        try:
+            parsed(own)
+        except click.ClickException as problem:
+            raise AssertionError(f"{page.name}:{line}: {shlex.join(words)}: {problem.format_message()}") from None
+
+
+def test_a_word_that_is_not_understood_is_seen() -> None:
+    for words in (["ran", "incline30"], ["run", "incline30", "--steps", "1 ms"], ["study", "study6", "--trials", "few"]):
+        with pytest.raises(click.ClickException):
+            parsed(words)
+    parsed(["brace", "new", "my_brace", "--lang", "c"])
