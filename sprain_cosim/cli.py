@@ -322,7 +322,7 @@ def merge_command(folders: tuple[Path, ...], out: Path | None, parquet: bool, as
 
     done = merge(folders, out, parquet)
     for line in done.warnings:
-        click.echo(f"warning: {line}", err=True)
+        _show(f"warning: {line}", err=True)
     _show(
         json.dumps(done.summary.to_json(), allow_nan=False)
         if as_json
