@@ -119,12 +119,12 @@ def run_command(
         if (out / FILE).exists() and not force:
             _show(f"warning: {out}: its earlier run is overwritten; the next version asks for --force", err=True)
         chosen = chosen.recording("plant.*")
-    result = chosen.run()
+    result = chosen.run(halve=True)
     if result.warning:
         _show(f"warning: {result.warning}", err=True)
     summary = RunSummary.of(chosen, result)
     if check_coupling and result.status == "completed":
-        summary = replace(summary, coupling_check=chosen.coupling_check(result))
+        summary = replace(summary, coupling_check=result.halved or chosen.coupling_check(result))
     if out is not None and result.status == "completed":
         from .figures.gallery import leave_run
 
@@ -157,6 +157,11 @@ def _print_table(title: str, pose: str | None, result: Result) -> None:
         _show(THROWN_TEXT)
     if result.coupling_error is not None:
         _show(f"{'coupling error':32}{100 * result.coupling_error:10.2f}  % of the energy exchanged")
+    if result.coupling_doubt is not None:
+        _show(
+            f"{'doubt of the step':32}{result.coupling_doubt:10.2f}  deg     of the peak, twice its change at half the "
+            f"step{'' if result.converged else ': not converged'}"
+        )
     for name, held in result.held.items():
         _show(
             f"{'age of a held torque':32}{held.largest_change:10.2f}  N·m     {name} is sampled every "

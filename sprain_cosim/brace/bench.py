@@ -123,7 +123,7 @@ def _handlers(scenario: Scenario) -> Iterator[Handlers]:
     """The child: lands, and holds postures."""
     landing = scenario.recording("plant.*")
     yield {
-        **served(lambda: landing.run(in_process=True)),
+        **served(lambda: landing.run(in_process=True, halve=True)),
         "hold": lambda postures, values: hold(scenario, postures, values),
     }
 

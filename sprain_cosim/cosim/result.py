@@ -19,6 +19,9 @@ from ..units import Unit
 if TYPE_CHECKING:
     import pandas as pd
 
+PEAK = "peak_subtalar_angle_deg"
+CONVERGED = 0.1  # deg
+
 
 @dataclass(frozen=True)
 class Held:
@@ -52,6 +55,7 @@ class Result:
     warning         of the stability guard; empty for none
     parameters      those that were set, in their own units
     coupling_error  the residual energy as a share of the exchanged energy; None where nothing was exchanged
+    halved          {metric: its change} when the run was made again at half the communication step; None: it was not
     held            {component: Held} of devices whose torques are held between their calls
     wall            wall time [s]
     exchanges       steps of the coupling taken
@@ -70,6 +74,7 @@ class Result:
     warning: str = ""
     parameters: dict[str, float] = field(default_factory=dict)
     coupling_error: float | None = None
+    halved: dict[str, float] | None = None
     held: dict[str, Held] = field(default_factory=dict)
     wall: float = 0.0
     exchanges: int = 0
@@ -119,6 +124,20 @@ class Result:
     def __getitem__(self, name: str) -> np.ndarray:
         """(n,) values of one signal."""
         return self.values[:, self.index[name]]
+
+    @property
+    def coupling_doubt(self) -> float | None:
+        """How far [deg] the communication step leaves the peak of the foot from that of a fine exchange: twice its
+        change at half the step, since the error of a coupling is at least of the first order in the step. None where
+        no such run was made."""
+        change = (self.halved or {}).get(PEAK)
+        return None if change is None else 2.0 * abs(change)
+
+    @property
+    def converged(self) -> bool | None:
+        """Whether that is no more than CONVERGED; None where it is not known."""
+        doubt = self.coupling_doubt
+        return None if doubt is None else doubt <= CONVERGED
 
     @cached_property
     def metrics(self) -> dict[str, float]:

@@ -13,7 +13,7 @@ from ..units import Unit
 from .result import Held, Result
 
 PIECE = 16 << 20  # B of numbers in a message
-PLAIN = ("status", "message", "scheme", "scheme_reason", "warning", "coupling_error", "wall", "exchanges")
+PLAIN = ("status", "message", "scheme", "scheme_reason", "warning", "coupling_error", "halved", "wall", "exchanges")
 STATUSES = ("completed", "stopped", "failed")
 
 

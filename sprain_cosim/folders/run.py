@@ -60,6 +60,9 @@ class RunSummary(Summary):
     dropped                    parameters that the FMU put in a component's place does not have
     isolation                  sandbox, process or none: where foreign FMUs ran
     granted                    {component: what its mapping file allows it beyond the sandbox}
+    coupling_doubt_deg         how uncertain the peak of the foot is by the communication step, twice its change at half
+                               of it [deg]; None where that was not run
+    coupling_converged         whether that is at most 0.1 deg; None where it is not known
     coupling_check             {metric: its change at half the communication step}; of a run that was checked so
     trial, reproduced          of a study's trial that ran again: its number, and whether its numbers are the same
     """
@@ -87,6 +90,8 @@ class RunSummary(Summary):
     dropped: tuple[str, ...] = ()
     isolation: str = ""
     granted: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    coupling_doubt_deg: float | None = None
+    coupling_converged: bool | None = None
     coupling_check: Mapping[str, float | None] | None = optional()
     trial: int | None = optional()
     reproduced: bool | None = optional()
@@ -117,6 +122,8 @@ class RunSummary(Summary):
             dropped=tuple(scenario.dropped),
             isolation=apart.kind,
             granted=apart.granted,
+            coupling_doubt_deg=finite(result.coupling_doubt),
+            coupling_converged=result.converged,
         )
 
 

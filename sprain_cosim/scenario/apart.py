@@ -40,13 +40,14 @@ class Apart:
             self.close()
             raise
 
-    def run(self, parameters: Mapping[str, float] | None = None) -> Result:
-        """`parameters` {"component.parameter": value in the parameter's own unit} on top of the scenario's."""
+    def run(self, parameters: Mapping[str, float] | None = None, halve: bool = False) -> Result:
+        """`parameters` {"component.parameter": value in the parameter's own unit} on top of the scenario's; `halve` as
+        in Session.run."""
         if self._child is None:
             self._child = Child(__name__, self.limits)
             self._open(self._child)
         try:
-            result = fetched(partial(self._child.call, limit=self.limits.trial), dict(parameters or {}))
+            result = fetched(partial(self._child.call, limit=self.limits.trial), dict(parameters or {}), halve)
         except ProcessEnded as end:
             return self._failed(f"the FMUs' process {end}{self._child.last_words()}; --isolate tells which FMU it is")
         except SprainError:
@@ -112,10 +113,10 @@ def served(run: Callable[..., Result]) -> Handlers:
 def _handlers(scenario: Scenario) -> Iterator[Handlers]:
     """The child: runs the scenario."""
 
-    def run(parameters: dict[str, float]) -> Result:
+    def run(parameters: dict[str, float], halve: bool) -> Result:
         surroundings = Surroundings()
         try:
-            return session.run(parameters)
+            return session.run(parameters, halve)
         finally:
             surroundings.restore()
 
