@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 PEAK = "peak_subtalar_angle_deg"
 CONVERGED = 0.1  # deg
+HALVED_WITHIN = 2.0  # s: a run that took longer is not made again at half its step without being asked for
 
 
 @dataclass(frozen=True)

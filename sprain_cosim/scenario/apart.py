@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from ..cosim.result import Result
+from ..cosim.result import HALVED_WITHIN, Result
 from ..cosim.transport import encoded, packed, pieces, unpacked
 from ..errors import SimulationError, SprainError
 from ..fmu.surroundings import Surroundings
@@ -40,14 +40,13 @@ class Apart:
             self.close()
             raise
 
-    def run(self, parameters: Mapping[str, float] | None = None, halve: bool = False) -> Result:
-        """`parameters` {"component.parameter": value in the parameter's own unit} on top of the scenario's; `halve` as
-        in Session.run."""
+    def run(self, parameters: Mapping[str, float] | None = None) -> Result:
+        """`parameters` {"component.parameter": value in the parameter's own unit} on top of the scenario's."""
         if self._child is None:
             self._child = Child(__name__, self.limits)
             self._open(self._child)
         try:
-            result = fetched(partial(self._child.call, limit=self.limits.trial), dict(parameters or {}), halve)
+            result = fetched(partial(self._child.call, limit=self.limits.trial), dict(parameters or {}))
         except ProcessEnded as end:
             return self._failed(f"the FMUs' process {end}{self._child.last_words()}; --isolate tells which FMU it is")
         except SprainError:
@@ -58,6 +57,16 @@ class Apart:
         if result.status == "failed" and not len(result.time) and self._confined:
             return replace(result, message=f"{result.message}; {HINT}")
         return result
+
+    def at_half_the_step(self, parameters: Mapping[str, float] | None = None) -> dict[str, float]:
+        """As in Session; empty where the FMUs' process ends meanwhile, too."""
+        if self._child is None:
+            return {}
+        try:
+            return dict(self._child.call("halved", dict(parameters or {}), limit=10.0 * HALVED_WITHIN))
+        except (ProcessEnded, SprainError, ValueError, TypeError):
+            self.close()
+            return {}
 
     def close(self) -> None:
         child, self._child = getattr(self, "_child", None), None
@@ -113,15 +122,15 @@ def served(run: Callable[..., Result]) -> Handlers:
 def _handlers(scenario: Scenario) -> Iterator[Handlers]:
     """The child: runs the scenario."""
 
-    def run(parameters: dict[str, float], halve: bool) -> Result:
+    def run(parameters: dict[str, float]) -> Result:
         surroundings = Surroundings()
         try:
-            return session.run(parameters, halve)
+            return session.run(parameters)
         finally:
             surroundings.restore()
 
     with scenario.open(in_process=True) as session:
-        yield served(run)
+        yield {**served(run), "halved": session.at_half_the_step}
 
 
 if __name__ == "__main__":

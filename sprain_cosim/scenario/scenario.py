@@ -11,7 +11,7 @@ from typing import Any, Self
 from ..cosim.assembly import Assembly
 from ..cosim.coupling import check_scheme
 from ..cosim.master import Master
-from ..cosim.result import PEAK, Result
+from ..cosim.result import HALVED_WITHIN, PEAK, Result
 from ..cosim.system import System, connect
 from ..errors import InputError, SimulationError, nearest, problems_to_error
 from ..fmu.component import Component
@@ -30,7 +30,6 @@ from .title import Ran, heading
 ROLES = ("plant", "controller", "brace")
 SECOND = unit("s")
 ADAPTIVE = 1e-3
-HALVED_WITHIN = 2.0  # s: a run that took longer is not made again at half its step
 
 Value = float | int | str | bool
 
@@ -322,10 +321,31 @@ class Scenario:
         return {key: finer.metrics[key] - value for key, value in result.metrics.items()}
 
     def run(self, in_process: bool = False, halve: bool = False) -> Result:
-        """One landing, see `open`; `halve`: and once more at half the communication step, see `Session.run`. Raises
-        InputError before it, never during it: a failure is in the result's status and message."""
+        """One landing, see `open`; `halve`: and once more at half the communication step, what that changes being the
+        result's `halved`, where it takes no longer than HALVED_WITHIN. Raises InputError before it, never during it: a
+        failure is in the result's status and message."""
         with self.open(in_process) as session:
-            return session.run(halve=halve)
+            result = session.run()
+            if not halve or result.status != "completed" or result.wall > HALVED_WITHIN:
+                return result
+            return self.compared(result, session.at_half_the_step())
+
+    def compared(self, result: Result, finer: Mapping[str, float]) -> Result:
+        """The result beside the metrics at half its step, with a warning where its coupling has not converged; itself
+        where there are none."""
+        if not finer:
+            return result
+        changes = {key: finer[key] - value for key, value in result.metrics.items() if key in finer}
+        result = replace(result, halved=changes)
+        if result.converged is not False:
+            return result
+        step = 1e3 * self.master.communication_step
+        doubt = (
+            f"coupling not converged at {step:g} ms: half the step changes the peak of the foot by "
+            f"{changes[PEAK]:+.2g} deg, so that it is uncertain by about {result.coupling_doubt:.2g} deg; "
+            f"--step '{step / 4:g} ms' leaves about a quarter of that"
+        )
+        return replace(result, warning="; ".join([doubt, *([result.warning] if result.warning else [])]))
 
 
 class Session:
@@ -338,43 +358,24 @@ class Session:
         self.scenario, self.system = scenario, scenario.system()
         self._assembly: Assembly | None = self.system.open()
 
-    def run(self, parameters: Mapping[str, float] | None = None, halve: bool = False) -> Result:
-        """`parameters` {"component.parameter": value in the parameter's own unit} on top of the scenario's; `halve`:
-        once more at half the communication step, whose changes are the result's `halved`, where that takes no longer
-        than HALVED_WITHIN."""
-        values = {**self.system.parameters, **(parameters or {})}
-        result = self._run(self.scenario.master, values)
-        if halve and result.status == "completed" and result.wall < HALVED_WITHIN:
-            result = self._halved(result, values)
-        return result
+    def run(self, parameters: Mapping[str, float] | None = None) -> Result:
+        """`parameters` {"component.parameter": value in the parameter's own unit} on top of the scenario's."""
+        return self._run(self.scenario.master, parameters)
 
-    def _run(self, master: Master, values: Mapping[str, float]) -> Result:
-        if self._assembly is None:
-            self._assembly = self.system.open()
-        result = master.run(self._assembly, values)
-        if result.status != "completed":  # an instance that reported an error may only be freed
-            self.close()
-        return result
-
-    def _halved(self, result: Result, values: Mapping[str, float]) -> Result:
-        """The result with its changes at half the step, and a warning where its coupling has not converged; without
-        them where half the step does not run."""
+    def at_half_the_step(self, parameters: Mapping[str, float] | None = None) -> dict[str, float]:
+        """The metrics of the same run at half the communication step; empty where that does not run."""
         step = 0.5 * self.scenario.master.communication_step
         try:
-            finer = self._run(replace(self.scenario.master, communication_step=step, record=()), values)
+            return self._run(replace(self.scenario.master, communication_step=step, record=()), parameters).metrics
         except (InputError, SimulationError):
-            return result
-        if finer.status != "completed":
-            return result
-        changes = {key: finer.metrics[key] - value for key, value in result.metrics.items()}
-        result = replace(result, halved=changes)
-        if result.converged is False:
-            doubt = (
-                f"coupling not converged at {2e3 * step:g} ms: half the step changes the peak of the foot by "
-                f"{changes[PEAK]:+.2g} deg, so that it is uncertain by about {result.coupling_doubt:.2g} deg; --step "
-                f"'{0.5e3 * step:g} ms' leaves about a quarter of that"
-            )
-            result = replace(result, warning="; ".join([doubt, *([result.warning] if result.warning else [])]))
+            return {}
+
+    def _run(self, master: Master, parameters: Mapping[str, float] | None) -> Result:
+        if self._assembly is None:
+            self._assembly = self.system.open()
+        result = master.run(self._assembly, {**self.system.parameters, **(parameters or {})})
+        if result.status != "completed":  # an instance that reported an error may only be freed
+            self.close()
         return result
 
     def close(self) -> None:
