@@ -72,7 +72,9 @@ def test_fmpy_simulates_it_alone(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_rebuilding_gives_the_same_bytes(name: str, tmp_path: Path) -> None:
-    build_fmu(MODELS / name, tmp_path / "again.fmu")
+    with zipfile.ZipFile(FMUS / f"{name}.fmu") as archive:
+        platforms = {member.split("/")[1] for member in archive.namelist() if member.startswith("binaries/")}
+    build_fmu(MODELS / name, tmp_path / "again.fmu", sorted(platforms))
     assert (tmp_path / "again.fmu").read_bytes() == (FMUS / f"{name}.fmu").read_bytes()
 
 
@@ -365,6 +367,28 @@ print('done')"""
             [sys.executable, "-c", code], capture_output=True, text=True, cwd=MODELS.parent, timeout=120
         )
         assert (outcome.returncode, outcome.stdout.strip(), outcome.stderr) == (0, "done", "")
+
+
+@pytest.mark.parametrize("name", [name for name in shipped_fmus() if (MODELS / name / "device.py").is_file()])
+def test_the_source_of_a_device_does_not_travel(name: str) -> None:
+    """No name that stands in its Python files alone, and no line of a docstring, for any platform."""
+    with zipfile.ZipFile(FMUS / f"{name}.fmu") as archive:
+        members = {member: archive.read(member) for member in archive.namelist()}
+    open_to_all = {member for member in members if not member.startswith(("binaries/", "resources/"))}
+    known = b" ".join(members[member] for member in open_to_all) + (MODELS / "_native" / "device.c").read_bytes()
+    words: set[str] = set()
+    for path in sorted((MODELS / name).glob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.FunctionDef):
+                words |= {node.name, *(argument.arg for argument in node.args.args)}
+                words |= {line.strip() for line in (ast.get_docstring(node) or "").splitlines()}
+            elif isinstance(node, ast.Name):
+                words.add(node.id)
+    # names of two words: the libraries of compilers have texts of their own
+    private = {word for word in words if len(word) > 7 and word.encode() not in known and {"_", " "} & set(word)}
+    assert private, "nothing to look for"
+    for member in members.keys() - open_to_all:
+        assert [word for word in sorted(private) if word.encode() in members[member]] == [], member
 
 
 def test_locals_are_recorded_on_request_and_change_nothing() -> None:

@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sprain_cosim.fmu.build import build_fmu
 from sprain_cosim.fmu.build.link import MINGW
 from sprain_cosim.fmu.component import Component
 from sprain_cosim.scenario import load_scenario
-from sprain_cosim.shipped import FMUS, shipped_fmus
+from sprain_cosim.shipped import FMUS, SOURCES, shipped_fmus
 
 HOST = Path(__file__).parents[1] / "sources" / "landing_host.c"
 MISSING = [name for name in ("wine", f"{MINGW}gcc") if shutil.which(name) is None]
@@ -69,6 +70,12 @@ def test_a_landing_is_that_of_this_machine(hosts: Path, tmp_path_factory: pytest
         load_scenario("incline30").run().metrics["peak_subtalar_angle_deg"], abs=1e-9
     )
     assert np.abs(np.degrees(windows - own)).max() < 1e-9
+
+
+def test_the_library_is_built_with_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("one.fmu", "two.fmu"):
+        build_fmu(SOURCES / "brace_semi_rigid", tmp_path / name, ["win64"])
+    assert (tmp_path / "one.fmu").read_bytes() == (tmp_path / "two.fmu").read_bytes()
 
 
 @pytest.mark.parametrize("model", [name for name in shipped_fmus() if name.startswith("brace_")])

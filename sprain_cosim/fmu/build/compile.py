@@ -455,7 +455,16 @@ def emit(device: Device, ir: str, triple: str, level: str) -> bytes:
     builder.getModulePassManager().run(module, builder)
     clean.run(module, builder)
     _gates(device, str(module))
+    _anonymise(module)
     return bytes(machine.emit_object(module))
+
+
+def _anonymise(module: Any) -> None:
+    """Names that only the device's source knows go: not every linker strips them."""
+    for kind, symbols_of in (("function", module.functions), ("data", module.global_variables)):
+        inside = [s for s in symbols_of if not s.is_declaration and s.linkage.name in ("internal", "private")]
+        for k, symbol in enumerate(inside):
+            symbol.name = f"{kind}_{k}"
 
 
 def _gates(device: Device, ir: str) -> None:

@@ -55,9 +55,10 @@ FOLDERS_3 = {  # of a slice in archives of FMI 3.0
     "darwin64": "x86_64-darwin",
     "aarch64-darwin": "aarch64-darwin",
 }
+WINDOWS_BASE = "-Wl,--image-base=0x180000000"  # else a hash of the path that is written
 OPTIONS = {  # of a slice
     "linux64": ("-fPIC", "-s", "-Wl,--build-id=none", "-Wl,-z,defs", "-Wl,-z,noexecstack", "-Wl,--hash-style=gnu"),
-    "win64": ("-static", "-s", "-Wl,--no-insert-timestamp", "-fno-builtin-sin", "-fno-builtin-cos"),
+    "win64": ("-static", "-s", "-Wl,--no-insert-timestamp", WINDOWS_BASE, "-fno-builtin-sin", "-fno-builtin-cos"),
     "darwin64": ("-fPIC", "-s"),
     "aarch64-darwin": ("-fPIC", "-s"),
 }
