@@ -3,8 +3,10 @@ one line."""
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import fmpy
@@ -106,6 +108,26 @@ def test_with_cmake_where_no_compiler_is_called_by_name(
     assert results[0].metrics["peak_subtalar_angle_deg"] == pytest.approx(
         results[1].metrics["peak_subtalar_angle_deg"], abs=1e-6
     )
+
+
+def test_a_library_for_windows_where_its_compiler_is(
+    built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The compiler is a stand-in that writes what it is asked for; a real one: test_windows.py."""
+    compiler = tmp_path / "bin" / f"{link.MINGW}gcc"
+    compiler.parent.mkdir()
+    compiler.write_text('#!/bin/sh\nwhile [ "$1" != -o ]; do shift; done\necho MZ > "$2"\n')
+    compiler.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{compiler.parent}{os.pathsep}{os.environ['PATH']}")
+
+    def libraries(*platforms: str) -> list[str]:
+        with zipfile.ZipFile(project.build_brace(built / "c", tmp_path / "c.fmu", platforms)) as archive:
+            return sorted(name for name in archive.namelist() if name.startswith("binaries/"))
+
+    assert libraries() == ["binaries/linux64/c.so", "binaries/win64/c.dll"]
+    assert libraries("win64", "win64") == ["binaries/win64/c.dll"]
+    with pytest.raises(InputError, match="platform 'win32' is not one of linux64, win64, darwin64"):
+        libraries("win32")
 
 
 def test_no_compiler_is_an_environment_problem(built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
