@@ -98,15 +98,16 @@ def _sample(study: Plan, summary: StudySummary) -> list[str]:
     for name in study.responses if summary.responses else ():
         first = published if name == "peak_subtalar_angle_deg" else {}
         lines += ["", f"{name:34}{'here':>10}{'95 % interval':>20}{'published':>12}"]
+        without = _without_failed(summary)
         for label, value, (low, high) in _rows(summary.responses[name]):
             beside = _number(first.get(f"{label} [deg]"))
-            lines.append(f"  {label:32}{_number(value, '.2f'):>10}{_interval(low, high):>20}{beside:>12}")
+            lines.append(f"  {label:32}{_number(value, '.2f'):>10}{_interval(low, high):>20}{beside:>12}{without}")
         moved = summary.sensitivity.get(name)
         if moved is not None and moved.inputs:
-            lines += _correlations(moved, published.get("pearson", {}) if first else {})
-            lines += _factors(moved.inputs)
+            lines += _correlations(moved, published.get("pearson", {}) if first else {}, without)
+            lines += _factors(moved.inputs, without)
     if summary.responses:
-        lines += ["", f"{'metric (mean ± SD)':48}{'here':>20}{'published':>16}"]
+        lines += ["", f"{'metric (mean ± SD)':48}{'here':>20}{'published':>16}{_without_failed(summary)}"]
     for key, r in summary.responses.items():
         pair = published.get("metrics", {}).get(key)
         beside = f"{pair[0]:g} ± {pair[1]:g}" if pair else ""
@@ -114,11 +115,16 @@ def _sample(study: Plan, summary: StudySummary) -> list[str]:
     return lines
 
 
-def _correlations(moved: Sensitivity, published: Mapping[str, Any]) -> list[str]:
+def _without_failed(summary: StudySummary) -> str:
+    """What stands beside every statistic of a sample with failed trials."""
+    return f"   {summary.n_failed} failed left out" if summary.n_failed else ""
+
+
+def _correlations(moved: Sensitivity, published: Mapping[str, Any], without: str) -> list[str]:
     lines = [
         "",
         f"{'Pearson r':34}{'here':>10}{'95 % interval':>20}{'published':>12}{'importance ± SE':>18}"
-        f"{'Sobol first total':>19}",
+        f"{'Sobol first total':>19}{without}",
     ]
     for key, s in moved.inputs.items():
         alpha = ""
@@ -139,11 +145,11 @@ def _correlations(moved: Sensitivity, published: Mapping[str, Any]) -> list[str]
     return lines
 
 
-def _factors(inputs: Mapping[str, InputSensitivity]) -> list[str]:
+def _factors(inputs: Mapping[str, InputSensitivity], without: str) -> list[str]:
     lines = [
         "",
         f"{'sensitivity factors ± SE':34}{'dmean/dmean':>16}{'dmean/dsd':>16}{'dsd/dmean':>16}{'dsd/dsd':>16}    "
-        "(* 95 % interval without 0)",
+        f"(* 95 % interval without 0){without}",
     ]
     for key, s in inputs.items():
         cells = []

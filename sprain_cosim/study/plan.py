@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from ..uq.reliability import Difference, LevelCheck, LevelResult, Space
 
 IMPOSSIBLE = 1e-6  # a marginal may lie outside its parameter's range with at most this probability
+ABOUT = 450  # landings about the design points: a coefficient of variation of 0.15 at probabilities of 1e-4
 BEFORE_SAMPLING = 0.03  # tolerance of a search that only has to say where to sample
 TOLERANCE = 1e-3  # of searches, in standard deviations of the response: a landing's own noise is 1e-4 of them
 
@@ -192,7 +193,7 @@ class Plan:
             if not self.check:
                 return reliability.form_exceedance(function, marginals, self.limit, **options)
             return reliability.rare_event(
-                function, marginals, self.limit, above=True, curvature=True, seed=self.seed, **options
+                function, marginals, self.limit, above=True, curvature=True, n=ABOUT, seed=self.seed, **options
             )
         method = {
             "mean-value": reliability.mean_value,

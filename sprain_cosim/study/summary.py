@@ -41,6 +41,7 @@ class Response(Record):
     mean, sd         of the sample; `sd` with n - 1
     percentiles      {"5": ...}
     mean_ci, sd_ci   95 % intervals, where the sample allows them
+    failed           trials that are in none of these numbers, where there are any
     """
 
     mean: float | None
@@ -48,6 +49,7 @@ class Response(Record):
     percentiles: Mapping[str, Percentile] = field(default_factory=dict)
     mean_ci: PAIR | None = optional()
     sd_ci: PAIR | None = optional()
+    failed: int | None = optional()
 
 
 @dataclass(frozen=True)

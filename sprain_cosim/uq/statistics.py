@@ -134,9 +134,27 @@ def replicated(y: ArrayLike, replicates: int, statistic: Callable[[Array], Any],
 
 
 def replicated_percentile(y: ArrayLike, replicates: int, p: float, confidence: float = 0.95) -> Estimate:
-    """The p-quantile of a replicated quasi-Monte Carlo sample, see `replicated`."""
-    _probability(p)
-    return replicated(y, replicates, lambda values: _type7(np.sort(values), p), confidence)
+    """The p-quantile of a replicated quasi-Monte Carlo sample, row i belonging to replicate i % replicates.
+
+    Percentiles of the replicates themselves would be those of small samples, hence biased. So the spread is that of the
+    shares of each replicate below the pooled value, and the interval of the share is read off the pooled sample (R. S.
+    Woodruff, J. Am. Stat. Assoc. 47 (1952) 635-646). An end is ±inf where the sample is too small for it; NaN for
+    fewer than 8 replicates.
+    """
+    values = _sample(y)
+    ordered, n = np.sort(values), len(values)
+    value = _type7(ordered, _probability(p))
+    if replicates < MIN_REPLICATES or n < replicates:
+        return Estimate(value, math.nan, math.nan)
+    below = np.array([float(np.mean(values[r::replicates] <= value)) for r in range(replicates)])
+    error = max(float(np.std(below, ddof=1)) / math.sqrt(replicates), 0.5 / n)
+    reach = _student(replicates - 1, confidence) * error
+    low, high = np.interp(np.array([p - reach, p + reach]) * n + 0.5, np.arange(1, n + 1), ordered)
+    return Estimate(
+        value,
+        float(low) if (p - reach) * n >= 0.5 else -math.inf,
+        float(high) if (p + reach) * n <= n - 0.5 else math.inf,
+    )
 
 
 def replicated_exceedance(
@@ -165,14 +183,24 @@ def mean(y: ArrayLike, confidence: float = 0.95) -> Estimate:
 
 
 def standard_deviation(y: ArrayLike, confidence: float = 0.95) -> Estimate:
-    """Standard deviation (n − 1) of independent values; large-sample interval by the kurtosis, in logs."""
+    """Standard deviation (n − 1) of independent values.
+
+    The interval holds both that by the kurtosis in logs, right for light tails, and that of the mean of the squared
+    deviations straightened by Hall's transformation, which the large ones among them need (`skewed_interval`). For a
+    lognormal response of SD about its mean (δ = 1.3) it still covers but 0.90 at n = 100: its tail has not been met.
+    """
     values = _sample(y, 4)
     n, value = len(values), float(np.std(values, ddof=1))
     if value == 0.0:
         return Estimate(0.0, 0.0, 0.0)
-    kurtosis = float(np.mean((values - np.mean(values)) ** 4)) / float(np.var(values)) ** 2
+    squares = (values - np.mean(values)) ** 2
+    kurtosis = float(np.mean(squares**2)) / float(np.var(values)) ** 2
     log_half = _student(n - 1, confidence) * 0.5 * math.sqrt(max(kurtosis - (n - 3) / (n - 1), 0.0) / n)
-    return Estimate(value, value * math.exp(-log_half), value * math.exp(log_half))
+    low, high = value * math.exp(-log_half), value * math.exp(log_half)
+    if np.ptp(squares) > 0:
+        straight = skewed_interval(squares * (n / (n - 1)), confidence)
+        low, high = min(low, math.sqrt(max(straight[0], 0.0))), max(high, math.sqrt(max(straight[1], 0.0)))
+    return Estimate(value, low, high)
 
 
 @dataclass(frozen=True)

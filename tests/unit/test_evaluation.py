@@ -232,13 +232,34 @@ def test_form_is_followed_by_second_order_and_sampling(study6) -> None:
     assert set(form.second_order) == {"Breitung", "Hohenbichler-Rackwitz", "Tvedt"}
     assert StudySummary.from_json(summary.to_json(), "") == summary
     text = study_listing(study, summary)
-    assert "400 landings about 2 design points" in text
+    assert "450 landings about 2 design points" in text
     assert "first order" in text
     alone = replace(study, check=False)
     summary = searched(alone, alone.search(response))
     assert summary.form.ci_low is None
     assert any("first order alone" in note for note in summary.notes)
     assert "(first order: no interval)" in study_listing(alone, summary)
+
+
+def test_sobol_samples_that_are_no_power_of_two_hear_a_word(study6) -> None:
+    def notes(trials: int) -> str:
+        study = replace(study6, method="sobol", trials=trials)
+        return " ".join(summarise(study, landings(study), None).notes)
+
+    assert "125 points a sequence are no power of two" in notes(1000)
+    assert "512 or 1024 trials tell more" in notes(1000)
+    assert "power of two" not in notes(1024)
+
+
+def test_failed_trials_stand_beside_every_statistic(study6) -> None:
+    study = replace(study6, trials=200)
+    summary = summarise(study, landings(study, failed=3), None)
+    assert {r.failed for r in summary.responses.values()} == {3}
+    assert {q.failed for q in summary.questions.values()} == {3}
+    text = study_listing(study, replace(summary, wall_s=1.0))
+    assert text.count("3 failed left out") >= 5 + 3  # each line of a response, and each further table
+    assert "sample, 197 trials (3 failed)" in text
+    assert "failed left out" not in study_listing(study, replace(summarise(study, landings(study), None), wall_s=1.0))
 
 
 def test_form_with_an_uncertain_threshold(study6) -> None:
