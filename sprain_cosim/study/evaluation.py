@@ -576,7 +576,12 @@ def _of_levels(question: Question, y: Array) -> Probability:
     assert question.threshold is not None
     found = doubted_exceedance(y, question.threshold)
     found = replace(found, sampling=statistics.Estimate(found.value, math.nan, math.nan))
-    return replace(_probability(question, found, None), trials=None, dominates=None, sentence=None)
+    sentence = "How far the levels are off is not in it; "
+    if found.threshold is not None:
+        sentence += f"the threshold leaves {found.threshold.low:.3g} ... {found.threshold.high:.3g} open."
+    else:
+        sentence += "nothing is known of the threshold beyond its law." if found.shapes else "the threshold is known."
+    return replace(_probability(question, found, None), trials=None, dominates=None, sentence=sentence)
 
 
 def _probability(question: Question, found: Exceedance, failed: int | None) -> Probability:

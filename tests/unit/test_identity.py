@@ -25,6 +25,7 @@ from sprain_cosim.study.marginals import Fitted
 from sprain_cosim.study.merge import merge
 from sprain_cosim.study.methods import METHODS
 from sprain_cosim.study.plan import Plan
+from sprain_cosim.study.previous import facts_today
 from sprain_cosim.study.questions import Question
 from sprain_cosim.uq.distributions import Marginal, Normal, Truncated
 
@@ -208,3 +209,16 @@ def test_a_folder_says_which_file_has_changed(study: sc.Study, tmp_path: Path) -
         with pytest.raises(InputError, match=r"fmus.brace: \w{12} then, \w{12} now"):
             load_study_plan(tmp_path / "s", written)
         assert recorded_plan(tmp_path / "s", written).heading == own.heading
+
+
+def test_a_correlated_sample_of_the_previous_version_is_not_continued(study: sc.Study) -> None:
+    """Its columns were drawn in the order of the file's lines, ours are in that of their names."""
+    correlation = np.eye(10)
+    correlation[0, 6] = correlation[6, 0] = 0.5
+    joined = replace(study, correlation=correlation)
+    then = {"version": "0.1.0", "master": ["0.5 ms", "0.15 s", "auto"]}
+    facts = facts_today({"identity": json.dumps(then), "study": json.dumps(encode(joined))})
+    different = changes(json.loads(facts["identity"]), joined.identity, ("version", "fmus", "maps"))
+    assert [line.partition(":")[0] for line in different] == ["order.drawing"]
+    alone = facts_today({"identity": json.dumps(then), "study": json.dumps(encode(study))})
+    assert not changes(json.loads(alone["identity"]), study.identity, ("version", "fmus", "maps"))
