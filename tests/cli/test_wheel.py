@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import venv
@@ -48,17 +49,27 @@ def needed(wheel: Path) -> set[str]:
     return found
 
 
+def _link_or_copy(source: Path, target: Path) -> None:
+    """No symbolic link: the sandbox of foreign FMUs reads what lies in its own environment."""
+    if source.is_file():
+        try:
+            os.link(source, target)
+        except OSError:
+            shutil.copyfile(source, target)
+
+
 @pytest.fixture(scope="module")
 def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An environment with the wheel and links to what it needs, taken from this one, so that no network is asked."""
+    """An environment with the wheel and what it needs, taken from this one, so that no network is asked."""
     folder = tmp_path_factory.mktemp("environment")
     venv.create(folder, symlinks=True, with_pip=False)
     site = next((folder / "lib").glob("python*")) / "site-packages"
     for name in needed(wheel):
         distribution = metadata.distribution(name)
-        for top in {file.parts[0] for file in distribution.files or () if file.parts[0] != ".."}:
-            if not (site / top).exists() and top != "__pycache__":
-                (site / top).symlink_to(Path(str(distribution.locate_file(top))))
+        for file in distribution.files or ():
+            if file.parts[0] != ".." and file.suffix != ".pyc":
+                (site / file).parent.mkdir(parents=True, exist_ok=True)
+                _link_or_copy(Path(str(distribution.locate_file(file))), site / file)
     options = ["--quiet", "--no-deps", "--no-index", "--target", str(site)]
     subprocess.run([sys.executable, "-m", "pip", "install", *options, str(wheel)], check=True)
     return folder
