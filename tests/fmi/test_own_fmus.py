@@ -381,8 +381,9 @@ def test_the_source_of_a_device_does_not_travel(name: str) -> None:
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
             if isinstance(node, ast.FunctionDef):
                 words |= {node.name, *(argument.arg for argument in node.args.args)}
+            if isinstance(node, ast.FunctionDef | ast.Module):
                 words |= {line.strip() for line in (ast.get_docstring(node) or "").splitlines()}
-            elif isinstance(node, ast.Name):
+            if isinstance(node, ast.Name):
                 words.add(node.id)
     # names of two words: the libraries of compilers have texts of their own
     private = {word for word in words if len(word) > 7 and word.encode() not in known and {"_", " "} & set(word)}
