@@ -691,7 +691,9 @@ def scenarios_command(as_json: bool) -> None:
 @click.argument("models", nargs=-1)
 @PLATFORM
 def build_command(models: tuple[str, ...], platforms: tuple[str, ...]) -> None:
-    """Build the FMUs of the clone's fmus/ folder (all, or the MODELS named) whose sources have changed."""
+    """Build the FMUs of the clone's fmus/ folder (all, or the MODELS named) whose sources have changed, and the
+    master's own library."""
+    from .cosim.native_steps import build_libraries
     from .fmu.build import build_all
 
     built = build_all(models, platforms)
@@ -699,6 +701,8 @@ def build_command(models: tuple[str, ...], platforms: tuple[str, ...]) -> None:
         _show(f"{fmu.file}  {fmu.guid[:12]}{'' if fmu.new else '  current'}")
     if not built:
         _show("nothing to build: the FMUs ship with the package")
+    for library, new in build_libraries(platforms) if built and not models else ():
+        _show(f"{library}{'' if new else '  current'}")
 
 
 @cli.command("validate")

@@ -280,7 +280,7 @@ class Assembly:
         member.inputs_set = False
         # the square of a large finite number may overflow: then every value is tested by itself
         if not math.isfinite(member.output_values @ member.output_values):
-            self._check_outputs(member, time + step)
+            self.check_outputs(member, time + step)
 
     def _pass_records(self, recorder: Recorder, plant: Member, time: float, step: float) -> tuple[float, float]:
         """Stops the plant where something is to be recorded within its step; its torques are carried on, so that the
@@ -291,7 +291,7 @@ class Assembly:
             since = self._hand_over.motion() if self._hand_over else None
             plant.instance.do_step(time, at - time)
             plant.instance.get_outputs()
-            self._check_outputs(plant, at)
+            self.check_outputs(plant, at)
             if self._hand_over and since is not None:
                 self._hand_over.carry_on(since)
                 plant.instance.set_inputs()
@@ -301,7 +301,8 @@ class Assembly:
             time = at
         return (time, end - time) if rows else (time, step)
 
-    def _check_outputs(self, member: Member, time: float) -> None:
+    def check_outputs(self, member: Member, time: float) -> None:
+        """Raises SimulationError where an output is not finite."""
         for name, value in zip(self.names[member.outputs], member.output_values.tolist(), strict=True):
             if not math.isfinite(value):
                 raise SimulationError(f"{member.name}: {name.partition('.')[2]} = {value:g} at {time:.6g} s")

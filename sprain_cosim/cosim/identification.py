@@ -100,6 +100,11 @@ class Identification:
         self._repeated = [device for device in repeated if device.member.name not in assembly.own_rate]
         self._called = {device.member.name: device for device in repeated if device.member.name in assembly.own_rate}
 
+    @property
+    def repeats(self) -> bool:
+        """Whether `update` has something to do."""
+        return bool(self._repeated)
+
     def update(self, time: float, step: float) -> bool:
         """Finds what is not declared anew, at the present values of the bus and over a step of that size, for devices
         that take every step and whose torques have changed otherwise than the last numbers predict. The plant's inputs

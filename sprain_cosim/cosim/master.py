@@ -17,7 +17,7 @@ with a state saved before each step, and refused steps are taken in parts."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -25,10 +25,11 @@ import numpy as np
 
 from ..errors import InputError, SimulationError, SimulationStopped, StepDiscarded
 from .assembly import Assembly
-from .coupling import begin
+from .coupling import Coupling, begin
+from .native_steps import NativeSteps
 from .recorder import Recorder
 from .result import Result
-from .schedule import schedule
+from .schedule import Schedule, schedule
 
 
 @dataclass(frozen=True)
@@ -81,11 +82,12 @@ class Master:
     def run(self, assembly: Assembly, parameters: Mapping[str, float]) -> Result:
         """One run of an open system from its initial state; `parameters` {"component.parameter": value in its own
         unit}."""
-        try:
-            return self._run(assembly, parameters)
-        except StepDiscarded:
-            assembly.save_before_steps()
-            return self._run(assembly, parameters)
+        with np.errstate(over="ignore"):  # squares of large numbers; what is not finite is found and named
+            try:
+                return self._run(assembly, parameters)
+            except StepDiscarded:
+                assembly.save_before_steps()
+                return self._run(assembly, parameters)
 
     def _run(self, assembly: Assembly, parameters: Mapping[str, float]) -> Result:
         began = perf_counter()
@@ -99,11 +101,9 @@ class Master:
                 self.scheme, assembly, self.communication_step, self.steps, self.identify, self.guard, self.adaptive
             )
             recorder.write(0)
-            times, sizes = plan.time.tolist(), plan.step.tolist()
-            for k, (time, step) in enumerate(zip(times, sizes, strict=False)):
-                coupling.step(assembly, time, step, plan.due.get(k + 1, ()))
-                points = k + 1
-                recorder.write(points)
+            native = NativeSteps.of(coupling, assembly, recorder, plan)
+            for reached in native.points() if native else _points(coupling, assembly, recorder, plan):
+                points = reached
         except StepDiscarded:
             raise
         except SimulationStopped as end:
@@ -134,3 +134,11 @@ class Master:
             parameters=dict(parameters),
             wall=perf_counter() - began,
         )
+
+
+def _points(coupling: Coupling, assembly: Assembly, recorder: Recorder, plan: Schedule) -> Iterator[int]:
+    """Takes the steps; gives the number of every point, once it is on record."""
+    for k, (time, step) in enumerate(zip(plan.time.tolist(), plan.step.tolist(), strict=False)):
+        coupling.step(assembly, time, step, plan.due.get(k + 1, ()))
+        recorder.write(k + 1)
+        yield k + 1

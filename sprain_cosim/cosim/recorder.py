@@ -52,6 +52,16 @@ class Recorder:
         if row >= 0:
             self.write_row(row)
 
+    @property
+    def plain(self) -> bool:
+        """Its rows are the connectors at the points of exchange, and nothing else."""
+        return self.passed is self._values and not self._locals.shape[1] and not len(self._between)
+
+    def reached(self, point: int) -> int:
+        """The rows of `passed` have been written elsewhere up to this point."""
+        self._points = point + 1
+        return point
+
     def write_row(self, row: int) -> None:
         """The present values."""
         self._values[row] = self._assembly.record

@@ -40,6 +40,11 @@ class FloatingPoint:
         if _libm is not None:
             _libm.fegetenv(self._saved)
 
+    @property
+    def address(self) -> int:
+        """Of the fenv_t that is put back."""
+        return ctypes.addressof(self._saved)
+
     def restore(self) -> None:
         """All of it, whatever it is now."""
         if _libm is None:

@@ -8,7 +8,7 @@ import weakref
 from functools import lru_cache
 from typing import Any, ClassVar
 
-from .fmi_instance import LAST_SUCCESSFUL_TIME, PENDING, WARNING, FmiInstance
+from .fmi_instance import LAST_SUCCESSFUL_TIME, PENDING, WARNING, FmiInstance, NativeCalls
 
 TERMINATED = 3  # fmi2StatusKind
 
@@ -95,6 +95,9 @@ class Fmi2CoSimulation(Fmi2Instance):
     def call_do_step(self, time: float, step: float) -> int:
         status: int = self._step(self.instance, ctypes.c_double(time), ctypes.c_double(step), self._final)
         return self.finished_step() if status == PENDING else status
+
+    def native_calls(self) -> NativeCalls | None:
+        return self.plain_calls(2, self._step, bool(self._final))
 
     def discard_status(self) -> tuple[float | None, bool]:
         reached, ended = ctypes.c_double(), ctypes.c_int()

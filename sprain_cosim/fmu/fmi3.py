@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import ctypes
 import math
+from dataclasses import replace
 from typing import Any, ClassVar
 
 from ..errors import SimulationError, SimulationStopped
-from .fmi_instance import DISCARD, WARNING, FmiInstance
+from .fmi_instance import DISCARD, WARNING, FmiInstance, NativeCalls
 
 ERROR = 3
 MAX_RETURNS = 10_000  # in one step
@@ -105,8 +106,7 @@ class Fmi3CoSimulation(Fmi3Instance):
                 if status not in (0, WARNING) or self._end.value:
                     return max(status, DISCARD)
                 if self._early.value and not capabilities.early_return:
-                    self.log_message(f"it returned at {self._reached.value:g} s though early return was not allowed")
-                    return ERROR
+                    return self._early_return()
             now = self._reached.value if self._early.value else target
             if capabilities.event_mode and (self._event.value or now >= self._next_event):
                 self.call("handling its events", self.fmu.enterEventMode)
@@ -115,6 +115,23 @@ class Fmi3CoSimulation(Fmi3Instance):
                 return 0
         self.log_message(f"it returned early more than {MAX_RETURNS} times in one step")
         return ERROR
+
+    def _early_return(self) -> int:
+        self.log_message(f"it returned at {self._reached.value:g} s though early return was not allowed")
+        return ERROR
+
+    def native_calls(self) -> NativeCalls | None:
+        if self.component.capabilities.event_mode or self.component.capabilities.early_return:
+            return None
+        calls = self.plain_calls(3, self._step, self._final.value)
+        at = ctypes.addressof
+        answers = at(self._event), at(self._end), at(self._early), at(self._reached)
+        return calls and replace(calls, answers=answers)
+
+    def check_step(self, status: int, time: float, step: float) -> None:
+        if status <= WARNING and (self._end.value or self._early.value):
+            status = DISCARD if self._end.value else self._early_return()
+        super().check_step(status, time, step)
 
     def discard_status(self) -> tuple[float | None, bool]:
         return self._reached.value, bool(self._end.value)

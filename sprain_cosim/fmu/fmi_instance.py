@@ -10,6 +10,7 @@ import ctypes
 import itertools
 from collections import deque
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from time import sleep
 from typing import Any, ClassVar
 
@@ -25,6 +26,7 @@ WARNING, DISCARD, ERROR, PENDING = 1, 2, 3, 5
 DO_STEP_STATUS, LAST_SUCCESSFUL_TIME = 0, 2  # kinds of GetStatus, GetRealStatus
 POLL = 1e-4  # s
 STATUS = {2: "discarded the call", 3: "reported an error", 4: "reported a fatal error"}
+SETTING, READING = "setting its inputs", "reading its outputs"
 MAX_MESSAGES = 100
 MAX_PARTS = 1024  # of a step that is refused
 
@@ -32,6 +34,34 @@ Calls = tuple[
     list[tuple[Any, tuple[Any, ...]]], list[tuple[np.ndarray, slice]]
 ]  # library calls, and values that are not doubles
 _counter = itertools.count(1)
+
+
+@dataclass(frozen=True)
+class NativeCalls:
+    """What a loop in another language needs to drive an instance that is bound: addresses, valid until the instance is
+    reset.
+
+    fmi             2 or 3
+    instance        of the library
+    set, get, step  functions for double-precision numbers, and the FMU's step
+    inputs, outputs arrays of value references, in the order of the bus
+    direct          the last so many outputs follow inputs directly
+    final           no state will be set that lies before the present point
+    environment     fenv_t of a foreign library, put back after each call; None for others
+    answers         FMI 3: event needed, terminate, early return, time reached; else None
+    """
+
+    fmi: int
+    instance: int
+    set: int
+    get: int
+    step: int
+    inputs: Any
+    outputs: Any
+    direct: int
+    final: bool
+    environment: int | None
+    answers: tuple[int | None, int | None, int | None, int | None] = (None, None, None, None)
 
 
 class FmiInstance:
@@ -179,6 +209,33 @@ class FmiInstance:
     def exit_initialization(self) -> None:
         self.call("initialising", self.call_exit_initialization)
 
+    def native_calls(self) -> NativeCalls | None:
+        """None where the instance needs more than the library's functions at a step. Before: it has started."""
+        return None
+
+    def plain_calls(self, fmi: int, step: Any, final: bool) -> NativeCalls | None:
+        """What the versions share of `native_calls`."""
+        (setting, set_conversions), (getting, get_conversions) = self._set_calls, self._get_calls
+        (direct, _), own = self._get_calls_of_feedthrough, self.component.capabilities.fixed_step
+        watched = self._floating is not None and self._floating.watched
+        if set_conversions or get_conversions or len(setting) > 1 or len(getting) > 1:
+            return None  # numbers of another type
+        if not self.readable or self.saves_before_steps or own is not None or watched or self.instance.value is None:
+            return None
+        none = (ctypes.c_uint * 0)()
+        return NativeCalls(
+            fmi=fmi,
+            instance=self.instance.value,
+            set=_address(setting[0][0]) if setting else 0,
+            get=_address(getting[0][0]) if getting else 0,
+            step=_address(step),
+            inputs=setting[0][1][1] if setting else none,
+            outputs=getting[0][1][1] if getting else none,
+            direct=sum(len(arguments[1]) for _, arguments in direct),
+            final=final,
+            environment=None if self._floating is None else self._floating.address,
+        )
+
     def set_inputs(self) -> None:
         calls, conversions = self._set_calls
         for buffer, place in conversions:
@@ -186,7 +243,7 @@ class FmiInstance:
         for function, arguments in calls:
             status = function(*arguments)
             if status:
-                self.check(status, "setting its inputs")
+                self.check(status, SETTING)
         if self._floating is not None:
             self._floating.restore_if_changed()
 
@@ -209,7 +266,7 @@ class FmiInstance:
         for function, arguments in calls:
             status = function(*arguments)
             if status:
-                self.check(status, "reading its outputs")
+                self.check(status, READING)
         if self._floating is not None:
             self._floating.restore_if_changed()
         for buffer, place in conversions:
@@ -232,6 +289,14 @@ class FmiInstance:
         finally:
             if state is not None and not self.broken:
                 self.free_state(state)
+
+    def check_step(self, status: int, time: float, step: float) -> None:
+        """What follows from the status of a step that was taken by `native_calls`: returns when it is done, raises as
+        `do_step` does."""
+        if status == PENDING:
+            status = self.finished_step()
+        if status not in (0, WARNING):
+            self._not_done(status, time, step, step, None)
 
     def _not_done(self, status: int, time: float, step: float, least: float, state: Any) -> None:
         """A refused step is taken in parts, with the inputs held, where the state before it was saved. Raises
@@ -346,3 +411,7 @@ class FmiInstance:
 
     def log_message(self, message: bytes | str | None) -> None:
         self.messages.append(message.decode("utf-8", "replace") if isinstance(message, bytes) else message or "")
+
+
+def _address(function: Any) -> int:
+    return ctypes.cast(function, ctypes.c_void_p).value or 0

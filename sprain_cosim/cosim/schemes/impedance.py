@@ -25,6 +25,11 @@ class Impedance(GaussSeidel):
         self._identification, self._every = identification, every
         self._count, self._recent = 0, identification.recent
 
+    @property
+    def identifies(self) -> bool:
+        """Something is to be found anew along the run."""
+        return bool(self._every) and self._identification.repeats
+
     def start(self, assembly: Assembly) -> None:
         assembly.hand_over(True)
         make_consistent(assembly)

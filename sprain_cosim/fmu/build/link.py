@@ -62,6 +62,7 @@ OPTIONS = {  # of a slice
     "darwin64": ("-fPIC", "-s"),
     "aarch64-darwin": ("-fPIC", "-s"),
 }
+C_OPTIONS = ("-std=gnu11", "-O2", "-ffp-contract=off", "-fvisibility=hidden")
 WINDOWS = "windows.c"
 MINGW = "x86_64-w64-mingw32-"
 ZIG = {"darwin64": "x86_64-macos.11.0", "aarch64-darwin": "aarch64-macos.11.0"}
@@ -142,10 +143,24 @@ def _linked(compiled: Compiled, variables: Variables, guid: str, part: str, endi
         if part == "win64":
             shutil.copyfile(shim() / WINDOWS, folder / WINDOWS)
             sources += [WINDOWS, _math_of_windows(folder)]
-        options = ["-std=gnu11", "-O2", "-ffp-contract=off", "-fvisibility=hidden", f"-I{headers()}"]
+        options = [*C_OPTIONS, f"-I{headers()}"]
         library = folder / f"{compiled.name}{ending}"
         _run(compiled.name, library_command(part, library, [*options, *sources, "-lm"]), folder)
         return library.read_bytes()
+
+
+def link_source(source: Path, platform: str, *options: str) -> bytes:
+    """The library for `platform` of one C source that needs nothing but C. Raises as `link` does."""
+    place = PLATFORMS[platform]
+    with tempfile.TemporaryDirectory() as work:
+        shutil.copyfile(source, Path(work) / source.name)
+        found = {}
+        for part in place.slices:
+            library = Path(work) / f"{source.stem}{place.ending}"
+            arguments = [*C_OPTIONS, *options, source.name, "-lm"]
+            _run(source.name, library_command(part, library, arguments), Path(work))
+            found[part] = library.read_bytes()
+    return joined(found)
 
 
 def library_command(part: str, library: Path, arguments: Sequence[str]) -> list[str]:
