@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from fmus.plant.plant import Landing
+from sprain_cosim.validation.checks.paper import published_inputs
 from tools.direct import COLUMN, land, plant, scale
 from tools.reference import FOLDER, read
 
@@ -68,23 +69,23 @@ def rms(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def errors(trials: pd.DataFrame) -> np.ndarray:
-    """Simulated minus published peak subtalar angle [deg]."""
-    found = []
-    for row in trials.to_dict("records"):
-        known = {k: v for k, v in row.items() if v == v}
+    """Simulated minus published peak subtalar angle [deg], the inputs rounded as they were run."""
+    found, inputs = [], published_inputs(trials)
+    for record, row in zip(trials.to_dict("records"), inputs.to_dict("records"), strict=True):
         landing = Landing(
-            platform_incline=math.radians(known["incline_deg"]),
-            drop_height=known["drop_height_m"],
-            contact_modulus=known["contact_modulus_Pa_m"],
-            contact_dissipation=known["contact_dissipation_s_m"],
-            passive_angle_scale=scale(known["ankle_stiffness_scale_fi"]),
-            talocrural_angle_at_contact=math.radians(known["talocrural_at_contact_deg"]),
-            subtalar_angle_at_contact=math.radians(known["subtalar_at_contact_deg"]),
-            ankle_strength_scale=1.0 + known["strength_scale_m1i"],
-            internal_brace_angle_scale=scale(known["brace_scale_bi"]) if "brace_scale_bi" in known else 0.0,
+            platform_incline=math.radians(record["incline_deg"]),
+            drop_height=row["plant.drop_height [m]"],
+            contact_modulus=row["plant.contact_modulus [Pa/m]"],
+            contact_dissipation=row["plant.contact_dissipation [s/m]"],
+            passive_angle_scale=row["plant.passive_angle_scale"],
+            talocrural_angle_at_contact=math.radians(row["plant.talocrural_angle_at_contact [deg]"]),
+            subtalar_angle_at_contact=math.radians(row["plant.subtalar_angle_at_contact [deg]"]),
+            ankle_strength_scale=row["plant.ankle_strength_scale"],
+            internal_brace_angle_scale=row.get("brace.angle_scale", 0.0),
             initial_pose=Landing.PUBLISHED,
             fibre_start=Landing.AS_PUBLISHED,
         )
-        out = land(landing, known.get("coactivation", 0.0), known.get("reflex_gain", 0.0), on=plant())
-        found.append(math.degrees(out[:, COLUMN["subtalar_angle"]].max()) - known["peak_subtalar_deg"])
+        activity = row.get("controller.coactivation", 0.0), row.get("controller.reflex_gain", 0.0)
+        out = land(landing, *activity, on=plant())
+        found.append(math.degrees(out[:, COLUMN["subtalar_angle"]].max()) - record["peak_subtalar_deg"])
     return np.array(found)

@@ -87,7 +87,7 @@ def published_inputs(out: Path, workers: int) -> Iterator[str]:
         bounds = {"mean": 0.05, "SD": 0.05} | {f"{p} %": 0.15 for p in LEVELS}
         missed = [k for k, v in gaps.items() if abs(v) > bounds[k]]
         r = {}
-        for heading, _ in RECORDS.values():
+        for heading, _, _ in RECORDS.values():
             if heading in trials and trials[heading].std() > 0:
                 x = trials[heading]
                 r[heading.partition(" [")[0]] = np.corrcoef(x, ours)[0, 1] - np.corrcoef(x, theirs)[0, 1]

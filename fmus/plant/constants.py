@@ -116,6 +116,7 @@ def _muscles(model: np.void, muscles: Muscles) -> None:
     model["point_low"], model["point_high"] = muscles.point_range.T
     reached = ankle_muscles(muscles)
     model["ankle_muscle"] = reached
+    model["tibialis_anterior"] = muscles.names.index("tib_ant_r")
     model["ankle_index"] = -1
     model["ankle_index"][reached] = np.arange(len(reached))
 

@@ -91,7 +91,7 @@ def variables() -> list[dict]:
         (
             "fibre_start",
             FIBRE_STARTS,
-            "equilibrium (OpenSim 4.6), or as in the published records (OpenSim 3.3: one numerical failure at the start, excitations of at least 0.01)",
+            "equilibrium (OpenSim 4.6), or as in the published records (OpenSim 3.3: its three outcomes for tibialis anterior at the start, excitations of at least 0.01)",
         ),
     ):
         out.append(dict(name=name, causality="parameter", variability="fixed", items=items, start=0, description=text))

@@ -34,7 +34,7 @@ def test_marginals_are_those_of_table_1(study: int) -> None:
     records = read(f"paper/study{study}_trials.csv") if needs_reference.args[0] is False else None
     if records is None:
         pytest.skip("reference numbers not found (set SPRAIN_REFERENCE)")
-    for column, (heading, convert) in RECORDS.items():
+    for column, (heading, convert, _) in RECORDS.items():
         name = heading.partition(" [")[0]
         if name not in x:
             assert records[column].isna().all() or records[column].eq(0).all(), column

@@ -37,30 +37,31 @@ def _scale(shift: pd.Series) -> pd.Series:
     return (1 + shift).where(shift >= 0, 1 / (1 - shift))
 
 
-RECORDS: dict[
-    str, tuple[str, Callable[[pd.Series], pd.Series]]
-] = {  # columns of the published records: our heading, and how to convert
-    "drop_height_m": ("plant.drop_height [m]", _as_it_is),
-    "contact_modulus_Pa_m": ("plant.contact_modulus [Pa/m]", _as_it_is),
-    "contact_dissipation_s_m": ("plant.contact_dissipation [s/m]", _as_it_is),
-    "ankle_stiffness_scale_fi": ("plant.passive_angle_scale", _scale),
-    "coactivation": ("controller.coactivation", _as_it_is),
-    "reflex_gain": ("controller.reflex_gain", _as_it_is),
-    "talocrural_at_contact_deg": ("plant.talocrural_angle_at_contact [deg]", _as_it_is),
-    "subtalar_at_contact_deg": ("plant.subtalar_angle_at_contact [deg]", _as_it_is),
-    "strength_scale_m1i": ("plant.ankle_strength_scale", lambda share: 1 + share),
-    "brace_scale_bi": ("brace.angle_scale", _scale),
+# columns of the published records: our heading, how to convert, and the decimals that the authors' deck wrote into each
+# run (the records hold more; None where it wrote all)
+RECORDS: dict[str, tuple[str, Callable[[pd.Series], pd.Series], int | None]] = {
+    "drop_height_m": ("plant.drop_height [m]", _as_it_is, 3),
+    "contact_modulus_Pa_m": ("plant.contact_modulus [Pa/m]", _as_it_is, None),
+    "contact_dissipation_s_m": ("plant.contact_dissipation [s/m]", _as_it_is, 3),
+    "ankle_stiffness_scale_fi": ("plant.passive_angle_scale", _scale, 4),
+    "coactivation": ("controller.coactivation", _as_it_is, 3),
+    "reflex_gain": ("controller.reflex_gain", _as_it_is, 3),
+    "talocrural_at_contact_deg": ("plant.talocrural_angle_at_contact [deg]", _as_it_is, 1),
+    "subtalar_at_contact_deg": ("plant.subtalar_angle_at_contact [deg]", _as_it_is, 1),
+    "strength_scale_m1i": ("plant.ankle_strength_scale", lambda share: 1 + share, 4),
+    "brace_scale_bi": ("brace.angle_scale", _scale, 4),
 }
 
 
 def published_inputs(records: pd.DataFrame) -> pd.DataFrame:
-    """The trials of a study's records as a table for `--inputs`: number and varied inputs."""
+    """The trials of a study's records as a table for `--inputs`: number and varied inputs, rounded as they were run."""
     table = pd.DataFrame({"trial": records["trial"]})
-    for column, (heading, convert) in RECORDS.items():
+    for column, (heading, convert, decimals) in RECORDS.items():
         if records[column].notna().all() and (
             column not in ("coactivation", "reflex_gain") or records[column].ne(0).any()
         ):
-            table[heading] = convert(records[column])
+            values = convert(records[column])
+            table[heading] = values if decimals is None else values.round(decimals)
     return table
 
 
