@@ -9,11 +9,13 @@ from .errors import EnvironmentProblem, InputError, nearest
 
 PACKAGE = Path(__file__).parent
 FMUS = PACKAGE / "_fmus"
-<<<<<<< HEAD
 FMI3 = "_fmi3"  # NAME.fmu speaks FMI 2.0, NAME_fmi3.fmu the same model in FMI 3.0
-=======
-LIBRARIES = {("Linux", "x86_64"): "linux64.so", ("Windows", "AMD64"): "win64.dll"}  # endings, by system and machine
->>>>>>> bc6ef50 (Communication steps in C where nothing between two calls needs Python: the same record to the bit, a quarter of a landing less)
+LIBRARIES = {  # what a library of the package's own ends in, by system and machine
+    ("Linux", "x86_64"): "linux64.so",
+    ("Windows", "AMD64"): "win64.dll",
+    ("Darwin", "x86_64"): "darwin64.dylib",
+    ("Darwin", "arm64"): "darwin64.dylib",
+}
 SOURCES = PACKAGE.parent / "fmus"  # the models' sources, in a clone only
 
 

@@ -36,8 +36,8 @@ def test_a_seeded_sample(study: int) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("study", range(1, 7))
 def test_all_trials(study: int) -> None:
-    """RMS error at most 0.12°, bias at most 0.05°, no failure."""
+    """RMS error at most 0.12°, less where the record explains the rest; bias at most 0.05°, no failure."""
     found = errors(read(f"paper/study{study}_trials.csv"))
     print(bounds(found, study))
-    assert np.sqrt(np.mean(found**2)) <= 0.12, bounds(found, study)
+    assert np.sqrt(np.mean(found**2)) <= {1: 0.04, 4: 0.075, 6: 0.045}.get(study, 0.12), bounds(found, study)
     assert abs(found.mean()) <= 0.05, bounds(found, study)
