@@ -274,8 +274,9 @@ AMV_5 = Gap(
     "six of the authors' ten gradients are zero for their outputs had one decimal; true gradients lead to a design "
     "point 0.5 deg lower",
 )
-MOONSHOT = (
-    "0.05 deg, a further goal, not reached: some trials start next to the threshold of OpenSim 3.3's numerical failure"
+REFLEX = (
+    "with the inputs as they were run a bias of 0.06 deg is left; a reflex 0.1 ms earlier would remove most of it, but "
+    "the delay is the paper's 60 ms"
 )
 WHOLE = "the required bound; rounding of the records alone is 0.03 deg"
 
@@ -328,7 +329,16 @@ CHECKS = (
         quick=False,
         needs=("reference",),
     ),
-    Check("paper-16", "Published trials one by one: bias", WHOLE, TRIALS, bias, quick=False, needs=("reference",)),
+    Check(
+        "paper-16",
+        "Published trials one by one: bias",
+        WHOLE,
+        TRIALS,
+        bias,
+        quick=False,
+        needs=("reference",),
+        gaps={"study3": Gap(0.08, REFLEX)},
+    ),
     Check(
         "paper-17",
         "Published trials one by one: RMS error, narrower bound",
@@ -337,6 +347,6 @@ CHECKS = (
         trial_by_trial(0.05),
         quick=False,
         needs=("reference",),
-        gaps={name: Gap(0.12, MOONSHOT) for name in STUDIES},
+        gaps={"study3": Gap(0.12, REFLEX)},
     ),
 )
