@@ -7,9 +7,10 @@ import json
 import logging
 import os
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -20,7 +21,16 @@ if TYPE_CHECKING:
     from .cosim.result import Result
     from .study.campaign import Campaign
 
-OUT = click.option("--out", type=click.Path(path_type=Path), help="Folder for signals, summary and figure.")
+Command = TypeVar("Command", bound=Callable[..., Any])
+RENAMED = {"--output": "--out"}  # spellings of version 0.1, which this version still takes
+
+
+def out_option(text: str, **more: Any) -> Callable[[Command], Command]:
+    """Where a command writes, spelled alike everywhere."""
+    return click.option("-o", "--out", type=click.Path(path_type=Path), help=text, **more)
+
+
+OUT = out_option("Folder for signals, summary and figure.")
 FOLDERS = click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
 FMUS = click.option("--fmu", "fmus", multiple=True, metavar="NAME=FILE", help="Put another FMU in a component's place.")
 MAPS = click.option(
@@ -35,6 +45,7 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON obje
 SCHEME = click.option("--scheme", help="auto, jacobi, gauss-seidel, gauss-seidel-extrapolated, iterative, impedance.")
 STEP = click.option("--step", metavar='"0.5 ms"', help="Communication step.")
 STOP = click.option("--stop", metavar='"150 ms"', help="End of the landing.")
+FORCE = click.option("--force", is_flag=True, help="Overwrite an earlier run in --out without a warning.")
 ISOLATE = click.option(
     "--isolate",
     is_flag=True,
@@ -82,7 +93,7 @@ def cli() -> None:
 @ISOLATE
 @IN_PROCESS
 @OUT
-@click.option("--force", is_flag=True, help="Overwrite an earlier run in --out without a warning.")
+@FORCE
 @JSON
 def run_command(
     scenario: str,
@@ -103,7 +114,7 @@ def run_command(
 ) -> None:
     """Run one landing: SCENARIO is a file, or the name of one that ships."""
     from .brace.doubts import device_doubts
-    from .folders.run import FILE, FILES, RunSummary, check_run_folder
+    from .folders.run import FILES, RunSummary
     from .scenario import load_scenario
 
     chosen = _changed(load_scenario(scenario), fmus, maps, settings)
@@ -115,9 +126,7 @@ def run_command(
     for warning in (*chosen.warnings, *chosen.doubts(), *device_doubts(chosen)):
         _show(f"warning: {warning}", err=True)
     if out is not None:
-        check_run_folder(out)
-        if (out / FILE).exists() and not force:
-            _show(f"warning: {out}: its earlier run is overwritten; the next version asks for --force", err=True)
+        _warn_of_run(out, force)
         chosen = chosen.recording("plant.*")
     result = chosen.run(halve=True)
     if result.warning:
@@ -139,6 +148,15 @@ def run_command(
             _show(f"\nwritten: {', '.join(str(out / name) for name in FILES)}")
     if result.status != "completed":
         raise SimulationError(result.message)
+
+
+def _warn_of_run(out: Path, force: bool) -> None:
+    """Before a run is written where one is. Raises InputError for a folder with anything else in it."""
+    from .folders.run import FILE, check_run_folder
+
+    check_run_folder(out)
+    if (out / FILE).exists() and not force:
+        _show(f"warning: {out}: its earlier run is overwritten; the next version asks for --force", err=True)
 
 
 def _print_table(title: str, pose: str | None, result: Result) -> None:
@@ -215,7 +233,7 @@ def _print_table(title: str, pose: str | None, result: Result) -> None:
 )
 @PARQUET
 @PROGRESS
-@click.option("--out", type=click.Path(path_type=Path), help="Folder of the study (default: runs/STUDY).")
+@out_option("Folder of the study (default: runs/STUDY).")
 @JSON
 def study_command(
     study: str,
@@ -317,7 +335,7 @@ def _warn_of_trials(done: Campaign, folder: Path) -> None:
 
 @cli.command("merge")
 @FOLDERS
-@click.option("--out", type=click.Path(path_type=Path), help="Folder of the whole study (default: runs/STUDY).")
+@out_option("Folder of the whole study (default: runs/STUDY).")
 @PARQUET
 @JSON
 def merge_command(folders: tuple[Path, ...], out: Path | None, parquet: bool, as_json: bool) -> None:
@@ -339,16 +357,17 @@ def merge_command(folders: tuple[Path, ...], out: Path | None, parquet: bool, as
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.argument("number", type=click.IntRange(0))
 @OUT
+@FORCE
 @JSON
-def trial_command(folder: Path, number: int, out: Path | None, as_json: bool) -> int:
+def trial_command(folder: Path, number: int, out: Path | None, force: bool, as_json: bool) -> int:
     """Run trial NUMBER of the study in FOLDER again, in a process of its own, and say whether it gives the recorded
     numbers to the bit."""
     from .figures.gallery import leave_run
-    from .folders.run import RunSummary, check_run_folder
+    from .folders.run import RunSummary
     from .study.replay import replay
 
     if out is not None:
-        check_run_folder(out)
+        _warn_of_run(out, force)
     again = replay(folder, number)
     scenario, outcome = again.study.scenario, again.outcome
     result = again.result
@@ -379,9 +398,7 @@ def trial_command(folder: Path, number: int, out: Path | None, as_json: bool) ->
 @click.argument("manifest", type=click.Path(path_type=Path))
 @WORKERS
 @PROGRESS
-@click.option(
-    "--out", type=click.Path(path_type=Path), help="Folder of the repetition (default: the study's folder with -again)."
-)
+@out_option("Folder of the repetition (default: the study's folder with -again).")
 @JSON
 def reproduce_command(manifest: Path, workers: int | None, progress: str, out: Path | None, as_json: bool) -> int:
     """Run the study of a MANIFEST again: exit code 0 identical (or rounded otherwise by code for another
@@ -467,7 +484,7 @@ def check_command(fmu: Path, mapping: Path | None, settings: tuple[str, ...], as
 @click.option("--max-failed", default="1%", show_default=True, help="Share of failed landings that is accepted.")
 @IN_PROCESS
 @PROGRESS
-@click.option("--out", type=click.Path(path_type=Path), help="Folder of the comparison (default: runs/compare_NAME).")
+@out_option("Folder of the comparison (default: runs/compare_NAME).")
 @JSON
 def compare_command(
     source: str,
@@ -561,29 +578,25 @@ def brace_new(folder: Path, lang: str) -> None:
 
 @brace_group.command("build")
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option(
-    "-o", "--output", type=click.Path(path_type=Path), help="FMU to write (default: FOLDER's name .fmu, here)."
-)
+@out_option("FMU to write (default: FOLDER's name .fmu, here).")
 @PLATFORM
-def brace_build(folder: Path, output: Path | None, platforms: tuple[str, ...]) -> None:
+def brace_build(folder: Path, out: Path | None, platforms: tuple[str, ...]) -> None:
     """Build the FMU of a brace project (C: with $CC, cc, gcc or clang, else CMake)."""
     from .brace.new import build_brace
 
-    target = build_brace(folder, output, platforms)
+    target = build_brace(folder, out, platforms)
     _show(f"written: {target}\nnext: sprain-cosim check {target}")
 
 
 @brace_group.command("from-csv")
 @click.argument("table", type=click.Path(path_type=Path))
-@click.option(
-    "-o", "--output", type=click.Path(path_type=Path), help="FMU to write (default: TABLE with the ending .fmu)."
-)
-def brace_from_csv(table: Path, output: Path | None) -> None:
+@out_option("FMU to write (default: TABLE with the ending .fmu).")
+def brace_from_csv(table: Path, out: Path | None) -> None:
     """Turn a torque-angle TABLE (CSV: angle [deg], subtalar_resistance [N.m], ...) into an FMU; no compiler needed."""
     from .brace.from_csv import from_csv
     from .shipped import fmu_path
 
-    target = output or table.with_suffix(".fmu")
+    target = out or table.with_suffix(".fmu")
     for axis, (low, high) in from_csv(table, target, fmu_path("brace_table", Path.cwd(), "brace_table")).items():
         _show(
             f"{axis}: {57.29577951308232 * low:.4g} ... {57.29577951308232 * high:.4g} deg; outside, the torque goes "
@@ -594,7 +607,7 @@ def brace_from_csv(table: Path, output: Path | None) -> None:
 
 @cli.command("plot")
 @FOLDERS
-@click.option("--out", type=click.Path(path_type=Path), help="Where figures/ goes (default: the first folder).")
+@out_option("Where figures/ goes (default: the first folder).")
 def plot_command(folders: tuple[Path, ...], out: Path | None) -> None:
     """Draw what the FOLDERS of runs, studies and comparisons hold, over each other: PNG and SVG, one journal column
     wide."""
@@ -616,11 +629,7 @@ TRIAL = click.option(
 @FOLDERS
 @TRIAL
 @click.option("--slow", type=float, default=20.0, show_default=True, help="How many times slower than real time.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="File: .webp, .gif, .mp4, or .png for one picture (default: animation.webp in the first folder).",
-)
+@out_option("File: .webp, .gif, .mp4, or .png for one picture (default: animation.webp in the first folder).")
 def animate_command(folders: tuple[Path, ...], trial: str | None, slow: float, out: Path | None) -> None:
     """Show the landings of up to six FOLDERS (or of the braces in a comparison's) side by side in slow motion."""
     from .animate.film import animate
@@ -645,24 +654,19 @@ def animate_command(folders: tuple[Path, ...], trial: str | None, slow: float, o
     type=click.Choice(["coordinates", "states", "forces", "ground", "signals"]),
     help="Default: states in .sto, coordinates in .mot, else signals.",
 )
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="File to write.")
-def export_command(folder: Path, trial: str | None, kind: str | None, content: str | None, output: Path) -> None:
+@out_option("File to write.", required=True)
+def export_command(folder: Path, trial: str | None, kind: str | None, content: str | None, out: Path) -> None:
     """Write the landing in FOLDER for other tools: OpenSim .sto and .mot, CSV, Parquet."""
     from .export import write_landing
     from .folders.landing import load_landing
 
-    rows, columns = write_landing(load_landing(folder, trial), output, kind, content)
-    _show(f"written: {output} ({rows} rows, {columns} columns and time)")
+    rows, columns = write_landing(load_landing(folder, trial), out, kind, content)
+    _show(f"written: {out} ({rows} rows, {columns} columns and time)")
 
 
 @cli.command("report")
 @FOLDERS
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    metavar="FILE|DIR",
-    help="Where report.html goes (default: the first folder).",
-)
+@out_option("Where report.html goes (default: the first folder).", metavar="FILE|DIR")
 def report_command(folders: tuple[Path, ...], out: Path | None) -> None:
     """Write one HTML file about what the FOLDERS of runs, studies and comparisons hold: verdict, tables, figures,
     inputs, provenance, limits."""
@@ -719,12 +723,7 @@ def build_command(models: tuple[str, ...], platforms: tuple[str, ...]) -> None:
 )
 @click.option("--workers", type=click.IntRange(1), help="Worker processes of the studies (default: one per core).")
 @click.option("--strict", is_flag=True, help="Known gaps and checks that could not run fail the validation too.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="Folder for validation.html, validation.json, junit.xml, credibility.md.",
-)
+@out_option("Folder for validation.html, validation.json, junit.xml, credibility.md.", metavar="DIR")
 @click.option("--junit", type=click.Path(path_type=Path), metavar="FILE", help="JUnit XML.")
 @JSON
 @click.pass_obj
@@ -845,7 +844,15 @@ def _run(arguments: list[str] | None, received: list[int]) -> int:
     log = logging.getLogger("sprain_cosim")
     log.addHandler(warnings := _Warnings(logging.WARNING))
     try:
-        code = cli.main(arguments, prog_name="sprain-cosim", standalone_mode=False, obj=received) or 0
+        code = (
+            cli.main(
+                _renamed(sys.argv[1:] if arguments is None else arguments),
+                prog_name="sprain-cosim",
+                standalone_mode=False,
+                obj=received,
+            )
+            or 0
+        )
     except click.ClickException as problem:
         where = problem.ctx.command_path if isinstance(problem, click.UsageError) and problem.ctx else "sprain-cosim"
         code = _say(f"{_one_line(problem.format_message())} (see `{where} --help`)", 2)
@@ -873,6 +880,17 @@ def _run(arguments: list[str] | None, received: list[int]) -> int:
     finally:
         log.removeHandler(warnings)
     return code
+
+
+def _renamed(arguments: list[str]) -> list[str]:
+    """Options in their present spelling; one warning for each that had another."""
+    present = []
+    for argument in arguments:
+        name, equals, value = argument.partition("=")
+        if name in RENAMED:
+            _show(f"warning: {name} is called {RENAMED[name]} now; the next version no longer takes it", err=True)
+        present.append(f"{RENAMED.get(name, name)}{equals}{value}")
+    return present
 
 
 class _Warnings(logging.Handler):

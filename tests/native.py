@@ -77,6 +77,10 @@ MISCHIEF = [
     "crash_in_instantiate",
     "exit_in_start",
     "hang_in_instantiate",
+    "licence_server",
+    "own_server",
+    "interpreter",
+    "licence_file",
 ]
 HARMED = (
     SUBTALAR.replace('name="fault"', 'name="mischief"').replace('max="20"', 'max="40"')
@@ -86,10 +90,10 @@ HARMED = (
 )
 
 
-def mischief(target: Path, kind: str = "none", folder: Path | None = None) -> Path:
+def mischief(target: Path, kind: str = "none", folder: Path | None = None, port: int = 0) -> Path:
     """tests/sources/mischief.c as an FMI 2.0 co-simulation FMU that does a `kind` of harm from the start on; `folder` is
-    what it is after."""
-    macros = (f"-DAT_START={kind.upper()}", f'-DTARGET="{folder}"')
+    what it is after, `port` that of the licence server that it asks."""
+    macros = (f"-DAT_START={kind.upper()}", f'-DTARGET="{folder}"', f"-DPORT={port}")
     return compile_fmu(target, "mischief", HARMED, (2, 5), macros=macros)
 
 

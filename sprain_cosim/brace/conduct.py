@@ -36,6 +36,7 @@ def note_conduct(attempts: Iterable[Attempt], changed: Collection[str], report: 
         words = ", ".join(f'"{word}"' for word in needs)
         report.notes.append(
             f"tried what only a mapping file can allow; if it needs that and you trust its maker: allow = [{words}]"
+            + (', or "loopback" in its place for a server of its own' if "network" in needs else "")
         )
 
 

@@ -423,7 +423,10 @@ def _sum(digest: str, record: Sequence[Any], names: str) -> bytes:
 
 
 def _sum_of_facts(facts: Mapping[str, str]) -> str:
-    text = json.dumps(sorted((key, value) for key, value in facts.items() if key != CHECK))
+    try:
+        text = json.dumps(sorted((key, value) for key, value in facts.items() if key != CHECK))
+    except TypeError:  # of other types than were written
+        return ""
     return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
 
 

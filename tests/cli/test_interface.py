@@ -4,11 +4,14 @@ Changing one breaks users."""
 from __future__ import annotations
 
 import importlib
+from collections.abc import Iterator
+from pathlib import Path
 
+import click
 import pytest
 
 import sprain_cosim
-from sprain_cosim.cli import cli
+from sprain_cosim.cli import _run, cli
 
 COMMANDS = {
     "run": "--fmu --map --set --scheme --step --check-coupling --isolate --in-process --out --json",
@@ -53,3 +56,41 @@ def test_names_of_the_package(module: str) -> None:
     found = importlib.import_module(module)
     assert [n for n in NAMES[module].split() if not hasattr(found, n)] == []
     assert set(sprain_cosim.__all__) <= set(dir(sprain_cosim))
+
+
+def commands(group: click.Group = cli) -> Iterator[click.Command]:
+    for command in group.commands.values():
+        yield from commands(command) if isinstance(command, click.Group) else [command]
+
+
+def test_every_command_spells_where_it_writes_alike() -> None:
+    places = [p for command in commands() for p in command.params if {"--out", "--output", "-o"} & set(p.opts)]
+    assert len(places) >= 13
+    assert {tuple(p.opts) for p in places} == {("-o", "--out")}
+
+
+def test_an_old_spelling_works_with_a_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = tmp_path / "t.csv"
+    table.write_text("angle [deg],subtalar_torque [N.m]\n-10,2\n10,-2\n")
+    for spelling in (["--output", str(tmp_path / "a.fmu")], [f"--output={tmp_path / 'b.fmu'}"]):
+        assert _run(["brace", "from-csv", str(table), *spelling], []) == 0
+        warning = "warning: --output is called --out now; the next version no longer takes it\n"
+        assert capsys.readouterr().err == warning
+    assert _run(["brace", "from-csv", str(table), "-o", str(tmp_path / "c.fmu")], []) == 0
+    assert capsys.readouterr().err == ""
+    assert {p.name for p in tmp_path.glob("*.fmu")} == {"a.fmu", "b.fmu", "c.fmu"}
+
+
+def test_a_trial_is_written_like_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Over an earlier one with a warning or by --force; never into a folder that holds something else."""
+    study, out = tmp_path / "s", tmp_path / "r"
+    made = sprain_cosim.load_study("study2").with_master(stop="5 ms")
+    made.run(trials=1, workers=1, out=study, trajectories=0)
+    arguments = ["trial", str(study), "0", "--out", str(out)]
+    for more, warned in (([], False), ([], True), (["--force"], False)):
+        assert _run([*arguments, *more], []) == 0
+        assert (
+            "its earlier run is overwritten; the next version asks for --force" in capsys.readouterr().err
+        ) == warned
+    assert _run(["trial", str(study), "0", "--out", str(study)], []) == 2
+    assert "holds other files" in capsys.readouterr().err

@@ -79,5 +79,28 @@ def test_a_file_that_changes_meanwhile(
             again.run(trials=TRIALS, workers=1, out=tmp_path / "s", resume=True)
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("workers", [1, 2])
+def test_none_of_400_rows_is_of_the_new_file(workers: int, fmus: tuple[Path, Path], tmp_path: Path) -> None:
+    """FMU and mapping file are replaced again and again while the study runs; children are replaced every 20 trials."""
+    trials, limits = 400, Limits(recycle=20)
+    (tmp_path / "whole").mkdir()
+    clean = study(tmp_path / "whole", fmus).with_master(stop="5 ms").run(trials=trials, workers=workers, limits=limits)
+    brace, table = tmp_path / "brace.fmu", tmp_path / "brace.toml"
+
+    def disturb(finished: int, *_: object) -> None:
+        shutil.copy(fmus[finished % 2 or finished > 350], tmp_path / "new.fmu")
+        os.replace(tmp_path / "new.fmu", brace)
+        table.write_text(MAP.replace("factor = 1", f"factor = {2 + finished % 3}"))
+
+    disturbed = study(tmp_path, fmus).with_master(stop="5 ms")
+    done = disturbed.run(
+        trials=trials, workers=workers, out=tmp_path / "s", limits=limits, progress=disturb, trajectories=0
+    )
+    pd.testing.assert_frame_equal(done.trials, clean.trials, check_exact=True)
+    assert len(done.trials) == trials
+    assert [str(brace) in w or str(table) in w for w in done.warnings] == [True, True]
+
+
 def test_nothing_changed_no_warning(fmus: tuple[Path, Path], tmp_path: Path) -> None:
     assert study(tmp_path, fmus).run(trials=2, workers=1).warnings == ()

@@ -3,6 +3,7 @@ and the table is the same."""
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import os
@@ -18,6 +19,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from sprain_cosim.errors import InputError
 from sprain_cosim.study.ledger import Ledger
 
 ROOT = Path(__file__).parent.parent.parent
@@ -185,6 +187,78 @@ def test_killed_a_hundred_times(tmp_path: Path) -> None:
     assert kills(tmp_path / "out", 100, 4000, random.Random(4)) == finish(
         tmp_path / "whole", "--workers", "2", trials=4000
     )
+
+
+VICTIMS = ("driver", "worker", "all")
+
+
+def finished_in(out: Path) -> set[int]:
+    """The trials that are in the ledger now."""
+    if not (out / "ledger.sqlite").is_file():
+        return set()
+    try:
+        with Ledger.read(out) as ledger:
+            return set(ledger.finished()[0].tolist())
+    except InputError:  # the first process is just making it
+        return set()
+
+
+def kills_while_it_runs(out: Path, count: int, trials: int, rng: random.Random) -> dict[str, int]:
+    """Kills the driver, one worker, or all processes at once `count` times, always after this process has written rows;
+    what had been committed stays as it was, and no process outlives its driver by 2 s. {victim: times}"""
+    kept: dict[int, float] = {}
+    done = dict.fromkeys(VICTIMS, 0)
+    process: subprocess.Popen[str] | None = None
+    mark, needed = "", set[int]()
+    while sum(done.values()) < count and len(kept) < trials - 200:
+        if process is None:
+            mark = uuid.uuid4().hex
+            options = ("--resume", "--workers", str(rng.choice((1, 2))), "--progress", "none")
+            process = start(out, *options, trials=trials, mark=mark)
+            begun = len(finished_in(out))
+        wait = rng.randrange(1, 8)
+        while len(finished := finished_in(out)) < begun + wait or not needed <= finished:
+            assert process.poll() is None, process.communicate()[1]
+            time.sleep(0.01)
+        victim = rng.choice(VICTIMS)
+        children = [pid for pid in marked(mark) if pid != process.pid]
+        if victim == "worker":
+            if not children:
+                continue
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(rng.choice(children), signal.SIGKILL)
+                done[victim] += 1
+            begun, needed = len(finished), set(range(max(finished) + 9))  # its trial has its second try behind it
+            continue
+        for pid in (children if victim == "all" else []) + [process.pid]:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        process.communicate()
+        process, needed = None, set()
+        done[victim] += 1
+        assert gone(mark, 2.0)
+        with Ledger.read(out) as ledger:
+            now = {row.trial: row.outcome.wall for row in ledger.rows()}
+        assert {trial: now.get(trial) for trial in kept} == kept, "an acknowledged trial was lost or run again"
+        kept = now
+    if process is not None:
+        process.kill()
+        process.communicate()
+    return done
+
+
+@pytest.mark.long
+def test_killed_while_it_runs(tmp_path: Path) -> None:
+    """Driver, worker or all. SPRAIN_KILLS: how often; 300 for docs/reliability.md."""
+    count = int(os.environ.get("SPRAIN_KILLS", "30"))
+    trials = 40 * count + 300
+    done = kills_while_it_runs(tmp_path / "out", count, trials, random.Random(17))
+    print(done)
+    assert sum(done.values()) == count
+    assert min(done.values()) >= count // 6
+    table = finish(tmp_path / "out", "--resume", "--workers", "2", trials=trials)
+    assert table == finish(tmp_path / "whole", "--workers", "2", trials=trials)
+    assert finished_in(tmp_path / "out") == set(range(trials))
 
 
 def test_second_run_on_a_folder_names_the_first_and_a_stale_lock_is_no_matter(tmp_path: Path) -> None:
