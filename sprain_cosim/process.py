@@ -82,11 +82,12 @@ class Limits:
 
 
 class ProcessEnded(Exception):
-    """The child ended or was ended; the message says how. `status`: crashed or timeout."""
+    """The child ended or was ended; the message says how. `status`: crashed or timeout. `killed` whether somebody else
+    did it, such as a machine short of memory."""
 
-    def __init__(self, status: str, message: str) -> None:
+    def __init__(self, status: str, message: str, killed: bool = False) -> None:
         super().__init__(message)
-        self.status = status
+        self.status, self.killed = status, killed
 
 
 # ---- the line between the two
@@ -265,7 +266,8 @@ class Child:
         if code == -signal.SIGXCPU:
             return ProcessEnded("timeout", "overran its limit of processor time and was ended")
         if code < 0:
-            return ProcessEnded("crashed", f"ended by signal {signal.Signals(-code).name}")
+            name = signal.Signals(-code).name
+            return ProcessEnded("crashed", f"ended by signal {name}", killed=code == -signal.SIGKILL)
         return ProcessEnded("crashed", f"ended its process with exit code {code}")
 
     def _drain(self, stream: IO[bytes]) -> None:

@@ -142,10 +142,7 @@ class Worker:
         return self._open()
 
     def _open(self) -> Child:
-        for again in (
-            self._opened,
-            False,
-        ):  # what has opened before gets a second chance: the machine may have been short of something
+        for again in (True, False):
             child = Child(__name__, self.limits)
             problem = ""
             try:
@@ -156,6 +153,7 @@ class Worker:
                     return child
             except ProcessEnded as end:
                 problem = f"the system cannot be opened: {end}{child.last_words('; last words: ')}"
+                again = again and (self._opened or end.killed)  # the machine may have been short of something
             except SprainError as refusal:  # what a study cannot open is a failure of its simulations
                 problem, again = str(refusal), False
             child.close()

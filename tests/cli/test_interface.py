@@ -71,7 +71,7 @@ def test_every_command_spells_where_it_writes_alike() -> None:
 
 def test_an_old_spelling_works_with_a_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = tmp_path / "t.csv"
-    table.write_text("angle [deg],subtalar_torque [N.m]\n-10,2\n10,-2\n")
+    table.write_text("angle [deg],subtalar_torque [N.m]\n-10,2\n0,0\n10,-2\n")
     for spelling in (["--output", str(tmp_path / "a.fmu")], [f"--output={tmp_path / 'b.fmu'}"]):
         assert _run(["brace", "from-csv", str(table), *spelling], []) == 0
         warning = "warning: --output is called --out now; the next version no longer takes it\n"

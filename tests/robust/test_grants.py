@@ -1,8 +1,8 @@
 """What the sandbox is told to let through, and what it cannot hold.
 
 Devices that need more than the sandbox gives: a licence server of this machine, a server of their own on loopback, an
-interpreter, a licence file. Each is refused without a grant, `check` prints the line of a mapping file that grants it, and
-with that line it works and the summary says so. A kernel that lacks a part of the sandbox is one warning."""
+interpreter, a licence file. Each is refused without a grant, `check` prints the line of a mapping file that grants it,
+and with that line it works and the summary says so. A kernel that lacks a part of the sandbox is one warning."""
 
 from __future__ import annotations
 
