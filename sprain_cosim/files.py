@@ -18,7 +18,7 @@ import os
 import re
 import secrets
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -116,32 +116,40 @@ def read_csv(path: Path) -> Iterator[tuple[int, list[str]]]:
     try:
         _check_size(path, LARGEST_CSV)
         with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(_lines(file))
-            header, problems = list[str](), list[str]()
-            for cells in reader:
-                if not any(cell.strip() for cell in cells):
-                    continue
-                cells = [cell.strip() for cell in cells]
-                if not header:
-                    header = cells
-                    _check_header(path, header)
-                elif len(cells) != len(header):
-                    problems.append(f"row {reader.line_num}: {_count(cells, header)}")
-                    if len(problems) < ENOUGH:
-                        continue
-                    break
-                yield reader.line_num, cells
-            problems_to_error(str(path), problems)
+            yield from parse_csv(_lines(file), str(path))
     except UnicodeDecodeError:
         raise InputError(f"{path}: is not UTF-8 text") from None
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
-    except (OSError, ValueError, csv.Error) as problem:
+    except (OSError, ValueError) as problem:
         raise InputError(
             f"{path}: cannot be read as a table: {getattr(problem, 'strerror', None) or problem}"
         ) from None
+
+
+def parse_csv(lines: Iterable[str], place: str) -> Iterator[tuple[int, list[str]]]:
+    """The same of `lines` with their ends; `place` as for `parse_json`."""
+    reader = csv.reader(lines)
+    header, problems = list[str](), list[str]()
+    try:
+        for cells in reader:
+            if not any(cell.strip() for cell in cells):
+                continue
+            cells = [cell.strip() for cell in cells]
+            if not header:
+                header = cells
+                _check_header(place, header)
+            elif len(cells) != len(header):
+                problems.append(f"row {reader.line_num}: {_count(cells, header)}")
+                if len(problems) < ENOUGH:
+                    continue
+                break
+            yield reader.line_num, cells
+    except csv.Error as problem:
+        raise InputError(f"{place}: cannot be read as a table: {problem}") from None
+    problems_to_error(place, problems)
     if not header:
-        raise InputError(f"{path}: is empty; needs a header and rows")
+        raise InputError(f"{place}: is empty; needs a header and rows")
 
 
 def _lines(file: IO[str]) -> Iterator[str]:
@@ -197,13 +205,13 @@ def _first_line(problem: Exception) -> str:
     return text.strip().partition("\n")[0][:300] or type(problem).__name__
 
 
-def _check_header(path: Path, cells: list[str]) -> None:
+def _check_header(place: str, cells: list[str]) -> None:
     for mark, name in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
         if len(cells) == 1 and mark in cells[0]:
-            raise InputError(f"{path}: cells are separated by {name}; save it with commas, and points in the numbers")
+            raise InputError(f"{place}: cells are separated by {name}; save it with commas, and points in the numbers")
     for k, cell in enumerate(cells):
         if cell and cell in cells[:k]:
-            raise InputError(f"{path}: column {k + 1} {cell!r}: given twice, also as column {cells.index(cell) + 1}")
+            raise InputError(f"{place}: column {k + 1} {cell!r}: given twice, also as column {cells.index(cell) + 1}")
 
 
 def _count(cells: list[str], header: list[str]) -> str:

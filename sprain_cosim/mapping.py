@@ -414,7 +414,10 @@ def read_component(name: str, fmu: Path, mapping: Path | None = None) -> Compone
     Raises InputError."""
     component = Component.read(name, fmu)
     found = load_mapping(mapping) if mapping is not None else carried(component)
-    return component if found is None else found.apply(component)
+    component = component if found is None else found.apply(component)
+    if component.tool_problem():
+        raise InputError(f"{fmu}: {component.tool_problem()}")
+    return component
 
 
 def load_mapping(path: Path | str) -> Mapping:

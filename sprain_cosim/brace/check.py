@@ -28,6 +28,7 @@ from .names import clocks, contract_axes, contradicting_units, undeclared
 from .probe import BEGINS, FREED, FREEING, own_step
 from .proposal import propose
 from .readings import readings_of_mapping, readings_of_names
+from .reference import compare_references
 
 AXES_DRAWN = "what is positive about each axis: docs/figures/axes.png, shown in docs/brace-contract.md, Axes and signs"
 START_LIMIT, PROBE_LIMIT = 60.0, 6.0  # s; a slow device has the time of its calls on top, LONGEST at most
@@ -57,6 +58,9 @@ def check_brace(
         raise InputError(f"{fmu}: {unusable}")
     inside = carried(component)
     found = load_mapping(mapping) if mapping is not None else inside
+    unusable = (component if found is None else replace(component, allowed=found.allowed)).tool_problem()
+    if unusable:
+        raise InputError(f"{fmu}: {unusable}")
     report = FitReport(str(fmu), component.capabilities.interface, component.capabilities.tool)
     _note_description(component, report)
     if inside is not None and mapping is not None:
@@ -65,8 +69,10 @@ def check_brace(
     if found is not None and found.unstated(component):
         report.mapping = found.source
         report.problems.append(readings_of_mapping(component, found).question())
+        compare_references(component, report)
         report.next_step = _next_step(report, fmu, mapping, settings)
         return report
+    described = component
     if found is not None:
         component, report.mapping = found.apply(component), found.source
         component = replace(component, constants={**component.constants, **settings})
@@ -85,6 +91,7 @@ def check_brace(
         except InputError:
             cache.forget(component.sha256)
             raise
+    compare_references(replace(described, capabilities=component.capabilities, allowed=component.allowed), report)
     report.next_step = _next_step(report, fmu, mapping, settings)
     return report
 
@@ -106,7 +113,15 @@ def _judge_undeclared(component: Component, report: FitReport) -> None:
 
 
 def _note_description(component: Component, report: FitReport) -> None:
-    """Notes about what the description says of processes and clocks."""
+    """Notes about what the description says of processes and clocks, and about its faults."""
+    report.notes += [f"its description breaks the rules of FMI where nothing here looks: {q}" for q in component.quirks]
+    if component.needs_tool:
+        report.warnings.append(f"needs its authoring tool ({component.needs_tool}) wherever it runs")
+    unread = [n for c in ("input", "output") for n, v in component.select(c).items() if v.kind == "binary"]
+    if unread:
+        report.notes.append(
+            f"has binary variables ({', '.join(unread[:4])}{' ...' * (len(unread) > 4)}), which no run uses"
+        )
     if component.capabilities.shared_modules:
         report.notes.append("its Python modules could clash with another FMU's: a run gives it a process of its own")
     warnings, notes = clocks(component)

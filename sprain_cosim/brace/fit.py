@@ -17,6 +17,8 @@ class FitReport:
     - mapping: the mapping file that was used, "" without one
     - problems: keep it from fitting; warnings: a run may still be wrong; notes: what was found (one sentence each)
     - facts: measured values by name, in SI units
+    - references: of each reference experiment that the FMU carries its name, the variable that differs most, value and
+      expected value in its unit at time_s, difference and limit as shares of its largest value, fits
     - proposal: text of a mapping file to start from, "" where the names match
     - next_step: the command to type next
     """
@@ -30,6 +32,7 @@ class FitReport:
     warnings: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     facts: dict[str, Any] = field(default_factory=dict)
+    references: list[dict[str, Any]] = field(default_factory=list)
     proposal: str = ""
     next_step: str = ""
 
@@ -63,6 +66,8 @@ class FitReport:
 def _finite(value: Any) -> Any:
     if isinstance(value, dict):
         return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [_finite(v) for v in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

@@ -19,6 +19,7 @@ MAX_SIZE = 512 * 2**20
 MAX_RATIO = 200
 MAX_DESCRIPTION = 64 * 2**20
 SETTLED = 2_000_000_000  # ns after its last change from which a file's times tell whether it changed again
+RESOURCES = "resources"  # where names may end in a dot
 MAX_NAME = 255  # B of UTF-8, one part of a path
 MAX_PATH = 1000
 ENCODINGS = (
@@ -34,12 +35,14 @@ DEVICES = {"con", "prn", "aux", "nul", *(f"{d}{k}" for d in ("com", "lpt") for k
 
 @dataclass(frozen=True)
 class Archive:
-    """A file that passed the checks. `description` is the raw modelDescription.xml, `names` all files inside."""
+    """A file that passed the checks. `description` is the raw modelDescription.xml, `names` all files inside, `quirks`
+    what is unusual about them, one line each."""
 
     path: Path
     sha256: str
     description: bytes
     names: tuple[str, ...]
+    quirks: tuple[str, ...] = ()
 
 
 def read(path: Path) -> Archive:
@@ -92,7 +95,10 @@ def _read(path: Path) -> Archive:
         except Exception as problem:  # zipfile raises many kinds for damaged files
             why = "its directory is damaged" if isinstance(problem, OSError) else one_line(problem)
             raise InputError(f"{path}: not a readable zip archive ({why}); export the FMU again") from None
-    return Archive(path, sha256, _described(path, description), tuple(e.filename for e in entries if not e.is_dir()))
+    names = tuple(e.filename for e in entries if not e.is_dir())
+    dots = [name for name in names if any(part.endswith(".") for part in name.split("/"))]
+    quirks = (f"{dots[0]!r} ends in a dot, which Windows does not keep",) if dots else ()
+    return Archive(path, sha256, _described(path, description), names, quirks)
 
 
 def _described(path: Path, description: bytes) -> bytes:
@@ -123,7 +129,8 @@ def _check(path: Path, entries: list[zipfile.ZipInfo]) -> None:
     for entry in entries:
         name, original = entry.filename, getattr(entry, "orig_filename", entry.filename)
         parts = name.rstrip("/").split("/")
-        if "\\" in original or "\0" in original or len(name) > MAX_PATH or not all(_plain(part) for part in parts):
+        inside = [part.rstrip(".") or part if parts[0] == RESOURCES else part for part in parts]
+        if "\\" in original or "\0" in original or len(name) > MAX_PATH or not all(_plain(part) for part in inside):
             raise InputError(f"{path}: entry {original[:80]!r} is not a plain relative path; refused")
         kind = stat.S_IFMT(entry.external_attr >> 16)
         if kind == stat.S_IFLNK:
@@ -159,6 +166,8 @@ def _plain(part: str) -> bool:
 
 
 def _key(name: str) -> str:
+    """What names have in common that one system or another takes for the same."""
+    name = "/".join(part.rstrip(".") for part in name.split("/"))
     return unicodedata.normalize("NFC", name).casefold()
 
 

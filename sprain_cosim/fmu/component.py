@@ -29,6 +29,15 @@ class Component(Description):
         few = ", ".join(missing[:3]) + (f" and {len(missing) - 3} more" if len(missing) > 3 else "")
         return f"its library lacks the FMI functions {few}; export it with all functions of {able.interface}"
 
+    def tool_problem(self) -> str:
+        """Why it cannot run without its authoring tool. Empty when it can, or when it may start programs."""
+        if not self.needs_tool or self.allowed.execute:
+            return ""
+        return (
+            f"needs its authoring tool ({self.needs_tool}) at run time; export it with the tool's stand-alone option, "
+            'or, where the tool is installed here, let it start programs: allow = ["exec"] in a mapping file'
+        )
+
     def complaints(self) -> list[str]:
         """What fmpy's validation finds wrong with the description; nothing is loaded."""
         from fmpy.validation import validate_fmu

@@ -9,7 +9,7 @@ import re
 import zipfile
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -18,6 +18,8 @@ from ..sandbox.allowed import NOTHING, Allowed
 from ..units import Unit, unit
 from . import archive
 from .element import Capabilities, Connector, Element
+from .library import find
+from .repair import read_leniently
 
 OWN_TOOL = "sprain-cosim"
 MOST_VARIABLES = 100_000  # 2 s and 300 MB
@@ -33,7 +35,8 @@ class Description(Element):
     identifier  modelIdentifier, the stem of the library's name
     guid        identity of the model; the library must have the same
     library     path of this platform's library inside the archive
-    warnings    what is assumed where the description is silent, one line each
+    quirks      what breaks the rules of FMI where nothing here looks, one line each
+    needs_tool  the authoring tool that must be there at run time; "" for none
     allowed     what it may do beyond the sandbox
     constants   {parameter, or input that nothing feeds: its value, as it was written}, unless a run sets another
     """
@@ -43,7 +46,8 @@ class Description(Element):
     identifier: str
     guid: str
     library: str
-    warnings: tuple[str, ...] = ()
+    quirks: tuple[str, ...] = ()
+    needs_tool: str = ""
     allowed: Allowed = NOTHING
     constants: Mapping[str, float | str | bool] = field(default_factory=dict)
 
@@ -54,6 +58,7 @@ class Description(Element):
         checked = archive.read(path)
         try:
             model = _model(checked.sha256, checked.description, checked.names)
+            library = find(path, model.identifier, model.capabilities.fmi_version, checked.names, model.sources_listed)
         except InputError as problem:
             raise InputError(f"{path}: {problem}") from None
         except MemoryError:
@@ -68,8 +73,9 @@ class Description(Element):
             checked.sha256,
             model.identifier,
             model.guid,
-            model.library,
-            model.warnings,
+            library,
+            (*checked.quirks, *model.quirks),
+            model.needs_tool,
         )
 
 
@@ -90,35 +96,51 @@ class _Model(NamedTuple):
     capabilities: Capabilities
     identifier: str
     guid: str
-    library: str
-    warnings: tuple[str, ...]
+    quirks: tuple[str, ...]
+    needs_tool: str
+    sources_listed: bool
 
 
 @lru_cache(maxsize=64)
 def _model(sha256: str, description: bytes, names: tuple[str, ...]) -> _Model:
     """Once for each content of an archive, whatever its path and however often it is read."""
-    md = _parsed(description)
+    md, quirks = _parsed(description)
     version = ".".join(md.fmiVersion.split(".")[:2])
     interface = _interface(md, version)
-    if interface.needsExecutionTool and PYTHON_SLAVE not in names:  # PythonFMU says so of Python itself
-        raise InputError(
-            f"needs its authoring tool ({md.generationTool or 'unnamed'}) at run time; export it with the tool's "
-            "stand-alone option"
-        )
-    library = _library(interface.modelIdentifier, version, names)
-    connectors, warnings = _connectors(md)
+    needs_tool = interface.needsExecutionTool and PYTHON_SLAVE not in names  # PythonFMU says so of Python itself
     return _Model(
-        connectors,
+        _connectors(md),
         _capabilities(md, version, interface, names),
         interface.modelIdentifier,
         md.guid,
-        library,
-        tuple(warnings),
+        tuple(quirks),
+        (md.generationTool or "unnamed") if needs_tool else "",
+        bool(md.buildConfigurations) or "sources/buildDescription.xml" in names,
     )
 
 
-def _parsed(description: bytes) -> Any:
-    """fmpy's ModelDescription of a modelDescription.xml."""
+def _parsed(description: bytes) -> tuple[Any, list[str]]:
+    """fmpy's ModelDescription of a modelDescription.xml, and what is wrong with it where nothing here looks."""
+    if not re.search(rb"<fmiModelDescription\s[^>]*fmiVersion\s*=", description):
+        raise InputError("modelDescription.xml is not valid: no fmiModelDescription with an fmiVersion in it")
+    if re.search(rb"""<Unknown\s[^>]*index\s*=\s*["']0+["']""", description):
+        raise InputError("modelDescription.xml is not valid: an index 0 in ModelStructure; they count from 1")
+    try:
+        return _read(description), []
+    except MemoryError:
+        raise
+    except Exception as problem:
+        strict = first_line(problem)
+    try:
+        return read_leniently(description, partial(_read, validate=False))
+    except MemoryError:
+        raise
+    except Exception as problem:
+        says = str(problem) if isinstance(problem, InputError) else strict
+        raise InputError(f"modelDescription.xml is not valid: {says}") from None
+
+
+def _read(description: bytes, validate: bool = True) -> Any:
     from fmpy.model_description import read_model_description
 
     count = description.count(b"valueReference")
@@ -131,16 +153,7 @@ def _parsed(description: bytes) -> Any:
     with zipfile.ZipFile(container, "w") as packed:
         packed.writestr("modelDescription.xml", description)
     container.seek(0)
-    if not re.search(rb"<fmiModelDescription\s[^>]*fmiVersion\s*=", description):
-        raise InputError("modelDescription.xml is not valid: no fmiModelDescription with an fmiVersion in it")
-    if re.search(rb"""<Unknown\s[^>]*index\s*=\s*["']0+["']""", description):
-        raise InputError("modelDescription.xml is not valid: an index 0 in ModelStructure; they count from 1")
-    try:
-        return read_model_description(container)
-    except MemoryError:
-        raise
-    except Exception as problem:
-        raise InputError(f"modelDescription.xml is not valid: {first_line(problem)}") from None
+    return read_model_description(container, validate=validate)
 
 
 def _interface(md: Any, version: str) -> Any:
@@ -152,6 +165,8 @@ def _interface(md: Any, version: str) -> Any:
     if version not in ("1.0", "2.0", "3.0"):
         raise InputError(f"FMI {md.fmiVersion} is not supported; export it as FMI 2.0 co-simulation")
     chosen = md.coSimulation or md.modelExchange
+    if md.coSimulation and md.modelExchange and md.coSimulation.needsExecutionTool:
+        chosen = md.coSimulation if md.modelExchange.needsExecutionTool else md.modelExchange
     if chosen is None:
         raise InputError(
             "offers neither co-simulation nor model exchange (scheduled execution only); export it for co-simulation"
@@ -159,43 +174,28 @@ def _interface(md: Any, version: str) -> Any:
     return chosen
 
 
-def _library(identifier: str, version: str, names: Collection[str]) -> str:
-    """The path of this platform's library. Raises InputError where the archive has none."""
-    import fmpy
-
-    platform = fmpy.platform_tuple if version == "3.0" else fmpy.platform
-    library = f"binaries/{platform}/{identifier}{fmpy.sharedLibraryExtension}"
-    if library not in names:
-        there = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") >= 2})
-        raise InputError(
-            f"no binary for this platform ({library}); it has {', '.join(there) or 'none'}; export it for {platform}"
-        )
-    return library
-
-
 def _capabilities(md: Any, version: str, interface: Any, names: Collection[str]) -> Capabilities:
     tool = md.generationTool or ""
     return Capabilities(
         version,
-        _fixed_step(md),
+        _fixed_step(md, interface),
         bool(getattr(interface, "canGetAndSetFMUstate", False)),
         tool == OWN_TOOL,
         tool,
-        md.coSimulation is None,
+        interface is md.modelExchange,
         md.numberOfContinuousStates,
         md.numberOfEventIndicators,
         shared_modules=PYTHON_SLAVE in names and tool != OWN_TOOL,
         single=bool(getattr(interface, "canBeInstantiatedOnlyOncePerProcess", False)),
-        variable_step=md.coSimulation is None or bool(md.coSimulation.canHandleVariableCommunicationStepSize),
+        variable_step=interface is md.modelExchange or bool(interface.canHandleVariableCommunicationStepSize),
         event_mode=bool(getattr(interface, "hasEventMode", False)),
         early_return=bool(getattr(interface, "mightReturnEarlyFromDoStep", False)),
     )
 
 
-def _fixed_step(md: Any) -> float | None:
+def _fixed_step(md: Any, cs: Any) -> float | None:
     """The FMU's own step [s]; None where it takes any."""
-    cs = md.coSimulation
-    if cs is None:
+    if cs is md.modelExchange:
         return None
     internal = getattr(cs, "fixedInternalStepSize", None)
     if internal:
@@ -212,32 +212,24 @@ def _fixed_step(md: Any) -> float | None:
 # ---- variables
 
 
-def _connectors(md: Any) -> tuple[dict[str, Connector], list[str]]:
-    """{name: connector}, and what had to be assumed. Raises InputError for variables that cannot be coupled."""
+def _connectors(md: Any) -> dict[str, Connector]:
+    """{name: connector}. Raises InputError for variables that cannot be coupled."""
     wrong = next((u.variable.name for u in md.outputs if u.variable.causality != "output"), None)
     if wrong is not None:
         raise InputError(f"modelDescription.xml is not valid: {wrong} is listed among the outputs, but is none")
     units = {u.name: u.baseUnit for u in md.unitDefinitions}
     unknowns = {u.variable.name: u for u in md.outputs}
     connectors: dict[str, Connector] = {}
-    warnings: list[str] = []
     for v in md.modelVariables:
         kind, causality = _kind(v), _causality(v)
         if not v.name:
             raise InputError("modelDescription.xml is not valid: a variable without a name")
-        if kind == "binary" and causality in ("input", "output", "parameter"):
-            raise InputError(f"{v.name}: a binary variable, which cannot be coupled; export the FMU without it")
-        own = _unit(v, units)
-        if own is None and _unit_name(v):
-            warnings.append(f"{v.name}: unit {_unit_name(v)!r} is not defined; SI is assumed")
-        elif own is None and kind == "real" and causality in ("input", "output"):
-            warnings.append(f"{v.name}: no unit declared; SI is assumed")
         connectors[v.name] = Connector(
             v.name,
             int(v.valueReference),
             causality,
             kind,
-            own,
+            _unit(v, units),
             _number(v.start),
             _number(v.min, -math.inf),
             _number(v.max, math.inf),
@@ -246,7 +238,7 @@ def _connectors(md: Any) -> tuple[dict[str, Connector], list[str]]:
             _dependencies(unknowns.get(v.name)),
             v.type,
         )
-    return connectors, warnings
+    return connectors
 
 
 def _kind(v: Any) -> str:
@@ -269,7 +261,8 @@ def _unit_name(v: Any) -> str | None:
 
 
 def _unit(v: Any, units: Mapping[str, Any]) -> Unit | None:
-    """By the FMU's own definition {name: base unit or None}, else by its name; None for no unit or an unknown one."""
+    """By the FMU's own definition {name: base unit or None}, else by its name; None for no unit. A name that says
+    nothing stays without dimension: nobody knows what it is, so it is not taken for SI."""
     name = _unit_name(v)
     if not name:
         return None
@@ -280,7 +273,7 @@ def _unit(v: Any, units: Mapping[str, Any]) -> Unit | None:
     try:
         return unit(name)
     except InputError:
-        return None
+        return Unit(str(name))
 
 
 def _dependencies(unknown: Any) -> tuple[str, ...] | None:

@@ -22,7 +22,7 @@ class Fmi1CoSimulation(FmiInstance):
         from fmpy.fmi1 import FMU1Slave
 
         def log_message(instance: Any, name: bytes, status: int, category: bytes, message: bytes) -> None:
-            self.log_message(message)
+            self.log_message(message, status)
 
         self._callbacks = fmi1.fmi1CallbackFunctions()
         self._callbacks.logger = fmi1.fmi1CallbackLoggerTYPE(log_message)

@@ -26,7 +26,7 @@ def callbacks() -> Any:
     def log_message(environment: Any, instance: bytes, status: int, category: bytes, message: bytes) -> None:
         sender = _instances.get((instance or b"").decode("utf-8", "replace"))
         if sender is not None:
-            sender.log_message(message)
+            sender.log_message(message, status)
 
     found = fmi2.fmi2CallbackFunctions()
     found.logger = fmi2.fmi2CallbackLoggerTYPE(log_message)

@@ -40,7 +40,7 @@ class Fmi3Instance(FmiInstance):
         self.fmu.instantiate(loggingOn=True, logMessage=self._log)
 
     def _log(self, environment: Any, status: int, category: bytes, message: bytes) -> None:
-        self.log_message(message)
+        self.log_message(message, status)
 
     def free_instance(self) -> None:
         self.fmu.fmi3FreeInstance(self.fmu.component)
@@ -113,11 +113,11 @@ class Fmi3CoSimulation(Fmi3Instance):
                 self._handle_events(now)
             if now >= end - 1e-9 * step:
                 return 0
-        self.log_message(f"it returned early more than {MAX_RETURNS} times in one step")
+        self.log_message(f"it returned early more than {MAX_RETURNS} times in one step", ERROR)
         return ERROR
 
     def _early_return(self) -> int:
-        self.log_message(f"it returned at {self._reached.value:g} s though early return was not allowed")
+        self.log_message(f"it returned at {self._reached.value:g} s though early return was not allowed", ERROR)
         return ERROR
 
     def native_calls(self) -> NativeCalls | None:

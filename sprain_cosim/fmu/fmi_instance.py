@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import itertools
+import re
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ POLL = 1e-4  # s
 STATUS = {2: "discarded the call", 3: "reported an error", 4: "reported a fatal error"}
 SETTING, READING = "setting its inputs", "reading its outputs"
 MAX_MESSAGES = 100
+ERRORS = re.compile(r"error|exception|fail|cannot|could not|invalid|assert", re.IGNORECASE)
 MAX_PARTS = 1024  # of a step that is refused
 
 Calls = tuple[
@@ -75,7 +77,7 @@ class FmiInstance:
     def __init__(self, component: Description) -> None:
         self.component = component
         self.label = f"{component.name}_{next(_counter)}"
-        self.messages: deque[str] = deque(maxlen=MAX_MESSAGES)
+        self.messages: deque[tuple[int, str]] = deque(maxlen=MAX_MESSAGES)
         self._floating = FloatingPoint() if is_foreign(component.fmu, component.sha256) else None
         folder = cache.unpacked(component.fmu, component.sha256)
         try:
@@ -405,12 +407,19 @@ class FmiInstance:
             )
 
     def last_message(self) -> str:
-        """The last line of the last message: for a Python FMU the exception itself."""
-        lines = [line.strip() for line in (self.messages[-1] if self.messages else "").splitlines() if line.strip()]
-        return f": {lines[-1]}" if lines else ""
+        """What the FMU said of its failure: of its last message that is an error by status, else by its words, else of
+        the last one, the last line that names the error. For a Python FMU that is the exception itself."""
+        said = [(status, text) for status, text in self.messages if text.strip()]
+        errors = [text for status, text in said if status >= ERROR] or [t for _, t in said if ERRORS.search(t)]
+        text = errors[-1] if errors else said[-1][1] if said else ""
+        lines = [line.strip() for line in text.splitlines() if line.strip()]
+        named = [line for line in lines if ERRORS.search(line)] or lines
+        return f": {named[-1]}" if named else ""
 
-    def log_message(self, message: bytes | str | None) -> None:
-        self.messages.append(message.decode("utf-8", "replace") if isinstance(message, bytes) else message or "")
+    def log_message(self, message: bytes | str | None, status: int = 0) -> None:
+        """Keeps what the FMU says; `status` of FMI."""
+        text = message.decode("utf-8", "replace") if isinstance(message, bytes) else message or ""
+        self.messages.append((status, text))
 
 
 def _address(function: Any) -> int:

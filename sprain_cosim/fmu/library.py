@@ -1,12 +1,17 @@
-"""A shared library judged by its file, before it is loaded: of this kind of machine, complete, and with the functions
-of FMI."""
+"""A shared library before it is loaded: where it lies in the FMU, or what to do where there is none; judged by its
+file: of this kind of machine, complete, and with the functions of FMI."""
 
 from __future__ import annotations
 
 import platform
 import struct
 import sys
+from collections.abc import Collection
+from pathlib import Path
+from shlex import quote
 from typing import Any
+
+from ..errors import InputError
 
 MACHINES = {
     "x86_64": 62,
@@ -16,6 +21,53 @@ MACHINES = {
     "i686": 3,
     "riscv64": 243,
 }  # e_machine of the ELF specification
+
+SYSTEMS = {"win": "Windows", "x86-win": "Windows", "x86_64-win": "Windows", "darwin": "macOS", "linux": "Linux"}
+SOURCES = (".c", ".cc", ".cpp", ".cxx")
+FROM_SOURCES = "docs/exporting.md, From C sources"
+
+
+def find(fmu: Path, identifier: str, version: str, names: Collection[str], sources_listed: bool) -> str:
+    """The path of this platform's library in the archive `fmu`, which holds `names`. `sources_listed`: its description
+    says which source files make the library.
+
+    Raises InputError where there is none: what is there in its place, and the command or the sentence that cures it."""
+    import fmpy
+
+    end = str(fmpy.sharedLibraryExtension)
+    right, other = (str(fmpy.platform_tuple), str(fmpy.platform))[:: 1 if version == "3.0" else -1]
+    library = f"binaries/{right}/{identifier}{end}"
+    if library in names:
+        return library
+    looked_for = f"no binary for this platform: {library} is looked for"
+    others = sorted(n for n in names if n.startswith((f"binaries/{right}/", f"binaries/{other}/")) and n.endswith(end))
+    if others:
+        raise InputError(
+            f"{looked_for}, by its modelIdentifier and FMI {version}, but {others[0]} is there; ask its maker to "
+            "export it with the library in that place, under that name"
+        )
+    if any(n.startswith("sources/") and n.lower().endswith(SOURCES) for n in names):
+        build = f"fmpy compile {quote(str(fmu))} (needs CMake and a C compiler)"
+        build = build if sources_listed else f"it does not list them, so by hand: {FROM_SOURCES}"
+        raise InputError(f"{looked_for}, but it has only its C sources; build the library from them: {build}")
+    there = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") >= 2})
+    if there and all(folder.startswith("wasm") for folder in there):
+        raise InputError(
+            f"{looked_for}, but it has only WebAssembly ({', '.join(there)}, draft FMI-LS-WASM), which nothing here "
+            f"runs; {_wish(right, version)}"
+        )
+    systems = {name for folder in there for start, name in SYSTEMS.items() if folder.startswith(start)}
+    made = f"for {systems.pop()} only" if len(systems) == 1 else "for others" if there else "for no platform"
+    raise InputError(
+        f"{looked_for}, but it is made {made} ({', '.join(there) or 'no binaries'}); {_wish(right, version)}"
+    )
+
+
+def _wish(right: str, version: str) -> str:
+    return (
+        f'ask its maker: "Please export this FMU as FMI {version} co-simulation for {right} as well, or with its C '
+        'sources"'
+    )
 
 
 def problem(data: bytes) -> str:

@@ -95,7 +95,7 @@ class _Integrated(FmiInstance):
                 self._enter_continuous()
             if now >= end:
                 return 0
-        self.log_message(f"more than {MAX_EVENTS} events in one communication step")
+        self.log_message(f"more than {MAX_EVENTS} events in one communication step", ERROR)
         return ERROR
 
     def _integrate(self, target: float) -> tuple[bool, float]:

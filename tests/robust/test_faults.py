@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections import deque
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ import sprain_cosim as sc
 from sprain_cosim.cli import cli
 from sprain_cosim.cosim.result import Result
 from sprain_cosim.errors import SimulationError
+from sprain_cosim.fmu.fmi_instance import FmiInstance
 from sprain_cosim.process import Child, Limits, ProcessEnded
 from sprain_cosim.study.study import Study
 from sprain_cosim.study.worker import Worker
@@ -190,3 +192,21 @@ def test_what_a_device_prints_last_is_kept(study: Study) -> None:
         outcome = worker.run([float(FAULTS.index("fatal"))])
     assert outcome.status == "failed"
     assert len(outcome.log) <= 4000
+
+
+@pytest.mark.parametrize(
+    ("messages", "words"),
+    [
+        ([], ""),
+        ([(0, "starts"), (0, "ends\n")], ": ends"),
+        ([(3, "tau is negative"), (0, "see the manual"), (1, "licence ends soon")], ": tau is negative"),
+        ([(0, "ERROR: tau is negative\nsee line 3 of the log"), (0, "freed 3 blocks")], ": ERROR: tau is negative"),
+        ([(3, 'Traceback:\n  File "error.py", line 2\nValueError: tau\n')], ": ValueError: tau"),
+        ([(0, ""), (0, "\n")], ""),
+    ],
+)
+def test_a_failure_quotes_the_error_of_the_log(messages: list[tuple[int, str]], words: str) -> None:
+    """By its status, else by its words; not what was said last."""
+    instance = FmiInstance.__new__(FmiInstance)
+    instance.messages = deque(messages)
+    assert instance.last_message() == words
