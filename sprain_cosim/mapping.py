@@ -328,7 +328,13 @@ def _put(
         if found is None:
             array = component.connectors.get(variable.partition("[")[0])
             if array is not None and array.kind == "array":
-                problems.append(f"{place}: {array.name} is an array, whose elements cannot be mapped; export scalars")
+                elements = [n for n, c in component.select(causality).items() if c.array and c.array.name == array.name]
+                problems.append(
+                    f"{place}: the array {array.name} has {elements[0]} to {elements[-1]}"
+                    if elements
+                    else f"{place}: {array.name} is an array, whose elements cannot be mapped; export scalars (it has "
+                    "too many elements, no numbers, or no start values)"
+                )
                 continue
             hint = nearest(variable, component.select(causality))
             problems.append(f"{place}: {component.fmu.name} has no such variable{hint}")

@@ -239,10 +239,15 @@ def device(
             f"<Real{unit(u)}{f' start={chr(34)}{s}{chr(34)}' if s else ''}/></ScalarVariable>"
             for n, r, c, _, u, s in variables
         )
+        implementation = (
+            ""
+            if model_exchange
+            else "<Implementation><CoSimulation_StandAlone><Capabilities "
+            'canHandleVariableCommunicationStepSize="true"/></CoSimulation_StandAlone></Implementation>'
+        )
         body = f"""<fmiModelDescription fmiVersion="1.0" modelName="device" modelIdentifier="device" guid="{{device}}" numberOfContinuousStates="1"
             numberOfEventIndicators="1"><UnitDefinitions>{units}</UnitDefinitions><ModelVariables>{listed}</ModelVariables>
-            <Implementation><CoSimulation_StandAlone><Capabilities canHandleVariableCommunicationStepSize="true"/></CoSimulation_StandAlone></Implementation>
-            </fmiModelDescription>"""
+            {implementation}</fmiModelDescription>"""
     else:
         units = "".join(f'<Unit name="{u}"><BaseUnit {UNITS[u][1]} factor="{UNITS[u][0]!r}"/></Unit>' for u in used)
         listed = ""
@@ -281,6 +286,23 @@ def device(
         archive.write(library, f"binaries/{machine}/device.so")
         for name, text in (extra or {}).items():
             archive.writestr(name, text)
+    return target
+
+
+def changed(fmu: Path, target: Path, changes: dict[str, str], extra: dict[str, str] | None = None) -> Path:
+    """The FMU with {old: new} in its description, and with more files."""
+    with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(target, "w") as new:
+        for name in old.namelist():
+            data = old.read(name)
+            if name == "modelDescription.xml":
+                text = data.decode()
+                for before, after in changes.items():
+                    assert before in text, before
+                    text = text.replace(before, after, 1)
+                data = text.encode()
+            new.writestr(name, data)
+        for name, content in (extra or {}).items():
+            new.writestr(name, content)
     return target
 
 

@@ -33,6 +33,8 @@ from .reference import compare_references
 AXES_DRAWN = "what is positive about each axis: docs/figures/axes.png, shown in docs/brace-contract.md, Axes and signs"
 START_LIMIT, PROBE_LIMIT = 60.0, 6.0  # s; a slow device has the time of its calls on top, LONGEST at most
 LONGEST = 900.0  # s
+UNCHANGED = 1e-9  # relative: torques that differ by less have not changed
+NO_TICKS = "no run ticks clocks; export it with a sampling of its own, as a fixed step"
 MEMORY = 8 << 30  # bytes
 
 
@@ -153,6 +155,26 @@ def _with_settings(component: Component, settings: Mapping[str, float | str | bo
     return replace(component, constants={**component.constants, **settings})
 
 
+def _judge_clocks(component: Component, axes: tuple[str, ...], measured: Measured, report: FitReport) -> None:
+    """What changes only when an input clock ticks never changes in a run: by the description, else by what was
+    measured."""
+    ticking = [name for name, c in component.inputs.items() if c.kind == "clock"]
+    if not ticking:
+        return
+    torques = {plain(f"{axis}_torque") for axis in axes}
+    named = {c.name: c.clocks for c in component.outputs.values() if plain(c.name) in torques and c.clocks}
+    static = measured["static"]
+    held = [pair[1:] for pairs in static["torque"].values() for pair in pairs]
+    seen = [*static["rest"], *(torque for pair in held for torque in pair)]
+    for name, own in named.items():
+        report.problems.append(f"{name} changes only when its clock ({', '.join(own)}) ticks, and {NO_TICKS}")
+    if not named and max(seen) - min(seen) <= UNCHANGED * max(map(abs, seen)):
+        report.problems.append(
+            f"its torque never changed, it has input clocks ({', '.join(ticking[:4])}) that may trigger its law, and "
+            f"{NO_TICKS}"
+        )
+
+
 def _next_step(
     report: FitReport,
     fmu: Path | str,
@@ -219,6 +241,7 @@ def _judge_behaviour(
     if not report.fits:
         return
     judge_dynamics(measured, report)
+    _judge_clocks(component, axes, measured, report)
     for k, axis in enumerate(axes):
         judge_physics(axis, k, measured, step, active, report)
     judge_landing(measured, axes, step, active, report)

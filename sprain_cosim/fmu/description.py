@@ -8,7 +8,7 @@ import math
 import re
 import zipfile
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -17,12 +17,13 @@ from ..errors import InputError
 from ..sandbox.allowed import NOTHING, Allowed
 from ..units import Unit, unit
 from . import archive
-from .element import Capabilities, Connector, Element
+from .element import NUMBERS, Array, Capabilities, Connector, Element
 from .library import find
 from .repair import read_leniently
 
 OWN_TOOL = "sprain-cosim"
 MOST_VARIABLES = 100_000  # 2 s and 300 MB
+MAX_ELEMENTS = 1000  # of an array, so that each of them is a connector
 PYTHON_SLAVE = "resources/slavemodule.txt"  # what PythonFMU and PythonFMU3 put into their FMUs
 
 
@@ -107,7 +108,8 @@ def _model(sha256: str, description: bytes, names: tuple[str, ...]) -> _Model:
     md, quirks = _parsed(description)
     version = ".".join(md.fmiVersion.split(".")[:2])
     interface = _interface(md, version)
-    needs_tool = interface.needsExecutionTool and PYTHON_SLAVE not in names  # PythonFMU says so of Python itself
+    wrapper = version == "1.0" and b"<CoSimulation_Tool" in description
+    needs_tool = wrapper or (interface.needsExecutionTool and PYTHON_SLAVE not in names)  # PythonFMU: of Python itself
     return _Model(
         _connectors(md),
         _capabilities(md, version, interface, names),
@@ -158,10 +160,6 @@ def _read(description: bytes, validate: bool = True) -> Any:
 
 def _interface(md: Any, version: str) -> Any:
     """Co-simulation where the FMU has both. Raises InputError for what cannot be run."""
-    if version == "1.0" and md.coSimulation is None:
-        raise InputError(
-            "an FMI 1.0 model exchange FMU, which is not supported; export it as FMI 2.0 or 3.0, best for co-simulation"
-        )
     if version not in ("1.0", "2.0", "3.0"):
         raise InputError(f"FMI {md.fmiVersion} is not supported; export it as FMI 2.0 co-simulation")
     chosen = md.coSimulation or md.modelExchange
@@ -219,31 +217,53 @@ def _connectors(md: Any) -> dict[str, Connector]:
         raise InputError(f"modelDescription.xml is not valid: {wrong} is listed among the outputs, but is none")
     units = {u.name: u.baseUnit for u in md.unitDefinitions}
     unknowns = {u.variable.name: u for u in md.outputs}
+    arrays = {v.name: array for v in md.modelVariables if (array := _array(v)) is not None}
+    ticks = {v.name for v in md.modelVariables if _kind(v) == "clock" and v.causality == "input"}
     connectors: dict[str, Connector] = {}
     for v in md.modelVariables:
         kind, causality = _kind(v), _causality(v)
         if not v.name:
             raise InputError("modelDescription.xml is not valid: a variable without a name")
-        connectors[v.name] = Connector(
+        whole = Connector(
             v.name,
             int(v.valueReference),
             causality,
             kind,
             _unit(v, units),
-            _number(v.start),
+            None if kind == "array" else _number(v.start),
             _number(v.min, -math.inf),
             _number(v.max, math.inf),
             {item.name: int(item.value) for item in getattr(v.declaredType, "items", None) or ()},
             v.description or "",
-            _dependencies(unknowns.get(v.name)),
+            _dependencies(unknowns.get(v.name), arrays),
             v.type,
+            tuple(c.name for c in getattr(v, "clocks", None) or () if c.name in ticks),
         )
+        connectors[v.name] = whole
+        array = arrays.get(v.name)
+        for k, name in enumerate(array.names() if array is not None else ()):
+            start = array.start[k] if array is not None else None
+            one = replace(whole, name=name, kind=_scalar_kind(v), start=start, array=array, element=k)
+            connectors.setdefault(name, one)
     return connectors
 
 
+def _array(v: Any) -> Array | None:
+    """The array whose elements can be coupled; None for a scalar, for texts, for one that is too large or whose start
+    values are not as many as its elements."""
+    shape = tuple(int(n) for n in getattr(v, "shape", None) or ())
+    if not shape or not 1 <= math.prod(shape) <= MAX_ELEMENTS or _scalar_kind(v) not in NUMBERS:
+        return None
+    start = tuple(_number(text) for text in str("0" if v.start is None else v.start).split())
+    start = start * math.prod(shape) if len(start) == 1 else start
+    return None if len(start) != math.prod(shape) or None in start else Array(v.name, shape, start)
+
+
 def _kind(v: Any) -> str:
-    if getattr(v, "dimensions", None):
-        return "array"
+    return "array" if getattr(v, "dimensions", None) else _scalar_kind(v)
+
+
+def _scalar_kind(v: Any) -> str:
     name = v.type.lower()
     return "real" if name.startswith("float") else "integer" if name.strip("u").startswith("int") else name
 
@@ -276,10 +296,12 @@ def _unit(v: Any, units: Mapping[str, Any]) -> Unit | None:
         return Unit(str(name))
 
 
-def _dependencies(unknown: Any) -> tuple[str, ...] | None:
+def _dependencies(unknown: Any, arrays: Mapping[str, Array]) -> tuple[str, ...] | None:
+    """Of an array all elements."""
     if unknown is None or unknown.dependencies is None:
         return None
-    return tuple(d.name for d in unknown.dependencies)
+    names = [arrays[d.name].names() if d.name in arrays else [d.name] for d in unknown.dependencies]
+    return tuple(name for several in names for name in several)
 
 
 def _number(text: Any, default: Any = None) -> Any:

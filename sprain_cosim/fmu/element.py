@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -12,10 +13,35 @@ from ..errors import InputError, nearest
 from ..units import Unit, quantity
 from .instance import Instance
 
+NUMBERS = ("real", "integer", "enumeration", "boolean")  # kinds that can be connected or set
+
+
+@dataclass(frozen=True)
+class Array:
+    """An array of FMI 3, whose elements are connectors such as u[2,1]: indices from 1, the last runs fastest.
+
+    name   of the variable
+    shape  by the constants or the structural parameters' start values of its dimensions
+    start  start values of all elements
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    start: tuple[float, ...]
+
+    @property
+    def size(self) -> int:
+        return math.prod(self.shape)
+
+    def names(self) -> list[str]:
+        """Of the elements, in the order in which FMI passes them."""
+        places = itertools.product(*(range(1, n + 1) for n in self.shape))
+        return [f"{self.name}[{','.join(map(str, place))}]" for place in places]
+
 
 @dataclass(frozen=True)
 class Connector:
-    """One scalar variable.
+    """One scalar variable, or one element of an array.
 
     name         as the FMU or the mapping file calls it
     reference    FMI's value reference
@@ -29,6 +55,9 @@ class Connector:
     description  text for people
     depends_on   inputs that act on this output directly; None: not declared, so all may
     fmi_type     the type's name in the version of FMI, such as Float64
+    clocks       input clocks that alone change it
+    array        of which it is an element; None for a variable of its own
+    element      its place in the array, from 0
     parts        of an output that is their sum, in SI: the FMU's own outputs, each with the unit that takes it to SI
     """
 
@@ -44,12 +73,15 @@ class Connector:
     description: str = ""
     depends_on: tuple[str, ...] | None = None
     fmi_type: str = "Real"
+    clocks: tuple[str, ...] = ()
+    array: Array | None = None
+    element: int = 0
     parts: tuple[Connector, ...] = ()
 
     @property
     def scalar_number(self) -> bool:
         """Whether it can be connected or set: not text, not an array, not a clock."""
-        return self.kind in ("real", "integer", "enumeration", "boolean")
+        return self.kind in NUMBERS
 
     def value(self, entry: float | str | bool, what: str) -> float:
         """A value from a file or the command line in the connector's own unit. Raises InputError: unit, kind or

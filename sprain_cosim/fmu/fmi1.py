@@ -1,5 +1,4 @@
-"""FMI 1.0 co-simulation: no initialisation mode, so outputs are first read after the initialisation; no saved
-states."""
+"""FMI 1.0: no initialisation mode, so outputs are first read after the initialisation; no saved states."""
 
 from __future__ import annotations
 
@@ -9,7 +8,9 @@ from typing import Any, ClassVar
 from .fmi_instance import LAST_SUCCESSFUL_TIME, PENDING, WARNING, FmiInstance
 
 
-class Fmi1CoSimulation(FmiInstance):
+class Fmi1Instance(FmiInstance):
+    """Common to co-simulation and model exchange."""
+
     types: ClassVar = {
         "Real": ("Real", ctypes.c_double),
         "Integer": ("Integer", ctypes.c_int),
@@ -17,9 +18,9 @@ class Fmi1CoSimulation(FmiInstance):
         "Boolean": ("Boolean", ctypes.c_char),
     }
 
-    def load_library(self, **arguments: Any) -> Any:
+    def callbacks(self) -> Any:
+        """The functions that an instance may call; they live as long as this."""
         from fmpy import calloc, fmi1, free
-        from fmpy.fmi1 import FMU1Slave
 
         def log_message(instance: Any, name: bytes, status: int, category: bytes, message: bytes) -> None:
             self.log_message(message, status)
@@ -28,16 +29,26 @@ class Fmi1CoSimulation(FmiInstance):
         self._callbacks.logger = fmi1.fmi1CallbackLoggerTYPE(log_message)
         self._callbacks.allocateMemory = fmi1.fmi1CallbackAllocateMemoryTYPE(calloc)
         self._callbacks.freeMemory = fmi1.fmi1CallbackFreeMemoryTYPE(free)
-        return FMU1Slave(**arguments)
+        return self._callbacks
 
     def function(self, name: str) -> Any:
         return self.fmu.dll[f"{self.component.identifier}_fmi{name}"]
 
     def instantiate(self) -> None:
         self.readable = False
-        self.fmu.instantiate(functions=self._callbacks, loggingOn=True)
+        self.fmu.instantiate(functions=self.callbacks(), loggingOn=True)
         if not self.fmu.component:
             raise RuntimeError("null")
+
+    def call_enter_initialization(self, time: float, stop: float) -> None:
+        self._times = time, stop
+
+
+class Fmi1CoSimulation(Fmi1Instance):
+    def load_library(self, **arguments: Any) -> Any:
+        from fmpy.fmi1 import FMU1Slave
+
+        return FMU1Slave(**arguments)
 
     def free_instance(self) -> None:
         self.fmu.fmi1FreeSlaveInstance(self.fmu.component)
@@ -45,9 +56,6 @@ class Fmi1CoSimulation(FmiInstance):
     def call_reset(self) -> None:
         self.readable = False
         self.fmu.reset()
-
-    def call_enter_initialization(self, time: float, stop: float) -> None:
-        self._times = time, stop
 
     def call_exit_initialization(self) -> None:
         self.fmu.initialize(*self._times)

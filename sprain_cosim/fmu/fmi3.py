@@ -34,7 +34,7 @@ class Fmi3Instance(FmiInstance):
         return self.fmu.dll[f"fmi3{name}"]
 
     def arguments(self, references: Any, n: int, buffer: Any) -> tuple[Any, ...]:
-        return self.instance, references, ctypes.c_size_t(n), buffer, ctypes.c_size_t(n)
+        return self.instance, references, ctypes.c_size_t(n), buffer, ctypes.c_size_t(len(buffer))
 
     def instantiate(self) -> None:
         self.fmu.instantiate(loggingOn=True, logMessage=self._log)

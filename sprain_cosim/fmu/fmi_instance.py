@@ -20,6 +20,7 @@ import numpy as np
 from ..errors import EnvironmentProblem, SimulationError, SimulationStopped, StepDiscarded
 from . import cache
 from .description import Description, first_line
+from .element import Connector
 from .floating_point import FloatingPoint
 from .foreign import is_foreign
 
@@ -93,6 +94,7 @@ class FmiInstance:
             self._restore()
         self.broken = False
         self.readable = True
+        self._arrays: dict[tuple[str, int], tuple[Connector, Any]] = {}  # by verb and reference
         self._held: dict[str, float] = {}  # inputs that keep a value over a run
         self.saves_before_steps = False
         self.instance = ctypes.c_void_p()  # one object for all prepared calls, also after a fresh instantiation
@@ -164,14 +166,26 @@ class FmiInstance:
         calls: list[tuple[Any, tuple[Any, ...]]] = []
         conversions: list[tuple[np.ndarray, slice]] = []
         connectors = [self.component.connectors[n] for n in names]
-        for (function, ctype), run in itertools.groupby(
-            range(len(names)), lambda k: self.types[connectors[k].fmi_type]
+        arrays: set[int] = set()  # whose call is there already
+        for (function, ctype, array), run in itertools.groupby(
+            range(len(names)), lambda k: (*self.types[connectors[k].fmi_type], connectors[k].array)
         ):
             members = list(run)
             n, at = len(members), first + members[0]
+            if array is not None:
+                reference = connectors[members[0]].reference
+                buffer: Any = self._array(connectors[members[0]], verb)
+                view = np.frombuffer(buffer, np.dtype(ctype))
+                conversions += [
+                    (view[(e := connectors[k].element) : e + 1], slice(first + k, first + k + 1)) for k in members
+                ]
+                if reference not in arrays:
+                    arrays.add(reference)
+                    calls.append(self._call(f"{verb}{function}", (ctypes.c_uint * 1)(reference), 1, buffer))
+                continue
             references = (ctypes.c_uint * n)(*(connectors[k].reference for k in members))
             if ctype is ctypes.c_double:
-                buffer: Any = (ctypes.c_double * n).from_buffer(values.data, 8 * at)
+                buffer = (ctypes.c_double * n).from_buffer(values.data, 8 * at)
             else:
                 buffer = (ctype * n)()
                 conversions.append(
@@ -180,13 +194,28 @@ class FmiInstance:
                         slice(at, at + n),
                     )
                 )
-            try:
-                calls.append((self.function(f"{verb}{function}"), self.arguments(references, n, buffer)))
-            except AttributeError as problem:
-                raise EnvironmentProblem(
-                    f"{self.component.fmu}: {problem}; build its library with all functions of FMI"
-                ) from None
+            calls.append(self._call(f"{verb}{function}", references, n, buffer))
         return calls, conversions
+
+    def _call(self, function: str, references: Any, n: int, buffer: Any) -> tuple[Any, tuple[Any, ...]]:
+        try:
+            return self.function(function), self.arguments(references, n, buffer)
+        except AttributeError as problem:
+            raise EnvironmentProblem(
+                f"{self.component.fmu}: {problem}; build its library with all functions of FMI"
+            ) from None
+
+    def _array(self, element: Connector, verb: str) -> Any:
+        """The values of its whole array, which FMI passes at once. What is set is kept for all calls of a run, so that
+        elements that nothing feeds hold their values."""
+        assert element.array is not None
+        known = self._arrays.get((verb, element.reference))
+        if known is None:
+            _, ctype = self.types[element.fmi_type]
+            known = (element, (ctype * element.array.size)())
+            self._arrays[verb, element.reference] = known
+            _fill(*known)
+        return known[1]
 
     def set_parameters(self, values: Mapping[str, float]) -> None:
         inputs = self.component.inputs
@@ -198,6 +227,12 @@ class FmiInstance:
             connector = self.component.connectors[name]
             function, ctype = self.types[connector.fmi_type]
             number: Any = value if connector.kind == "real" else int(value)
+            if connector.array is not None:
+                buffer = self._array(connector, "Set")
+                buffer[connector.element] = number
+                set_array, arguments = self._call(f"Set{function}", (ctypes.c_uint * 1)(connector.reference), 1, buffer)
+                self.check(set_array(*arguments), f"setting {name} = {value:g}")
+                continue
             buffer = (ctype * 1)(bytes([number]) if ctype is ctypes.c_char else number)
             status = self.function(f"Set{function}")(
                 *self.arguments((ctypes.c_uint * 1)(connector.reference), 1, buffer)
@@ -357,6 +392,8 @@ class FmiInstance:
         """Back to the state after instantiation: by the FMU's own reset where that is known to work, else by a fresh
         instance."""
         self.messages.clear()
+        for element, buffer in self._arrays.values():
+            _fill(element, buffer)
         if self.component.capabilities.reusable:
             self.call("resetting", self.call_reset)
         else:
@@ -424,3 +461,10 @@ class FmiInstance:
 
 def _address(function: Any) -> int:
     return ctypes.cast(function, ctypes.c_void_p).value or 0
+
+
+def _fill(element: Connector, buffer: Any) -> None:
+    """Start values into the buffer of the element's array."""
+    if element.array is not None:
+        for k, value in enumerate(element.array.start):
+            buffer[k] = value if element.kind == "real" else int(value)

@@ -86,6 +86,7 @@ def missing_functions(data: bytes, fmi_version: str, model_exchange: bool, ident
 
     interfaces: dict[tuple[str, bool], Any] = {
         ("1.0", False): fmi1.FMU1Slave,
+        ("1.0", True): fmi1.FMU1Model,
         ("2.0", False): fmi2.FMU2Slave,
         ("2.0", True): fmi2.FMU2Model,
         ("3.0", False): fmi3.FMU3Slave,

@@ -1,6 +1,6 @@
-"""FMI 2.0 and 3.0 model exchange: the FMU gives derivatives and event indicators, CVode (through fmpy) integrates from
-one communication point to the next. Inputs are held over the step, as in co-simulation; since they jump between steps,
-so does the solver start anew at every step in which they changed."""
+"""FMI 1.0, 2.0 and 3.0 model exchange: the FMU gives derivatives and event indicators, CVode (through fmpy) integrates
+from one communication point to the next. Inputs are held over the step, as in co-simulation; since they jump between
+steps, so does the solver start anew at every step in which they changed."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import SimulationError, SimulationStopped
+from .fmi1 import Fmi1Instance
 from .fmi2 import Fmi2Instance
 from .fmi3 import Fmi3Instance
 from .fmi_instance import FmiInstance
@@ -28,8 +29,8 @@ class _Held:
 
 
 class _Integrated(FmiInstance):
-    """Mixed in before Fmi2Instance or Fmi3Instance. Modes: initialisation - event (iterate) - continuous time - event
-    ..."""
+    """Mixed in before the instance of a version of FMI. Modes: initialisation - event (iterate) - continuous time -
+    event ..."""
 
     _solver: Any = None
     _failure: BaseException | None = None
@@ -37,6 +38,10 @@ class _Integrated(FmiInstance):
 
     def call_exit_initialization(self) -> None:
         super().call_exit_initialization()
+        self._begin()
+
+    def _begin(self) -> None:
+        """From the end of the initialisation to continuous time."""
         self._time = self._times[0]
         self._failure = None
         self._iterate()
@@ -173,6 +178,42 @@ class _Integrated(FmiInstance):
 
     def _derivatives(self, dx: Any, nx: int) -> None:
         raise NotImplementedError
+
+
+class Fmi1ModelExchange(_Integrated, Fmi1Instance):
+    """FMI 1.0 has no modes: its events are updated wherever the later versions enter event mode."""
+
+    def load_library(self, **arguments: Any) -> Any:
+        from fmpy.fmi1 import FMU1Model
+
+        fmu = FMU1Model(**arguments)
+        completed = fmu.completedIntegratorStep
+        fmu.enterEventMode = fmu.enterContinuousTimeMode = lambda: None
+        fmu.completedIntegratorStep = lambda: (completed(), False)
+        fmu.getNominalsOfContinuousStates = fmu.getNominalContinuousStates
+        return fmu
+
+    def free_instance(self) -> None:
+        self.fmu.fmi1FreeModelInstance(self.fmu.component)
+
+    def call_reset(self) -> None:
+        raise SimulationError(f"{self.component.name}: FMI 1.0 model exchange has no reset")
+
+    def call_exit_initialization(self) -> None:
+        self.fmu.setTime(self._times[0])
+        self.fmu.initialize()
+        self.readable = True
+        self._begin()
+
+    def _update(self) -> tuple[Any, ...]:
+        converged, references, values, terminate, defined, when = self.fmu.eventUpdate()
+        return not converged, terminate, references, values, defined, when
+
+    def _count(self) -> tuple[int, int]:
+        return self.component.capabilities.states, self.component.capabilities.event_indicators
+
+    def _derivatives(self, dx: Any, nx: int) -> None:
+        self.fmu.getDerivatives(dx, nx)
 
 
 class Fmi2ModelExchange(_Integrated, Fmi2Instance):

@@ -35,6 +35,7 @@ def open_fmu(description: Description) -> Instance:
         from .fmi1 import Fmi1CoSimulation
 
         return Fmi1CoSimulation(description)
-    from .model_exchange import Fmi2ModelExchange, Fmi3ModelExchange
+    from .model_exchange import Fmi1ModelExchange, Fmi2ModelExchange, Fmi3ModelExchange
 
-    return (Fmi2ModelExchange if kind[0] == "2.0" else Fmi3ModelExchange)(description)
+    exchanges = {"1.0": Fmi1ModelExchange, "2.0": Fmi2ModelExchange, "3.0": Fmi3ModelExchange}
+    return exchanges[kind[0]](description)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from sprain_cosim.errors import InputError
 from sprain_cosim.fmu import archive
 from sprain_cosim.fmu.component import Component
 from sprain_cosim.mapping import read_component
-from tests.native import device
+from tests.native import changed, device
 
 Changes = dict[str, str]
 
@@ -23,23 +22,6 @@ Changes = dict[str, str]
 def devices(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
     folder = tmp_path_factory.mktemp("devices")
     return {fmi: device(folder / f"{fmi}.fmu", fmi) for fmi in (1, 2, 3)}
-
-
-def changed(fmu: Path, target: Path, changes: Changes, extra: dict[str, str] | None = None) -> Path:
-    """The FMU with {old: new} in its description, and with more files."""
-    with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(target, "w") as new:
-        for name in old.namelist():
-            data = old.read(name)
-            if name == "modelDescription.xml":
-                text = data.decode()
-                for before, after in changes.items():
-                    assert before in text, before
-                    text = text.replace(before, after, 1)
-                data = text.encode()
-            new.writestr(name, data)
-        for name, content in (extra or {}).items():
-            new.writestr(name, content)
-    return target
 
 
 END = "</ModelVariables>"

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from sprain_cosim import load_scenario
-from sprain_cosim.errors import InputError
 from sprain_cosim.fmu.component import Component
 from sprain_cosim.fmu.driver import Driver
 from tests.native import device
 
-KINDS = [(1, False), (2, False), (3, False), (2, True), (3, True)]
+KINDS = [(1, False), (1, True), (2, False), (3, False), (2, True), (3, True)]
 
 
 def angles(fmu: Path) -> np.ndarray:
@@ -79,15 +78,3 @@ def test_state(fmi: int, model_exchange: bool, tmp_path: Path) -> None:
         driver.restore_state(state)
         driver.free_state(state)
         assert walk() == pytest.approx(first, rel=1e-7 if model_exchange else 1e-15)
-
-
-def test_fmi1_model_exchange_is_refused(tmp_path: Path) -> None:
-    import zipfile
-
-    with zipfile.ZipFile(device(tmp_path / "device.fmu", 1)) as archive:
-        text = archive.read("modelDescription.xml").decode()
-    start, end = text.index("<Implementation>"), text.index("</Implementation>") + len("</Implementation>")
-    with zipfile.ZipFile(tmp_path / "me.fmu", "w") as archive:
-        archive.writestr("modelDescription.xml", text[:start] + text[end:])
-    with pytest.raises(InputError, match=r"FMI 1\.0 model exchange"):
-        Component.read("brace", tmp_path / "me.fmu")

@@ -37,8 +37,12 @@
 #define WAITS 0
 #endif
 
+#ifndef ARRAYS /* (FMI 3) the angle is u[2,1], the torque y[2] and in proportion to u[2,2], the stiffness p[1] */
+#define ARRAYS 0
+#endif
+
 enum { ANGLE, TORQUE, STIFFNESS, STATE, RATE, TIME, SUPPLY, MEDIAL, LATERAL, VARIABLES };
-typedef struct { double value[VARIABLES]; double reached; int ended, mode, waits; } Device;
+typedef struct { double value[VARIABLES]; double reached; int ended, mode, waits; double u[4], y[3], p[2]; } Device;
 static const double TAU = 0.01;
 #ifdef SUPPLIED /* V: the supply at which it gives the torque; in proportion to it */
 #define GAIN (d->value[SUPPLY] / SUPPLIED)
@@ -55,10 +59,12 @@ static void advance(Device* d, double h) {
     d->value[STATE] += faster;
 }
 #else
-static void fresh(Device* d) { memset(d, 0, sizeof *d); d->value[STIFFNESS] = 20.0; }
+static void fresh(Device* d) { memset(d, 0, sizeof *d); d->value[STIFFNESS] = 20.0; d->u[3] = d->p[1] = 1.0; d->p[0] = 20.0; }
 static void evaluate(Device* d) {
+    if (ARRAYS) { d->value[ANGLE] = d->u[2]; d->value[STIFFNESS] = d->p[0]; }
     double x = ANGLE_UNIT * d->value[ANGLE];
     d->value[TORQUE] = SIGN * GAIN * (-d->value[STIFFNESS] * x * (1 + 4 * x * x) - 5.0 * (x - d->value[STATE])) / TORQUE_UNIT;
+    if (ARRAYS) { d->value[TORQUE] *= d->u[3] * d->p[1]; d->y[0] = d->u[0]; d->y[1] = d->value[TORQUE]; d->y[2] = d->u[1]; }
     d->value[RATE] = (x - d->value[STATE]) / TAU;
     /* the same torque by two cables on 40 mm, which pull with at least 5 N: in N and in kN */
     double pull = d->value[TORQUE] * TORQUE_UNIT / 0.04;
@@ -99,6 +105,23 @@ NONE(SetInteger, const int*) NONE(SetBoolean, const char*) NONE(SetString, const
 #define STATUS(name, type) int F(name)(void* c, int kind, type v) { return 3; }
 STATUS(GetStatus, int*) STATUS(GetRealStatus, double*) STATUS(GetIntegerStatus, int*) STATUS(GetBooleanStatus, char*) STATUS(GetStringStatus, const char**)
 int F(SetRealInputDerivatives)(void* c, const unsigned vr[], size_t n, const int o[], const double v[]) { return 3; }
+/* model exchange */
+typedef struct { char converged, references, values, terminate, upcoming; double next; } Info;
+static int settled(Info* e) { memset(e, 0, sizeof *e); e->converged = 1; return 0; }
+const char* F(GetModelTypesPlatform)(void) { return "standard32"; }
+void* F(InstantiateModel)(const char* a, const char* b, Callbacks f, char l) { return make(); }
+void F(FreeModelInstance)(void* c) { free(c); }
+int F(SetTime)(void* c, double t) { ((Device*)c)->value[TIME] = t; return 0; }
+int F(Initialize)(void* c, char controlled, double tolerance, Info* e) { evaluate(c); return settled(e); }
+int F(EventUpdate)(void* c, char intermediate, Info* e) { return settled(e); }
+int F(CompletedIntegratorStep)(void* c, char* event) { *event = 0; return 0; }
+int F(SetContinuousStates)(void* c, const double x[], size_t n) { ((Device*)c)->value[STATE] = x[0]; evaluate(c); return 0; }
+int F(GetContinuousStates)(void* c, double x[], size_t n) { x[0] = ((Device*)c)->value[STATE]; return 0; }
+int F(GetDerivatives)(void* c, double x[], size_t n) { x[0] = ((Device*)c)->value[RATE]; return 0; }
+int F(GetEventIndicators)(void* c, double z[], size_t n) { z[0] = ((Device*)c)->value[STATE] - 0.2; return 0; }
+int F(GetNominalContinuousStates)(void* c, double x[], size_t n) { x[0] = 1.0; return 0; }
+int F(GetStateValueReferences)(void* c, unsigned vr[], size_t n) { vr[0] = STATE; return 0; }
+int F(Terminate)(void* c) { return 0; }
 int F(GetRealOutputDerivatives)(void* c, const unsigned vr[], size_t n, const int o[], double v[]) { return 3; }
 #endif
 
@@ -168,8 +191,22 @@ fmi3Status fmi3EnterEventMode(fmi3Instance c) { ((Device*)c)->mode = 1; return f
 fmi3Status fmi3EnterStepMode(fmi3Instance c) { ((Device*)c)->mode = 0; return fmi3OK; }
 fmi3Status fmi3Terminate(fmi3Instance c) { return fmi3OK; }
 fmi3Status fmi3Reset(fmi3Instance c) { fresh(c); evaluate(c); return fmi3OK; }
-fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Float64 v[], size_t m) { get(c, vr, n, v); return fmi3OK; }
-fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3Float64 v[], size_t m) { set(c, vr, n, v); return fmi3OK; }
+enum { U = 20, Y, P }; /* references of the arrays */
+static size_t width(fmi3ValueReference vr) { return !ARRAYS || vr < U ? 1 : vr == U ? 4 : vr == Y ? 3 : 2; }
+static double* place(Device* d, fmi3ValueReference vr) { return width(vr) == 1 ? &d->value[vr] : vr == U ? d->u : vr == Y ? d->y : d->p; }
+#define VALUES(type) \
+    fmi3Status fmi3Get##type(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3##type v[], size_t m) { \
+        size_t at = 0; \
+        for (size_t i = 0; i < n; i++) for (size_t k = 0; k < width(vr[i]); k++) v[at++] = (fmi3##type)place(c, vr[i])[k]; \
+        return at == m ? fmi3OK : fmi3Error; \
+    } \
+    fmi3Status fmi3Set##type(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3##type v[], size_t m) { \
+        size_t at = 0; \
+        for (size_t i = 0; i < n; i++) for (size_t k = 0; k < width(vr[i]); k++) place(c, vr[i])[k] = v[at++]; \
+        evaluate(c); \
+        return at == m ? fmi3OK : fmi3Error; \
+    }
+VALUES(Float64) VALUES(Float32)
 fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState* s) { if (!*s) *s = malloc(sizeof(Device)); memcpy(*s, c, sizeof(Device)); return fmi3OK; }
 fmi3Status fmi3SetFMUState(fmi3Instance c, fmi3FMUState s) { memcpy(c, s, sizeof(Device)); return fmi3OK; }
 fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState* s) { free(*s); *s = NULL; return fmi3OK; }
