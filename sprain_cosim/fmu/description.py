@@ -129,7 +129,7 @@ def _parsed(description: bytes) -> tuple[Any, list[str]]:
         raise InputError("modelDescription.xml is not valid: an index 0 in ModelStructure; they count from 1")
     try:
         return _read(description), []
-    except MemoryError:
+    except (MemoryError, InputError):
         raise
     except Exception as problem:
         strict = first_line(problem)
