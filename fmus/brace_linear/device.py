@@ -4,6 +4,14 @@ from .interface import AXES
 
 GROUPS = {kind: [f"{axis}_{kind}" for axis in AXES] for kind in ("angle", "velocity", "torque", "stiffness", "damping")}
 
+EXPERIMENT = {
+    "parameters": {
+        "talocrural_stiffness_coefficient": 20.0,
+        "talocrural_damping_coefficient": 0.2,
+        "subtalar_slack": 0.05,
+    }
+}
+
 
 def law(k, c, rest, slack, angle, velocity):
     """(torque, stiffness, damping) of one axis."""

@@ -11,6 +11,7 @@ GROUPS = {
     "hidden": [name for name, _, _ in LOCALS],
 }
 STATE, SAVED_BEFORE = kernels.STATE, kernels.SAVED_BEFORE
+EXPERIMENT = {"step": 0.0005, "steps": 20}  # what plain Python computes in seconds
 TOUCHING, AS_PUBLISHED = POSES["touching"], FIBRE_STARTS["as_published"]
 REASONS = (
     "",

@@ -11,6 +11,8 @@ GROUPS = {kind: [f"{muscle}_{kind}" for muscle in MUSCLES] for kind in ("stretch
 STATE = {"first": 0, "count": 0, "step": 0.0, "time": np.zeros(CAPACITY), "stretch": np.zeros((CAPACITY, N))}
 REASONS = ("", f"the reflex delay spans more than {CAPACITY} communication steps; take larger ones")
 
+EXPERIMENT = {"parameters": {"coactivation": 0.1, "reflex_gain": 2.0, "reflex_delay": 0.02}}
+
 
 def keep(values, state, slot):
     for m in range(N):

@@ -31,6 +31,7 @@ from ...files import read_json
 from ...process import run_program
 from . import subset
 from .device import Device, Reason, arguments, read_device
+from .experiment import experiment
 from .packing import digest
 
 ENVIRONMENT = {
@@ -79,7 +80,7 @@ class Compiled:
     - `symbol`: {function of FUNCTIONS: the name under which it stands in the objects}
     - `takes`, `returns`: of each symbol, its arguments and whether it returns a position in `reasons`
     - `sources`: digest of all modules of its package and of what compiles them
-    - `files`: {path in the FMU: content} that the device adds
+    - `files`: {path in the FMU: content} that the device adds; `experiment`: of its reference experiment
     - `native`, `include`: source of its own functions in C and the folder of their headers; empty without
     """
 
@@ -95,6 +96,7 @@ class Compiled:
     reasons: tuple[Reason, ...]
     sources: str
     files: Mapping[str, bytes]
+    experiment: Mapping[str, bytes]
     native: str
     include: str
 
@@ -148,6 +150,7 @@ def _read(folder: Path, entry: dict[str, Any]) -> Compiled:
         tuple(Reason(*reason) for reason in entry["reasons"]),
         entry["sources"],
         {name: (folder / file).read_bytes() for name, file in entry["files"].items()},
+        {name: (folder / file).read_bytes() for name, file in entry["experiment"].items()},
         entry["native"],
         entry["include"],
     )
@@ -185,9 +188,8 @@ def _write(target: Path, folder: Path, platforms: Sequence[str]) -> dict[str, An
             file = f"{platform}-{level}.o"
             (target / file).write_bytes(emit(device, module, TARGETS[platform].triple, level))
             objects.append((platform, level, file))
-    files = {name: f"file{k}" for k, name in enumerate(device.files)}
-    for name, content in device.files.items():
-        (target / files[name]).write_bytes(content)
+    files = _kept(target / "files", device.files)
+    played = _kept(target / "experiment", _experiment(folder))
     (target / "state.bin").write_bytes(device.first_state.tobytes())
     (target / "constants.bin").write_bytes(b"" if device.constants is None else device.constants.tobytes())
     return {
@@ -201,6 +203,7 @@ def _write(target: Path, folder: Path, platforms: Sequence[str]) -> dict[str, An
         "reasons": [(r.format, r.offset) for r in device.reasons],
         "sources": _sources(device),
         "files": files,
+        "experiment": played,
         "native": (folder / "native.c").read_text("utf-8") if device.native else "",
         "include": str(device.include or ""),
     }
@@ -208,6 +211,26 @@ def _write(target: Path, folder: Path, platforms: Sequence[str]) -> dict[str, An
 
 def _missing(problem: ImportError) -> EnvironmentProblem:
     return EnvironmentProblem(f"{problem.name} is not installed; to compile devices, {NEEDED}")
+
+
+def _kept(folder: Path, files: Mapping[str, bytes]) -> dict[str, str]:
+    """{name: path beside `folder`} of files that are written there."""
+    folder.mkdir()
+    for k, content in enumerate(files.values()):
+        (folder / str(k)).write_bytes(content)
+    return {name: f"{folder.name}/{k}" for k, name in enumerate(files)}
+
+
+def _experiment(folder: Path) -> dict[str, bytes]:
+    """Of the device read once more, with functions that numba leaves alone."""
+    from numba import config
+
+    settings: Any = config
+    settings.DISABLE_JIT = True
+    try:
+        return experiment(read_device(folder))
+    finally:
+        settings.DISABLE_JIT = False
 
 
 def symbols(device: Device) -> dict[str, str]:

@@ -71,6 +71,7 @@ class Device:
     - `platforms`: those it can be built for; none named: all
     - `native`, `include`: functions of its own in C, of `native.c` beside device.py, and a folder of headers for it
     - `files`: {path in the FMU: content} that it adds
+    - `experiment`: of its reference experiment (experiment.py): `step` [s], `steps`, `parameters`
     """
 
     name: str
@@ -89,6 +90,7 @@ class Device:
     native: tuple[str, ...] = ()
     include: Path | None = None
     files: Mapping[str, bytes] = field(default_factory=dict)
+    experiment: Mapping[str, Any] = field(default_factory=dict)
 
     def records(self) -> tuple[Any, Any, Any]:
         """(values, state, constants) of a fresh instance, to run the functions as plain Python."""
@@ -133,6 +135,7 @@ def read_device(folder: Path) -> Device:
             tuple(getattr(device, "NATIVE", ())),
             getattr(device, "INCLUDE", None),
             device.files() if hasattr(device, "files") else {},
+            getattr(device, "EXPERIMENT", {}),
         )
 
 

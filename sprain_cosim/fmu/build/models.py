@@ -153,6 +153,7 @@ def _archives(face: Face, compiled: Compiled, platforms: Sequence[str]) -> Archi
         **{f"documentation/{path.name}": path.read_bytes() for path in sorted(face.folder.glob("*.md"))},
     }
     common.update(compiled.files)
+    common.update(compiled.experiment)
     if compiled.constants_in_resources:
         common[CONSTANTS] = constants_file(guid, compiled.constants)
     fmi2 = {"modelDescription.xml": first.replace(GUID_PLACE, guid).encode(), **common}
