@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import hashlib
 import subprocess
 import sys
 import zipfile
@@ -13,11 +14,12 @@ import pytest
 
 from sprain_cosim.cosim.coupling import begin
 from sprain_cosim.errors import SimulationError
+from sprain_cosim.fmu import archive, foreign
 from sprain_cosim.fmu.build import build_fmu
 from sprain_cosim.fmu.component import Component
 from sprain_cosim.fmu.driver import Driver
 from sprain_cosim.scenario import load_scenario
-from sprain_cosim.shipped import FMUS, shipped_fmus
+from sprain_cosim.shipped import FMI3, FMUS, shipped_fmus
 from sprain_cosim.shipped import SOURCES as MODELS
 from tests import python_fmu
 from tests.fake import brace_variables, make_fmu
@@ -417,3 +419,28 @@ def test_locals_are_recorded_on_request_and_change_nothing() -> None:
     assert fewer.names[len(plain.names) :] == ("plant.pelvis_tx", "plant.pelvis_ty", "plant.pelvis_tz")
     assert [str(u.name) for u in fewer.units[-3:] if u] == ["m", "m", "m"]
     assert np.array_equal(fewer["plant.pelvis_ty"], full["plant.pelvis_ty"])
+
+
+@pytest.mark.parametrize("suffix", ["", FMI3])
+def test_a_copy_of_a_shipped_fmu_is_known_by_its_content(
+    suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And only shipped files of its size are read for that."""
+    copy = tmp_path / "copy.fmu"
+    copy.write_bytes((FMUS / f"brace_bushing{suffix}.fmu").read_bytes())
+    sha256 = hashlib.sha256(copy.read_bytes()).hexdigest()
+    foreign._shipped.cache_clear()
+    read: list[str] = []
+    real = archive.read
+    monkeypatch.setattr(archive, "read", lambda path: (read.append(path.stem), real(path))[1])
+    assert not foreign.is_foreign(copy, sha256)
+    assert not foreign.is_foreign(FMUS / f"brace_bushing{suffix}.fmu", sha256)
+    assert len(read) < 4
+    copy.write_bytes(copy.read_bytes() + b" ")
+    assert foreign.is_foreign(copy, hashlib.sha256(copy.read_bytes()).hexdigest())
+    assert foreign.is_foreign(tmp_path / "gone.fmu", sha256)
+
+
+def test_a_shipped_fmu_goes_by_its_name_in_either_version() -> None:
+    named = load_scenario("incline30_brace").replace_fmu("brace", "brace_bushing_fmi3")
+    assert named.fmus["brace"] == FMUS / "brace_bushing_fmi3.fmu"
