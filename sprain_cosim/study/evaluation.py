@@ -141,7 +141,8 @@ def _with_search(summary: StudySummary, study: Plan, found: Found) -> StudySumma
     if isinstance(found, RareEvent):
         return replace(summary, form=_rare(study, found), notes=_without_specimens(study))
     if isinstance(found, SobolIndices):
-        return replace(summary, sobol=_sobol(study, found), notes=(GIVEN_DATA,))
+        said = (GIVEN_DATA, *_unbalanced(study.trials, study.sequences))
+        return replace(summary, sobol=_sobol(study, found), notes=said)
     notes: list[str] = []
     questions = _questions_of_levels(study, found, notes)
     if found.check is None:
@@ -251,18 +252,12 @@ class _Sample:
         replicates = None
         if study.method == "sobol":
             whole = (
-                not failed and np.array_equal(done["trial"], np.arange(len(done))) and len(done) % study.replicates == 0
+                not failed and np.array_equal(done["trial"], np.arange(len(done))) and len(done) % study.sequences == 0
             )
-            if whole and study.replicates >= statistics.MIN_REPLICATES:
-                replicates = study.replicates
+            if whole and study.sequences >= statistics.MIN_REPLICATES:
+                replicates = study.sequences
                 notes.append(f"intervals from the spread over {replicates} scrambled Sobol' sequences")
-                points = len(done) // replicates
-                if points & (points - 1):
-                    below = (1 << (points.bit_length() - 1)) * replicates
-                    notes.append(
-                        f"{points} points a sequence are no power of two, where a Sobol' sequence is balanced: {below} "
-                        f"or {2 * below} trials tell more for their number"
-                    )
+                notes += _unbalanced(len(done), replicates)
             else:
                 notes.append(
                     f"no intervals of percentiles: they need {statistics.MIN_REPLICATES} complete replicates; "
@@ -326,6 +321,18 @@ class _Sample:
             return Response(finite(mean.value), finite(sd.value), percentiles, failed=self.failed or None)
         mean_ci, sd_ci = ((finite(e.low), finite(e.high)) for e in (mean, sd))
         return Response(finite(mean.value), finite(sd.value), percentiles, mean_ci, sd_ci, self.failed or None)
+
+
+def _unbalanced(n: int, sequences: int) -> list[str]:
+    """A word where a Sobol' sequence ends between two powers of two."""
+    points = n // sequences
+    if not points & (points - 1):
+        return []
+    below = (1 << (points.bit_length() - 1)) * sequences
+    return [
+        f"{points} points a sequence are no power of two, where a Sobol' sequence is balanced: {below} or {2 * below} "
+        "trials tell more for their number"
+    ]
 
 
 def _stopping(study: Plan, sample: _Sample, y: Array) -> StoppingRule | None:

@@ -80,7 +80,12 @@ SETTINGS = keys.Table(
             keys.raw("quantity", NUMBER, "that of the first response"),
             "stopping rule: half width that the widest of the levels' intervals may have",
         ),
-        keys.Key("replicates", keys.whole(), "scrambled sequences of methods sobol and sobol-indices", "8"),
+        keys.Key(
+            "replicates",
+            keys.whole(),
+            "scrambled sequences of methods sobol and sobol-indices",
+            "8; 1 for sobol-indices",
+        ),
         keys.Key(
             "levels",
             LEVELS,

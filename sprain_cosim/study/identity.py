@@ -70,6 +70,7 @@ def identity(plan: Plan, files: Mapping[str, Mapping[str, str]] | None = None) -
         "order": _order(plan),
         **_fields(scenario, "Scenario", contents),
         **_fields(plan, "Plan", {name: None for name, methods in COUNTS_FOR.items() if plan.method not in methods}),
+        **({"replicates": plan.sequences} if plan.method in COUNTS_FOR["replicates"] else {}),
     } | _of_search(plan)
 
 

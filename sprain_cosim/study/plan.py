@@ -58,7 +58,8 @@ class Plan:
     questions    what else is asked of the trials
     half_width   stopping rule: the half width that the widest of the levels' intervals may have, in the first
                  response's unit
-    replicates   scrambled sequences that the trials of method sobol or sobol-indices are divided into
+    replicates   scrambled sequences that the trials of method sobol or sobol-indices are divided into; None: 8, and 1
+                 for sobol-indices, whose error is least then
     space        of amv and its kin: "x", inputs as they are, or "u", the standard normal space
     step         of differences, in standard deviations of the input
     difference   "forward" or "central"; None: forward for mean-value and amv, as in the paper, else central
@@ -90,7 +91,7 @@ class Plan:
     threshold: Threshold | None = None
     questions: tuple[Question, ...] = ()
     half_width: float | None = None
-    replicates: int = 8
+    replicates: int | None = None
     space: Space = "x"
     step: float = 0.1
     difference: Difference | None = None
@@ -150,7 +151,7 @@ class Plan:
                 return sampling.monte_carlo(joint, self.trials, self.seed)[:, column]
             if self.method == "lhs":
                 return sampling.latin_hypercube(joint, self.trials, self.seed)[:, column]
-            return sampling.sobol(joint, self.trials, self.seed, self.replicates)[:, column]
+            return sampling.sobol(joint, self.trials, self.seed, self.sequences)[:, column]
         if self.method == "grid":
             return sampling.full_factorial([self.grid[name] for name in self.names])
         if self.method == "table":
@@ -179,7 +180,7 @@ class Plan:
 
         marginals = tuple(self.marginals.values())
         if self.method == "sobol-indices":
-            return sensitivity.sobol_indices(function, marginals, self.trials, self.seed, replicates=self.replicates)
+            return sensitivity.sobol_indices(function, marginals, self.trials, self.seed, replicates=self.sequences)
         first_order = self.method in ("mean-value", "amv")
         options: dict[str, Any] = {
             "correlation": self.correlation,
@@ -208,6 +209,11 @@ class Plan:
         from ..uq.reliability import check_levels
 
         return check_levels(function, tuple(self.marginals.values()), found, self.correlation, seed=self.seed)
+
+    @property
+    def sequences(self) -> int:
+        """Scrambled sequences of a Sobol' sample."""
+        return self.replicates if self.replicates is not None else 1 if self.method == "sobol-indices" else 8
 
     @property
     def settling(self) -> float:
@@ -315,8 +321,8 @@ class Plan:
     def _size_problems(self) -> Iterator[str]:
         if self.trials < 1:
             yield f"trials = {self.trials}: must be at least 1"
-        if self.method.startswith("sobol") and (self.replicates < 1 or self.trials % self.replicates):
-            yield f"trials = {self.trials}: a Sobol' study needs a multiple of its {self.replicates} replicates"
+        if self.method.startswith("sobol") and (self.sequences < 1 or self.trials % self.sequences):
+            yield f"trials = {self.trials}: a Sobol' study needs a multiple of its {self.sequences} replicates"
         if self.method == "sobol-indices" and self.correlation is not None:
             yield "method sobol-indices: defined for independent inputs only; leave [correlation] out"
 

@@ -50,7 +50,7 @@ def identity_then(study: Plan) -> dict[str, Any]:
         "method": study.method,
         "seed": study.seed,
         "trials": study.trials if study.method in ("lhs", "sobol-indices") else None,
-        "replicates": study.replicates if study.method in ("sobol", "sobol-indices") else None,
+        "replicates": study.sequences if study.method in ("sobol", "sobol-indices") else None,
         "search": [*search, study.budget, study.responses[0]] if study.method in SEARCHES else None,
         "table": None if table is None else hashlib.sha256(table).hexdigest(),
     }

@@ -131,7 +131,7 @@ def _never_smaller(study: Plan, folder: Path | None, resume: bool) -> tuple[Plan
         numbers, _ = ledger.finished()
     held = int(numbers.max()) + 1 if len(numbers) else 0
     if study.method == "sobol":
-        held = -(-held // study.replicates) * study.replicates
+        held = -(-held // study.sequences) * study.sequences
     if held <= study.trials:
         return study, ()
     warning = f"{folder}: holds trials up to number {held - 1}, which are kept; {study.trials} would leave some out"

@@ -305,14 +305,16 @@ def sobol_indices(
     n: int = 1024,
     seed: int = 0,
     *,
-    replicates: int = 8,
+    replicates: int = 1,
     confidence: float = 0.95,
 ) -> SobolIndices:
     """First-order (Saltelli 2010) and total (Jansen) indices of independent inputs, by n·(d + 2) evaluations
     in one call.
 
-    n base points in `replicates` scrambled Sobol' sequences (n / replicates should be a power of two). Raises
-    ValueError when any response is missing (not finite): an incomplete design says nothing, so it is refused.
+    n base points in `replicates` scrambled Sobol' sequences (n / replicates should be a power of two). One sequence has
+    the least error; its intervals, from resampled points as if they were independent, are too wide rather than too
+    narrow. Several have intervals of their own, from the jackknife over them. Raises ValueError when any response is
+    missing (not finite): an incomplete design says nothing, so it is refused.
     """
     joint = JointDistribution(marginals)
     active = joint.active
@@ -339,15 +341,16 @@ def sobol_indices(
         raise ValueError("the response does not vary: it has no Sobol' indices")
     f = f - centre
     # Sums by replicate, (replicates,) or (replicates, d): pooled for the value, left out one at a time for
-    # the error.
-    by = f.reshape(len(designs), n // replicates, replicates)
+    # the error. Of one sequence the points stand in place of replicates.
+    alone = replicates == 1
+    by = f.reshape(len(designs), 1, n) if alone else f.reshape(len(designs), n // replicates, replicates)
     s1, s2 = by[:2].mean(axis=(0, 1)), (by[:2] ** 2).mean(axis=(0, 1))
     top_first = (by[1] * (by[2:] - by[0])).mean(axis=1).T
     top_total = 0.5 * ((by[0] - by[2:]) ** 2).mean(axis=1).T
     result = {}
     for name, top in (("first", top_first), ("total", top_total)):
-        value, half = _ratio_over_replicates(top, s1, s2, confidence)
-        for suffix, part in (("", value), ("_low", value - half), ("_high", value + half)):
+        value, low, high = (_ratio_over_points if alone else _ratio_over_replicates)(top, s1, s2, confidence, seed)
+        for suffix, part in (("", value), ("_low", low), ("_high", high)):
             column = np.zeros(len(joint))
             column[active] = part
             result[name + suffix] = column
@@ -355,18 +358,34 @@ def sobol_indices(
     return SobolIndices(**result, mean=centre, variance=variance, evaluations=len(values))
 
 
-def _ratio_over_replicates(top: Array, s1: Array, s2: Array, confidence: float) -> tuple[Array, Array]:
-    """Pooled numerator over pooled variance, and the half-width of its jackknife interval over replicates."""
+_RESAMPLES, _RESAMPLED = 400, 4_000_000  # numbers drawn at a time
+
+
+def _ratio_over_points(top: Array, s1: Array, s2: Array, confidence: float, seed: int) -> tuple[Array, Array, Array]:
+    """Pooled numerator over pooled variance with the ends of its bootstrap interval, by normal approximation."""
+    n, rng = len(s1), generator(seed, Stream.BOOTSTRAP, 1)
+    columns, found = np.column_stack([top, s1, s2]), list[Array]()
+    block = max(1, _RESAMPLED // n)
+    for k in range(0, _RESAMPLES, block):
+        counts = rng.multinomial(n, np.full(n, 1.0 / n), size=min(block, _RESAMPLES - k))
+        means = counts @ columns / n
+        found.append(means[:, :-2] / (means[:, -1] - means[:, -2] ** 2)[:, np.newaxis])
+    value = top.mean(axis=0) / (s2.mean() - s1.mean() ** 2)
+    half = float(ndtri(0.5 * (1.0 + confidence))) * np.std(np.concatenate(found), axis=0, ddof=1)
+    return value, value - half, value + half
+
+
+def _ratio_over_replicates(top: Array, s1: Array, s2: Array, confidence: float, _: int) -> tuple[Array, Array, Array]:
+    """The same with the ends of its jackknife interval over replicates."""
     r = len(s1)
     value = top.mean(axis=0) / (s2.mean() - s1.mean() ** 2)
-    if r == 1:
-        return value, np.full(len(value), np.nan)
     left = np.empty_like(top)
     for k in range(r):
         keep = np.arange(r) != k
         left[k] = top[keep].mean(axis=0) / (s2[keep].mean() - s1[keep].mean() ** 2)
     error = np.sqrt((r - 1) / r * np.sum((left - left.mean(axis=0)) ** 2, axis=0))
-    return value, float(stdtrit(r - 1, 0.5 * (1.0 + confidence))) * error
+    half = float(stdtrit(r - 1, 0.5 * (1.0 + confidence))) * error
+    return value, value - half, value + half
 
 
 @dataclass(frozen=True)

@@ -215,3 +215,20 @@ def test_percentiles_of_small_replicated_samples_cover() -> None:
             found = [replicated_percentile(y, 8, p) for y in samples]
             assert np.mean([e.low <= truth <= e.high for e in found]) >= 0.90
     assert math.isinf(replicated_percentile(samples[0][:16], 8, 0.95).high)
+
+
+def test_one_sequence_gives_sobol_indices_of_less_error_and_intervals_that_hold() -> None:
+    weights = np.array([2.0, 1.8, -1.2, 0.5, 0.3])
+    exact = weights**2 / (weights @ weights)
+
+    def found(replicates: int) -> tuple[float, float]:
+        results = [
+            sobol_indices(lambda x: x @ weights, [Normal(0.0, 1.0)] * 5, 256, seed, replicates=replicates)
+            for seed in range(12)
+        ]
+        error = np.sqrt(np.mean([(r.first - exact) ** 2 for r in results]))
+        return float(error), float(np.mean([(r.first_low <= exact) & (exact <= r.first_high) for r in results]))
+
+    (alone, covered), (divided, _) = found(1), found(8)
+    assert alone < 0.7 * divided
+    assert covered >= 0.93

@@ -94,6 +94,7 @@ PLAN: dict[str, Callable[[Plan], Any]] = {
     "fits": lambda _: {"brace.angle_scale": Fitted("normal", 9, "bench.csv", 1.0, 0.3, 0.5)},
     "questions": lambda _: (Question("peak_inversion_from_neutral_deg", 35.0),),
     "tolerance": lambda _: 1e-4,
+    "replicates": lambda _: 4,
     "half_width": lambda _: 0.5,
     "difference": lambda _: "central",
     "levels": lambda _: (0.1, 0.9),
