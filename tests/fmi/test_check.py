@@ -361,7 +361,7 @@ def test_units_that_nobody_declared_are_asked_for(tmp_path: Path, monkeypatch: p
         )
     assert 'in place of "?"' in report.problems[0]
     assert "(too weak for a brace)" in report.problems[0]
-    assert "only as degrees is plausible (assumed of braces: 3 to 600 N.m in a landing" in report.problems[0]
+    assert "only as degrees is plausible (assumed of braces: 3.5 to 600 N.m in a landing" in report.problems[0]
     with pytest.raises(InputError, match=r"unit = \"\?\": deg or rad\? the FMU does not say"):
         load_scenario("incline30").replace_fmu("brace", fmu, mapping)
 
@@ -426,7 +426,9 @@ def test_a_law_per_radian_that_is_fed_degrees(tmp_path: Path) -> None:
     report = check_brace(brace(tmp_path / "device.fmu", "FED"))
     assert report.verdict == "fits with warnings"
     warning = report.warnings[0]
-    assert " N.m in a landing and 859 N.m/rad: too strong for a brace (assumed of braces: 3 to 600 N.m in a" in warning
+    assert (
+        " N.m in a landing and 859 N.m/rad: too strong for a brace (assumed of braces: 3.5 to 600 N.m in a" in warning
+    )
 
 
 def test_a_unit_whose_factor_contradicts_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
