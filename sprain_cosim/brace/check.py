@@ -16,7 +16,7 @@ from ..errors import InputError, SprainError, nearest
 from ..fmu import archive, cache
 from ..fmu.component import Component
 from ..fmu.confine import confinement
-from ..mapping import carried, load_mapping
+from ..mapping import carried, load_mapping, parse
 from ..process import Child, Limits, ProcessEnded
 from ..sandbox.confinement import Confinement
 from ..sandbox.kernel import offered
@@ -85,6 +85,7 @@ def check_brace(
     axes = contract_axes(component, report)
     if report.proposal:
         report.notes.append(AXES_DRAWN)
+        _read_as_proposed(component, report)
     _judge_undeclared(component, report)
     if report.fits:
         cache.unpacked(component.fmu, component.sha256)
@@ -112,6 +113,14 @@ def _judge_undeclared(component: Component, report: FitReport) -> None:
         report.proposal = report.proposal or ("" if report.mapping else propose(component))
     else:
         report.warnings.append(readings.assumption())
+
+
+def _read_as_proposed(component: Component, report: FitReport) -> None:
+    """A note on what the units would mean that the proposed mapping leaves open."""
+    with contextlib.suppress(InputError):
+        proposed = parse(report.proposal, "proposal")
+        if proposed.unstated(component) and proposed.inputs and proposed.outputs:
+            report.notes.append(f"with the names as proposed: {readings_of_mapping(component, proposed).question()}")
 
 
 def _note_description(component: Component, report: FitReport) -> None:

@@ -141,7 +141,8 @@ def _reading(words: str, component: Component) -> Reading:
     for axis in axes:
         pair = next((p for p in static["torque"][axis] if p[0] == AT), None)
         if pair is not None:
-            parts.append(f"{pair[1]:.3g} N.m at {AT:g} deg of {axis} ({POSITIVE[axis]})")
+            away = ", which pushes it further" if pair[1] > max(0.0, static["rest"][axes.index(axis)]) else ""
+            parts.append(f"{pair[1]:.3g} N.m at {AT:g} deg of {axis} ({POSITIVE[axis]}){away}")
     shown = f"{strength.stiffness:.3g} N.m/rad, up to {strength.torque:.3g} N.m in a landing"
     return Reading(words, ", ".join([*parts, shown]), strength)
 

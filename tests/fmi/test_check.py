@@ -426,9 +426,7 @@ def test_a_law_per_radian_that_is_fed_degrees(tmp_path: Path) -> None:
     report = check_brace(brace(tmp_path / "device.fmu", "FED"))
     assert report.verdict == "fits with warnings"
     warning = report.warnings[0]
-    assert (
-        " N.m in a landing and 859 N.m/rad: too strong for a brace (assumed of braces: 3.5 to 600 N.m in a" in warning
-    )
+    assert " N.m in a landing and 859 N.m/rad: too strong for a brace (assumed of braces: 3.5 to 600 N.m in" in warning
 
 
 def test_a_unit_whose_factor_contradicts_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
