@@ -51,7 +51,7 @@ class Bench:
         except ValueError:
             raise SimulationError("the process answered what is no result") from None
         if result.status != "completed":
-            raise SimulationError(result.message)
+            raise SimulationError("; ".join(text for text in (result.warning, result.message) if text))
         result = self._halved(result)
         leave_run(folder, result, RunSummary.of(self.scenario, result))
         row = {"trial": 0, "status": result.status, "message": "", **result.metrics}
