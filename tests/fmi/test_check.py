@@ -65,9 +65,11 @@ def test_active_devices_may_push(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", OWN)
 def test_own_braces_fit(name: str) -> None:
+    """And give what their source gives as plain Python (the reference experiment that each carries)."""
     report = check_brace(Path(module.__file__).parent.parent / "_fmus" / f"{name}.fmu")
     assert report.fits, report.text()
     assert not report.warnings, report.text()
+    assert [r["name"] for r in report.references if r["difference"] < 1e-9] == ["smoke-test"]
 
 
 @pytest.mark.parametrize("fault", [f for f in FAULTS if f not in HANGS and f not in ("hang_load", "hang_reset")])

@@ -1,21 +1,21 @@
 """A reference experiment for every device: what it answers to moving inputs, computed by its functions as plain Python,
 which share nothing with the compiled code but the source.
 
-Layout: FMI-LS-REF 1.0.0-beta.1 (github.com/modelica/fmi-ls-ref), experiments in the format of MA-HS-Experiments
-(github.com/modelica/ma-hs-experiments, still a draft). The first column of a CSV is the time [s], the others are the
-FMU's variables, each in its own unit; inputs are set at the beginning of a communication step and hold over it."""
+Layout and format as fmu/reference.py reads them. Every variable is in its own unit; inputs are set at the beginning of
+a communication step and hold over it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from posixpath import basename, dirname
 from typing import Any
 from xml.etree import ElementTree as ET
 
+from ..reference import MANIFEST, STANDARD, TYPES, VERSION
 from .device import Device
 from .interpreter import Interpreted
 
-FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 NAME = "smoke-test"
 STEP, STEPS = 0.002, 40  # s; of the device's own EXPERIMENT where it has one
 SIZES = {"rad": 0.3, "N.m": 5.0, "1": 0.2, "N": 500.0, "N.m/rad": 10.0, "N.m.s/rad": 0.1}  # of an input, by its unit
@@ -39,14 +39,14 @@ def experiment(device: Device) -> dict[str, bytes]:
         return {}
     names = [v["name"] for v in inputs]
     files = {
-        "fmi-ls-manifest.xml": _manifest(),
+        basename(MANIFEST): _manifest(),
         f"{NAME}.exp": _experiments(times[-1], step, bool(parameters)),
         f"{NAME}-in.csv": _table(names, times, ([move[n] for n in names] for move in moves)),
         f"{NAME}-ref.csv": _table(outputs, times, answers),
     }
     if parameters:
         files[f"{NAME}.ssv"] = _parameter_set(parameters)
-    return {f"{FOLDER}/{name}": text.encode() for name, text in files.items()}
+    return {f"{dirname(MANIFEST)}/{name}": text.encode() for name, text in files.items()}
 
 
 def _answers(
@@ -104,8 +104,8 @@ def _manifest() -> str:
     root = ET.Element(
         "fmiReferences",
         {
-            f"{{{MANIFEST_SPACE}}}fmi-ls-name": "org.fmi-standard.fmi-ls-ref",
-            f"{{{MANIFEST_SPACE}}}fmi-ls-version": "1.0.0-beta.1",
+            f"{{{MANIFEST_SPACE}}}fmi-ls-name": STANDARD,
+            f"{{{MANIFEST_SPACE}}}fmi-ls-version": VERSION,
             f"{{{MANIFEST_SPACE}}}fmi-ls-description": "Layered Standard providing information on related files "
             "included in an FMU.",
         },
@@ -113,7 +113,7 @@ def _manifest() -> str:
     ET.SubElement(
         root,
         "Related",
-        type="application/x-ma-hs-experiments",
+        type=TYPES[0],
         source=f"{NAME}.exp",
         role="experiment/smoke-test",
         description="Moving inputs, and the outputs of the same source run as plain Python",
