@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import difflib
+import math
 
-from ..contract import AXES, INPUTS, OUTPUTS, plain, profile
+from ..contract import AXES, INPUTS, OUTPUTS, RANGE_DEG, plain, profile
 from ..errors import InputError
 from ..fmu.component import Component
 from ..fmu.element import Connector
@@ -14,6 +15,7 @@ from .fit import FitReport
 from .proposal import could_be, propose
 
 MEASURED = ("_angle", "_velocity", "_torque")  # ends of names whose unit shows in how strong a device is
+LANDING_DEG = 45.0  # as far as a landing goes
 SHOWN = 6  # inputs outside the contract that are named
 
 
@@ -137,11 +139,31 @@ def _judge_missing_inputs(
         report.notes.append("no velocity inputs: the brace sees how fast the foot moves only by the angle's change")
 
 
+def _judge_resolution(name: str, connector: Connector, expected: Unit, report: FitReport) -> None:
+    """What is lost between the contract's real numbers and what the variable takes."""
+    if connector.kind != "real" and not expected.dimensionless:
+        report.warnings.append(
+            f"{connector.name}: is of type {connector.kind}, so its values are whole numbers"
+            f"{f' of {connector.unit.name}' if connector.unit else ''}; export it as a real number"
+        )
+    axis = name.removesuffix("_angle")
+    if axis in RANGE_DEG and connector.unit is not None and connector.unit.same_dimension(expected):
+        reached = sorted(math.degrees(connector.unit.to_base(v)) for v in (connector.minimum, connector.maximum))
+        low, high = (math.copysign(min(abs(d), LANDING_DEG), d) for d in RANGE_DEG[axis])
+        if reached[0] > low or reached[1] < high:
+            report.warnings.append(
+                f"{connector.name}: is declared for {reached[0]:.4g} ... {reached[1]:.4g} deg; a landing may go to "
+                f"{low:g} ... {high:g} deg"
+            )
+
+
 def _judge_variable(name: str, connector: Connector, expected: Unit, report: FitReport) -> None:
     """Type and unit of the variable that is the contract's `name`."""
     if not connector.scalar_number:
         report.problems.append(f"{connector.name}: is of type {connector.kind}; the contract has scalar reals")
-    elif connector.unit is None:
+        return
+    _judge_resolution(name, connector, expected, report)
+    if connector.unit is None:
         if not name.endswith(MEASURED):
             report.warnings.append(f"{connector.name}: no unit declared; {expected.name} is assumed")
     elif not connector.unit.same_dimension(expected):

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple, Self
+from xml.etree import ElementTree
 
 from ..errors import InputError
 from ..sandbox.allowed import NOTHING, Allowed
@@ -111,7 +112,7 @@ def _model(sha256: str, description: bytes, names: tuple[str, ...]) -> _Model:
     wrapper = version == "1.0" and b"<CoSimulation_Tool" in description
     needs_tool = wrapper or (interface.needsExecutionTool and PYTHON_SLAVE not in names)  # PythonFMU: of Python itself
     return _Model(
-        _connectors(md),
+        _connectors(md, _negated(description) if version == "1.0" else frozenset()),
         _capabilities(md, version, interface, names),
         interface.modelIdentifier,
         md.guid,
@@ -210,8 +211,16 @@ def _fixed_step(md: Any, cs: Any) -> float | None:
 # ---- variables
 
 
-def _connectors(md: Any) -> dict[str, Connector]:
-    """{name: connector}. Raises InputError for variables that cannot be coupled."""
+def _negated(description: bytes) -> frozenset[str]:
+    """Variables of FMI 1.0 whose values come, and are sent, with the other sign; fmpy does not tell."""
+    if b"negatedAlias" not in description:
+        return frozenset()
+    variables = ElementTree.fromstring(description).iterfind("ModelVariables/ScalarVariable")
+    return frozenset(v.get("name", "") for v in variables if v.get("alias") == "negatedAlias")
+
+
+def _connectors(md: Any, negated: frozenset[str]) -> dict[str, Connector]:
+    """{name: connector}; `negated`: with the other sign. Raises InputError for variables that cannot be coupled."""
     wrong = next((u.variable.name for u in md.outputs if u.variable.causality != "output"), None)
     if wrong is not None:
         raise InputError(f"modelDescription.xml is not valid: {wrong} is listed among the outputs, but is none")
@@ -231,13 +240,14 @@ def _connectors(md: Any) -> dict[str, Connector]:
             kind,
             _unit(v, units),
             None if kind == "array" else _number(v.start),
-            _number(v.min, -math.inf),
-            _number(v.max, math.inf),
+            _number(_declared(v, "min"), -math.inf),
+            _number(_declared(v, "max"), math.inf),
             {item.name: int(item.value) for item in getattr(v.declaredType, "items", None) or ()},
             v.description or "",
             _dependencies(unknowns.get(v.name), arrays),
             v.type,
             tuple(c.name for c in getattr(v, "clocks", None) or () if c.name in ticks),
+            v.name in negated,
         )
         connectors[v.name] = whole
         array = arrays.get(v.name)
@@ -276,8 +286,12 @@ def _causality(v: Any) -> str:
 
 
 def _unit_name(v: Any) -> str | None:
-    """As the variable or its type declares it."""
-    return v.unit or getattr(v.declaredType, "unit", None)
+    return _declared(v, "unit")
+
+
+def _declared(v: Any, attribute: str) -> str | None:
+    """As the variable or its type says."""
+    return getattr(v, attribute) or getattr(v.declaredType, attribute, None)
 
 
 def _unit(v: Any, units: Mapping[str, Any]) -> Unit | None:

@@ -56,6 +56,7 @@ class Connector:
     depends_on   inputs that act on this output directly; None: not declared, so all may
     fmi_type     the type's name in the version of FMI, such as Float64
     clocks       input clocks that alone change it
+    negated      the FMU passes it with the other sign (a negated alias of FMI 1)
     array        of which it is an element; None for a variable of its own
     element      its place in the array, from 0
     parts        of an output that is their sum, in SI: the FMU's own outputs, each with the unit that takes it to SI
@@ -74,6 +75,7 @@ class Connector:
     depends_on: tuple[str, ...] | None = None
     fmi_type: str = "Real"
     clocks: tuple[str, ...] = ()
+    negated: bool = False
     array: Array | None = None
     element: int = 0
     parts: tuple[Connector, ...] = ()

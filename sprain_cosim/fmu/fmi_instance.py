@@ -34,8 +34,8 @@ ERRORS = re.compile(r"error|exception|fail|cannot|could not|invalid|assert", re.
 MAX_PARTS = 1024  # of a step that is refused
 
 Calls = tuple[
-    list[tuple[Any, tuple[Any, ...]]], list[tuple[np.ndarray, slice]]
-]  # library calls, and values that are not doubles
+    list[tuple[Any, tuple[Any, ...]]], list[tuple[np.ndarray, slice, int]]
+]  # library calls, and values that do not lie on the bus: buffer, place on the bus, sign
 _counter = itertools.count(1)
 
 
@@ -164,11 +164,12 @@ class FmiInstance:
 
     def _calls(self, verb: str, names: Sequence[str], values: np.ndarray, first: int) -> Calls:
         calls: list[tuple[Any, tuple[Any, ...]]] = []
-        conversions: list[tuple[np.ndarray, slice]] = []
+        conversions: list[tuple[np.ndarray, slice, int]] = []
         connectors = [self.component.connectors[n] for n in names]
         arrays: set[int] = set()  # whose call is there already
-        for (function, ctype, array), run in itertools.groupby(
-            range(len(names)), lambda k: (*self.types[connectors[k].fmi_type], connectors[k].array)
+        for (function, ctype, array, negated), run in itertools.groupby(
+            range(len(names)),
+            lambda k: (*self.types[connectors[k].fmi_type], connectors[k].array, connectors[k].negated),
         ):
             members = list(run)
             n, at = len(members), first + members[0]
@@ -177,23 +178,19 @@ class FmiInstance:
                 buffer: Any = self._array(connectors[members[0]], verb)
                 view = np.frombuffer(buffer, np.dtype(ctype))
                 conversions += [
-                    (view[(e := connectors[k].element) : e + 1], slice(first + k, first + k + 1)) for k in members
+                    (view[(e := connectors[k].element) : e + 1], slice(first + k, first + k + 1), 1) for k in members
                 ]
                 if reference not in arrays:
                     arrays.add(reference)
                     calls.append(self._call(f"{verb}{function}", (ctypes.c_uint * 1)(reference), 1, buffer))
                 continue
             references = (ctypes.c_uint * n)(*(connectors[k].reference for k in members))
-            if ctype is ctypes.c_double:
+            if ctype is ctypes.c_double and not negated:
                 buffer = (ctypes.c_double * n).from_buffer(values.data, 8 * at)
             else:
                 buffer = (ctype * n)()
-                conversions.append(
-                    (
-                        np.frombuffer(buffer, np.dtype(ctype) if ctype is not ctypes.c_char else np.int8),
-                        slice(at, at + n),
-                    )
-                )
+                view = np.frombuffer(buffer, np.dtype(ctype) if ctype is not ctypes.c_char else np.int8)
+                conversions.append((view, slice(at, at + n), -1 if negated else 1))
             calls.append(self._call(f"{verb}{function}", references, n, buffer))
         return calls, conversions
 
@@ -226,7 +223,8 @@ class FmiInstance:
         for name, value in values.items():
             connector = self.component.connectors[name]
             function, ctype = self.types[connector.fmi_type]
-            number: Any = value if connector.kind == "real" else int(value)
+            sent = -value if connector.negated else value
+            number: Any = sent if connector.kind == "real" else int(sent)
             if connector.array is not None:
                 buffer = self._array(connector, "Set")
                 buffer[connector.element] = number
@@ -275,8 +273,9 @@ class FmiInstance:
 
     def set_inputs(self) -> None:
         calls, conversions = self._set_calls
-        for buffer, place in conversions:
-            buffer[:] = self._bus[place] if buffer.dtype.kind == "f" else np.rint(self._bus[place])
+        for buffer, place, sign in conversions:
+            sent = sign * self._bus[place]
+            buffer[:] = sent if buffer.dtype.kind == "f" else np.rint(sent)
         for function, arguments in calls:
             status = function(*arguments)
             if status:
@@ -306,8 +305,8 @@ class FmiInstance:
                 self.check(status, READING)
         if self._floating is not None:
             self._floating.restore_if_changed()
-        for buffer, place in conversions:
-            values[place] = buffer
+        for buffer, place, sign in conversions:
+            values[place] = sign * buffer
 
     def do_step(self, time: float, step: float) -> None:
         own = self.component.capabilities.fixed_step

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sprain_cosim import check_brace
+from sprain_cosim.brace.fit import FitReport
+from sprain_cosim.brace.names import contract_axes
 from sprain_cosim.errors import InputError
 from sprain_cosim.fmu import archive
 from sprain_cosim.fmu.component import Component
+from sprain_cosim.fmu.driver import Driver
 from sprain_cosim.mapping import read_component
 from tests.native import changed, device
 
@@ -167,3 +171,60 @@ def test_ten_thousand_faults_take_no_time(devices: dict[int, Path], tmp_path: Pa
     assert component.quirks[-1] == "and 2997 more of the kind"
     assert re.match("variable l0: ", component.quirks[0])
     assert np.isfinite(component.parameters["stiffness"].start or np.nan)
+
+
+def test_negated_aliases_of_fmi_1(devices: dict[int, Path], tmp_path: Path) -> None:
+    """Their values come, and are sent, with the other sign: a torque and an angle so written are the same brace."""
+    turned = {f'causality="{c}"': f'causality="{c}" alias="negatedAlias"' for c in ("input", "output")}
+    found = []
+    for fmu in (devices[1], changed(devices[1], tmp_path / "d.fmu", turned)):
+        component = Component.read("brace", fmu)
+        with Driver(component, ["subtalar_angle"], ["subtalar_torque"]) as driver:
+            driver.start({}, {"subtalar_angle": 0.3})
+            driver.step(1e-3, {"subtalar_angle": 0.2})
+            found.append(driver["subtalar_torque"])
+    assert found[0] == found[1] < 0
+    one = {old: new for old, new in turned.items() if "output" in old}
+    report = check_brace(changed(devices[1], tmp_path / "one.fmu", one))
+    assert not report.fits
+    assert "sign" in report.problems[0]
+
+
+def test_what_a_type_declares_holds_for_its_variables(devices: dict[int, Path], tmp_path: Path) -> None:
+    types = (
+        '<TypeDefinitions><SimpleType name="T"><Real unit="N.m/rad" min="1" max="50"/></SimpleType></TypeDefinitions>'
+    )
+    fmu = changed(
+        devices[2],
+        tmp_path / "d.fmu",
+        {"<ModelVariables>": f"{types}<ModelVariables>", 'unit="N.m/rad" start="20"': 'declaredType="T" start="20"'},
+    )
+    stiffness = Component.read("brace", fmu).parameters["stiffness"]
+    assert (stiffness.minimum, stiffness.maximum) == (1.0, 50.0)
+    assert stiffness.unit is not None
+    with pytest.raises(InputError, match="outside its range"):
+        stiffness.value("60 N.m/rad", "stiffness")
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({'unit="rad" start="0"': 'unit="rad" min="-0.2" max="0.6" start="0"'}, "is declared for -11.46 ... 34.38 deg"),
+        ({'unit="rad" start="0"': 'unit="rad" min="-1" max="1" start="0"'}, ""),
+    ],
+)
+def test_a_range_that_a_landing_leaves(
+    changes: dict[str, str], words: str, devices: dict[int, Path], tmp_path: Path
+) -> None:
+    report = FitReport("d.fmu")
+    contract_axes(Component.read("brace", changed(devices[2], tmp_path / "d.fmu", changes)), report)
+    assert words in " ".join(report.warnings)
+    assert bool(report.warnings) == bool(words)
+
+
+def test_whole_numbers_are_no_torques(devices: dict[int, Path], tmp_path: Path) -> None:
+    component = Component.read("brace", devices[2])
+    whole = {n: replace(c, kind="integer") if n == "subtalar_torque" else c for n, c in component.connectors.items()}
+    report = FitReport("d.fmu")
+    contract_axes(replace(component, connectors=whole), report)
+    assert "subtalar_torque: is of type integer, so its values are whole numbers of N.m" in report.warnings[0]
