@@ -36,6 +36,12 @@ NAMES = {
     for kind in ("torque", "resistance")
     for branch in ("", "_loading", "_unloading")
 }
+AGAINST = {  # motions that count negative about an axis
+    "eversion": "inversion",
+    "plantarflexion": "dorsiflexion",
+    "external_rotation": "internal_rotation",
+    "pronation": "subtalar",
+}
 CAPACITY = 8192  # points of all curves together, as in fmus/brace_table/device.py
 Branches = dict[str, tuple[np.ndarray, np.ndarray]]  # angles [rad] and torques [N.m] of "", loading, unloading
 
@@ -212,12 +218,18 @@ def _numbers(path: Path, header: list[str], lines: list[tuple[int, list[str]]]) 
 
 def _hint(name: str) -> str:
     """What the column may have been meant to be: never another axis than the one that its name begins with."""
-    axis = next((a for a in PROFILES["jcs"] if name.startswith(a)), None)
-    if axis is not None:
+    along = {axis: axis for axis in PROFILES["jcs"]}
+    motion = next((m for m in (*along, *AGAINST) if name.startswith(m)), None)
+    if motion is not None and (axis := along.get(motion, AGAINST.get(motion))) in along:
+        turned = "" if motion in along else f"{motion} is {axis} with angle and torque of the other sign; "
         return (
-            f" of such a table: {axis} is an axis of the joint coordinate system, another rotation than "
+            f" of such a table: {turned}{axis} is an axis of the joint coordinate system, another rotation than "
             f"{' and '.join(AXES)}; measure about one of these, or write the law in a project of its own "
             "(sprain-cosim brace new DIR)"
         )
+    if motion is not None:
+        return f": {motion} turns against {axis}; turn the signs of angle and torque, and name the column {axis}_torque"
+    if name.startswith("supination"):
+        return ": supination is the positive direction of subtalar; name the column subtalar_torque"
     close = difflib.get_close_matches(name.partition("_")[0], AXES, 1, 0.7)
     return nearest(name, [n for n in NAMES if n.startswith(close[0])]) if close else f" (known: {', '.join(AXES)})"

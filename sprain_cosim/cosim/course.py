@@ -12,6 +12,7 @@ from .energy import Exchange
 from .stability import WRONG_SIGN
 
 PUSHED, PUSHED_LEAST = 0.1, 0.01  # share of the energy exchanged; J
+SLIDING, SLIDING_LEAST, BESIDE = 0.02, 0.2, 8  # share of the torque; N.m; steps
 FAR, NEAR = math.radians(40.0), math.radians(5.0)  # turned by more, a torque may be called weak; a secant has a sense
 
 
@@ -27,6 +28,11 @@ def course_doubts(passed: Exchange | None, axes: Sequence[str], pushing_known: b
         found.append(
             f"the device pushed the foot further away from neutral: {given}; if it should resist, {WRONG_SIGN}"
         )
+    found += [
+        f"the torque about {axes[axis]} changes by {jump:.2g} N.m within a step where the foot turns back, as that of "
+        "a device that slides does (friction, hysteresis): its moment at the peak is uncertain by so much"
+        for axis, jump in turning_jumps(passed).items()
+    ]
     largest, turned = float(np.abs(passed.torque).max()), float(np.abs(passed.angle).max())
     weak = 0 < largest < BRACE_TORQUE[0] and turned > FAR
     if weak or largest > BRACE_TORQUE[1] or _secant(passed) > BRACE_STIFFEST:
@@ -35,6 +41,22 @@ def course_doubts(passed: Exchange | None, axes: Sequence[str], pushing_known: b
             f"{BRACES_TEXT}; are its units right, those of its angles too?"
         )
     return found
+
+
+def turning_jumps(passed: Exchange) -> dict[int, float]:
+    """{axis: largest change of its torque [N.m] in the steps beside its peak angle}, where that is more than SLIDING
+    of the torque there and more than its changes a little before: a torque that depends on the direction of motion.
+    What a sampled device holds jumps anyway, and is left out."""
+    out = {}
+    for axis in np.flatnonzero(~passed.held).tolist():
+        angle, torque = passed.angle[:, axis], passed.torque[:, axis]
+        peak = int(np.argmax(angle))
+        if BESIDE < peak < len(angle) - BESIDE:
+            changes = np.abs(np.diff(torque))
+            jump, usual = changes[peak - 2 : peak + 2].max(), np.median(changes[peak - BESIDE : peak + BESIDE])
+            if jump > max(SLIDING * abs(float(torque[peak])), SLIDING_LEAST, 3.0 * usual):
+                out[axis] = float(jump)
+    return out
 
 
 def _secant(passed: Exchange) -> float:

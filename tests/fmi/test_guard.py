@@ -49,6 +49,7 @@ def test_a_wrong_sign_is_named_before_any_oscillation(tmp_path: Path) -> None:
             "the device pushed the foot further away from neutral: 7.5 J about subtalar; if it should resist",
         ),
         ("STOP", "the device pushed the foot further away from neutral: 3.12 J about subtalar; if it should resist"),
+        ("STRAP", "where the foot turns back, as that of a device that slides does (friction, hysteresis): its moment"),
         ("FED", "are its units right, those of its angles too?"),
     ],
 )

@@ -16,6 +16,12 @@ from sprain_cosim.shipped import fmu_path
     [
         ("inversion_resistance", "inversion is an axis of the joint coordinate system, another rotation than"),
         ("internal_rotation_torque", "internal_rotation is an axis of the joint coordinate system"),
+        ("eversion_torque", "eversion is inversion with angle and torque of the other sign; inversion is an axis of"),
+        ("plantarflexion_resistance", "plantarflexion is dorsiflexion with angle and torque of the other sign"),
+        ("external_rotation_torque", "external_rotation is internal_rotation with angle and torque of the other sign"),
+        ("dorsiflexion_torque", "dorsiflexion is an axis of the joint coordinate system"),
+        ("pronation_torque", "pronation turns against subtalar; turn the signs of angle and torque"),
+        ("supination_torque", "supination is the positive direction of subtalar; name the column subtalar_torque"),
         ("subtlar_torque", "did you mean subtalar_torque?"),
         ("subtalar_moment", "did you mean subtalar_torque?"),
         ("knee_torque", "known: talocrural, subtalar"),
