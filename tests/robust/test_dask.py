@@ -11,10 +11,12 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 import sprain_cosim as sc
+from sprain_cosim import processor
 from sprain_cosim.errors import EnvironmentProblem, InputError
 from sprain_cosim.study.backends.backend import Task
 from sprain_cosim.study.backends.dask import Dask, Missing, _batch, _hashes
@@ -143,3 +145,15 @@ def test_a_worker_without_the_package_is_one_line(scheduler: str, tmp_path: Path
     finally:
         worker.kill()
         worker.wait()
+
+
+def test_the_level_of_the_processor_is_the_lowest_of_the_workers(monkeypatch: pytest.MonkeyPatch) -> None:
+    older, newer = processor.LEVELS
+    monkeypatch.delenv(processor.VARIABLE, raising=False)
+    dask = object.__new__(Dask)
+    dask._client = SimpleNamespace(run=lambda function: {"tcp://a": newer, "tcp://b": older})
+    assert dask._lowest_level() == older
+    dask._client = SimpleNamespace(run=lambda function: {})  # nobody has joined yet
+    assert dask._lowest_level() == processor.own()
+    monkeypatch.setenv(processor.VARIABLE, newer)
+    assert dask._lowest_level() == newer

@@ -16,7 +16,7 @@ from ...fmu.component import Component
 from ...fmu.driver import Driver
 from ...fmu.instance import Values
 from ...scenario import load_scenario
-from ...shipped import FMUS, SOURCES, shipped_fmus
+from ...shipped import FMI3, FMUS, SOURCES, shipped_fmus
 from ..check import Check, CheckRow
 from ..laboratory import Laboratory, scenario
 
@@ -40,7 +40,8 @@ def moved(driver: Driver, k: int) -> Values:
 
 
 def complaints(_: Laboratory) -> list[CheckRow]:
-    return [CheckRow(name, float(len(component(name).complaints())), 0, 0, "complaints") for name in shipped_fmus()]
+    names = [name + version for name in shipped_fmus() for version in ("", FMI3)]
+    return [CheckRow(name, float(len(component(name).complaints())), 0, 0, "complaints") for name in names]
 
 
 def units(_: Laboratory) -> list[CheckRow]:
@@ -182,11 +183,29 @@ def isolated_landing(laboratory: Laboratory) -> list[CheckRow]:
     ]
 
 
+def versions_of_fmi(laboratory: Laboratory) -> list[CheckRow]:
+    """Largest difference of any signal between the landing in FMI 2.0 and in FMI 3.0."""
+    rows = []
+    for name in ("incline30_brace", "incline30_mixed"):
+        chosen = scenario(name)
+        for part, fmu in chosen.fmus.items():
+            chosen = chosen.replace_fmu(part, FMUS / f"{fmu.stem}{FMI3}.fmu")
+        off = np.abs(laboratory.land(chosen).values - laboratory.run(name).values)
+        rows.append(CheckRow(name, float(off.max()), 0, 0))
+    return rows
+
+
 BITS = "to the bit: nothing random, the same operations in the same order"
 
 
 CHECKS = (
-    Check("fmi-01", "fmpy's validation of our FMUs", "none is allowed", "FMI 2.0.4, as fmpy checks it", complaints),
+    Check(
+        "fmi-01",
+        "fmpy's validation of our FMUs",
+        "none is allowed",
+        "FMI 2.0.4 and 3.0, as fmpy checks them",
+        complaints,
+    ),
     Check(
         "fmi-02",
         "Every variable has a unit, every input and parameter a start value",
@@ -228,4 +247,5 @@ CHECKS = (
         "the same FMUs in this process",
         isolated_landing,
     ),
+    Check("fmi-11", "FMI 2.0 and FMI 3.0 give the same landing", BITS, "the same models in FMI 2.0", versions_of_fmi),
 )
