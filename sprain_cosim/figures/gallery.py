@@ -157,7 +157,13 @@ def _distributions(chosen: Studies, samples: Mapping[str, Sample], text: str, su
 
 
 def _questions(studies: Studies) -> Iterator[Drawn]:
-    asked = [(name, study) for name, study in studies if study.summary.questions and study.summary.search is None]
+    """Of each study with questions of its own; those of the literature where there is one study alone."""
+    asked = [
+        (name, study)
+        for name, study in studies
+        if study.summary.search is None
+        and any(len(studies) == 1 or q.source == "own" for q in study.summary.questions.values())
+    ]
     for name, study in asked:
         summary = study.summary
         answers = [

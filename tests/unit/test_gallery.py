@@ -27,6 +27,7 @@ method = "monte-carlo"
 "5 % [deg]" = 23.2
 "50 % [deg]" = 29.7
 """
+PEAK = "peak_subtalar_angle_deg"
 FMUS = {"plant": "plant.fmu", "controller": "reflex_controller.fmu"}
 
 
@@ -113,3 +114,20 @@ def test_published_trials_are_matched_by_number_and_inputs(tmp_path: Path, monke
     assert "published" not in names(path), "other inputs"
     records.assign(brace_scale_bi=0.5).to_csv(tmp_path / "paper" / "study2_trials.csv", index=False)
     assert "published" not in names(path), "the records had a brace"
+
+
+def test_questions_are_drawn_where_they_are_asked(tmp_path: Path) -> None:
+    """Those of the literature of one study alone, so that a comparison of many braces has no figure for each."""
+    known = {"event": "above 35 ± 6 deg", "probability": 0.02, "ci_low": 0.01, "ci_high": 0.03}
+    own = known | {"source": "own", "response": PEAK, "threshold_ci": [0.001, 0.1], "shapes": {"weibull": 0.03}}
+    curve = {"threshold": [20, 30], "probability": [1.0, 0.0], "low": [0.9, 0.0], "high": [1.0, 0.1]}
+    first = study(tmp_path / "a", questions={"peak_inversion_from_neutral_deg": known})
+    second = study(tmp_path / "b", questions={PEAK: known, f"{PEAK} above": own}, curves={PEAK: curve})
+
+    def drawn(*folders: Path) -> list[str]:
+        return [d.name for d in gallery.draw(read_folders(list(folders))) if d.name.startswith("questions")]
+
+    assert drawn(first) == ["questions"]
+    assert drawn(first, second) == ["questions"]
+    third = study(tmp_path / "c", questions={f"{PEAK} above": own})
+    assert drawn(second, third) == ["questions_b", "questions_c"]
