@@ -71,7 +71,10 @@ fmi2Status fmi2CancelStep(fmi2Component c) { REFUSE("%s: steps are synchronous",
 
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state) { DONE(device_save(c, state)); }
 fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state) { DONE(device_restore(c, state)); }
-fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) { return free(*state), *state = NULL, fmi2OK; }
+fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) {
+    if (state) free(*state), *state = NULL;
+    return fmi2OK;
+}
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size) { return *size = device_state_size(), fmi2OK; }
 fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte out[], size_t size) { DONE(device_state_to_bytes(c, state, out, size)); }
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte in[], size_t size, fmi2FMUstate *state) {

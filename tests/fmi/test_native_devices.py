@@ -350,6 +350,12 @@ def test_errors_and_warnings_of_mujoco_come_to_the_fmu(tmp_path: Path) -> None:
     assert ctypes.c_void_p.in_dll(packed, "mju_user_warning").value
 
 
+def test_freeing_no_state_is_no_matter(tmp_path: Path) -> None:
+    two, three = Host("brace_active", tmp_path), Host3("brace_active", tmp_path)
+    assert two.fmu.fmi2FreeFMUstate(two.fmu.component, None) == 0
+    assert three.fmu.fmi3FreeFMUState(three.fmu.component, None) == 0
+
+
 def test_every_parameter_out_of_range_is_named_at_once(tmp_path: Path) -> None:
     host = Host("brace_bushing", tmp_path)
     with pytest.raises(Exception, match="fmi2ExitInitializationMode failed"):
