@@ -22,6 +22,7 @@ from .style import (
     GROUND,
     INK,
     LINES,
+    MOST_DRAWN,
     MUTED,
     SMALL,
     band_above,
@@ -152,7 +153,8 @@ def _draw_tracks_and_points(
     look = dict(zip(titles, looks(len(titles)), strict=True))
     diamond: Any = dict(markersize=3.5, markeredgecolor="white", markeredgewidth=0.5, zorder=4)
     for title, angle, velocity in points:
-        axis.plot(angle, velocity, ".", color=look[title][0], markersize=2.2, alpha=0.5, markeredgewidth=0)
+        dots: Any = dict(color=look[title][0], markersize=2.2, alpha=0.5, markeredgewidth=0)
+        axis.plot(angle, velocity, ".", rasterized=len(angle) > MOST_DRAWN, **dots)
     for title, angle, velocity in tracks:
         axis.plot(angle, velocity, color=look[title][0], linestyle=look[title][1])
         axis.plot(angle.max(), velocity.max(), "D", color=look[title][0], **diamond)

@@ -18,6 +18,7 @@ from .style import (
     FAINT,
     INK,
     LINES,
+    MOST_DRAWN,
     PURPLE,
     SERIES,
     SKY,
@@ -253,8 +254,10 @@ def published(studies: Sequence[tuple[str, Array, Array]], note: str = "") -> Fi
     entries = []
     for k, (title, theirs, ours) in enumerate(studies):
         color = SERIES[k % len(SERIES)]
-        axis.plot(theirs, ours, ".", color=color, markersize=2.5, alpha=0.6, markeredgewidth=0)
-        error.plot(theirs, ours - theirs, ".", color=color, markersize=2.5, alpha=0.6, markeredgewidth=0)
+        many = len(theirs) > MOST_DRAWN
+        dots: Any = dict(color=color, markersize=2.5, alpha=0.6, markeredgewidth=0, rasterized=many)
+        axis.plot(theirs, ours, ".", **dots)
+        error.plot(theirs, ours - theirs, ".", **dots)
         rms, bias = float(np.sqrt(np.mean((ours - theirs) ** 2))), float(np.mean(ours - theirs))
         entries.append(
             (
@@ -296,10 +299,17 @@ def grid(levels: Array, rows: Sequence[tuple[str, Array]], parameter: str, quant
 def step_curve(axis: Axes, sample: Sample, color: str, style: Any = "-", bounds: bool = False) -> None:
     """The empirical distribution function of a sample, with its bounds as a band."""
     values = np.sort(sample.values)
-    n = len(values)
-    axis.step(np.concatenate([values[:1], values]), np.arange(n + 1) / n, where="post", color=color, linestyle=style)
+    at = drawn_ranks(len(values))
+    x, share = values[at], (at + 1) / len(values)
+    axis.step(np.append(x[:1], x), np.append(0.0, share), where="post", color=color, linestyle=style)
     if bounds and sample.low is not None and sample.high is not None:
-        axis.fill_between(values, sample.low, sample.high, step="post", color=color, alpha=0.22, linewidth=0)
+        axis.fill_between(x, sample.low[at], sample.high[at], step="post", color=color, alpha=0.22, linewidth=0)
+
+
+def drawn_ranks(n: int) -> NDArray[np.int64]:
+    """The places in a sorted sample of `n` values that a curve is drawn through: all up to MOST_DRAWN, else as many,
+    evenly, the ends included."""
+    return np.arange(n) if n <= MOST_DRAWN else np.linspace(0, n - 1, MOST_DRAWN).round().astype(np.int64)
 
 
 def _circle(axis: Axes, x: float, y: float, size: float, face: str = "none", zorder: int = 5) -> None:

@@ -23,6 +23,7 @@ from ..errors import visible
 from ..files import write
 
 COLUMN = 8.5 / 2.54  # inches
+MOST_DRAWN = 2000  # points of a curve; of more points, a picture inside the figure
 SMALL, NORMAL = 7.0, 7.5  # points
 INK, FAINT = "#1f2933", "#9aa5b1"
 MUTED = "#52606d"  # for notes: 6 to 1 against white

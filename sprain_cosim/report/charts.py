@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from .. import figures as plots
 from ..brace.comparison import INVERSION
+from ..figures.samples import drawn_ranks
 from ..figures.selection import FEWEST, Named, response_label, sample_of
-from ..figures.style import LINES, SERIES
+from ..figures.style import LINES, MOST_DRAWN, SERIES
 from ..folders.run import RunFolder
 from ..folders.study import PEAK, StudyFolder
 from ..literature import INJURY_INVERSION
@@ -48,11 +49,18 @@ def charts(items: Sequence[Named]) -> list[dict[str, Any]]:
     distributions = {
         "id": "chart-distribution",
         "title": "Share of landings below a value",
-        "hint": f"{HINT} Circles: published levels. Grey: injury range.",
+        "hint": f"{HINT} Circles: published levels. Grey: injury range.{_thinned(studies)}",
         "options": _distributions(studies),
     }
     signals = {"id": "chart-time", "title": "Signals over time", "hint": HINT, "options": _signals(runs)}
     return [chart for chart in (distributions, signals) if chart["options"]]
+
+
+def _thinned(studies: Sequence[tuple[str, StudyFolder, Look]]) -> str:
+    """That not every landing is drawn, where it is so."""
+    if all(len(study.done) <= MOST_DRAWN for _, study, _ in studies):
+        return ""
+    return f" Curves go through {MOST_DRAWN} landings, evenly by rank; trials.csv has them all."
 
 
 def _distributions(studies: Sequence[tuple[str, StudyFolder, Look]]) -> list[dict[str, Any]]:
@@ -63,7 +71,7 @@ def _distributions(studies: Sequence[tuple[str, StudyFolder, Look]]) -> list[dic
             values = study.done[response].dropna().to_numpy(float) if response in study.done else np.empty(0)
             if len(values) >= FEWEST:
                 marks = [[v, p / 100] for p, v in sample_of(name, study, response).published.items()]
-                x = _digits(np.sort(values))
+                x = _digits(np.sort(values)[drawn_ranks(len(values))])
                 series.append({"name": name, "color": color, "dash": dash, "x": x, "marks": marks})
         if series:
             mean, sd = INJURY_INVERSION

@@ -74,6 +74,7 @@ class Ledger:
     ) -> None:
         self.folder = folder
         self._lock: int | None = None
+        self._place: tuple[int, int] | None = None
         self._checked = True
         self._names: dict[str, int] = {}
         self.dropped: list[int] = []
@@ -95,6 +96,7 @@ class Ledger:
                 self._mend(folder)
             elif known != facts:
                 self._describe(facts)
+            self._place = None if folder is None else _place_of(folder / FILE)
             self._names = {text: number for number, text in self._database.execute("SELECT id, names FROM metrics")}
         except sqlite3.DatabaseError as problem:
             self.close()
@@ -277,19 +279,31 @@ class Ledger:
             raise _trouble(self.folder, problem) from None
 
     def commit(self) -> None:
-        """Returns when all rows added are on the disk."""
+        """Returns when all rows added are on the disk. Raises EnvironmentProblem when they cannot be, or the ledger is
+        no longer where it was."""
+        self._check_place()
         if self._database.in_transaction:
             try:
                 self._database.execute("COMMIT")
             except sqlite3.Error as problem:
                 raise _trouble(self.folder, problem) from None
 
+    def _check_place(self) -> None:
+        """What goes into a file that was removed is lost, though the system takes it."""
+        if self.folder is not None and _place_of(self.folder / FILE) != self._place:
+            raise EnvironmentProblem(
+                f"{self.folder}: its ledger was removed or moved while the study ran, so what finishes now would "
+                "be lost; run the study again, or continue with --resume where the folder is now"
+            )
+
     def count(self) -> int:
         """How many rows there are."""
         return int(self._asked("SELECT count(*) FROM trials")[0][0])
 
     def note_exports(self, content: Mapping[str, Any]) -> None:
-        """What was written from the rows, for `noted_exports`; it is forgotten when the ledger is mended."""
+        """What was written from the rows, for `noted_exports`; it is forgotten when the ledger is mended. Raises
+        EnvironmentProblem as `commit` does."""
+        self._check_place()
         try:
             self._database.execute("INSERT OR REPLACE INTO study VALUES (?, ?)", (EXPORTS, json.dumps(content)))
         except sqlite3.Error as problem:
@@ -407,6 +421,15 @@ class Ledger:
                 os.ftruncate(self._lock, 0)
             os.close(self._lock)
             self._lock = None
+
+
+def _place_of(path: Path) -> tuple[int, int] | None:
+    """Which file it is; None for none."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino
 
 
 def _trouble(folder: Path | None, problem: Exception) -> EnvironmentProblem:

@@ -7,12 +7,15 @@ import gzip
 import json
 import os
 import resource
+import shutil
 import subprocess
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from tools import fuzz
@@ -181,3 +184,30 @@ def test_refused_before_it_costs_anything(name: str, measured: dict[str, tuple[s
     assert len(message) < 400
     assert took < SECONDS
     assert grew < MEGABYTES
+
+
+STUDY = Path(__file__).parent.parent / "folders_0_1" / "study"
+
+
+@pytest.mark.long
+def test_the_report_of_100_000_trials(tmp_path: Path) -> None:
+    """At most 5 MB and 10 s of processor time; curves go through 2000 landings, which the page says."""
+    from sprain_cosim.folders.read import read_folders
+    from sprain_cosim.report.page import report_page
+
+    folder, n, rng = tmp_path / "s", 100_000, np.random.default_rng(0)
+    shutil.copytree(STUDY, folder)
+    some = pd.read_csv(folder / "trials.csv", dtype={"message": str}, keep_default_na=False)
+    table = some.iloc[rng.integers(0, len(some), n)].reset_index(drop=True)
+    for column in table.columns[3:]:
+        table[column] = table[column].astype(float) * (1.0 + 0.01 * rng.standard_normal(n))
+    table.assign(trial=np.arange(n), status="completed").to_csv(folder / "trials.csv", index=False)
+    summary = json.loads((folder / "summary.json").read_text())
+    (folder / "summary.json").write_text(json.dumps(summary | {"n_requested": n, "n_completed": n, "n_failed": 0}))
+    began = time.process_time()
+    page = report_page(read_folders([folder]))
+    took = time.process_time() - began
+    print(f"{len(page.encode()) / 1e6:.2f} MB, {took:.1f} s")
+    assert len(page.encode()) <= 5_000_000
+    assert took <= 10.0
+    assert "Curves go through 2000 landings" in page

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 import sprain_cosim as sc
 from sprain_cosim.cli import cli
 from sprain_cosim.cosim.result import Result
-from sprain_cosim.errors import InputError
+from sprain_cosim.errors import EnvironmentProblem, InputError
 from sprain_cosim.fmu.cache import cache_folder
 from sprain_cosim.study.ledger import Ledger
 from sprain_cosim.study.merge import merge
@@ -165,3 +165,26 @@ def test_a_study_survives_its_way_through_json() -> None:
         assert np.array_equal(again.sample(), study.sample()) if name != "amv6" else again.levels == study.levels
     with pytest.raises(InputError, match="not known"):
         decode({"!": "Popen", "args": ["true"]})
+
+
+@pytest.mark.parametrize("how", ["removed", "moved", "replaced"])
+def test_a_folder_that_goes_away_while_the_study_runs(how: str, tmp_path: Path) -> None:
+    """One line instead of trials that are nowhere; what was moved can be continued."""
+    out, elsewhere = tmp_path / "s", tmp_path / "elsewhere"
+    study = sc.load_study("study2").with_master(stop="5 ms")
+
+    def disturb(finished: int, *_: object) -> None:
+        if finished and not elsewhere.exists() and out.is_dir():
+            out.rename(elsewhere)
+            if how == "removed":
+                shutil.rmtree(elsewhere)
+                elsewhere.touch()
+            if how == "replaced":
+                out.write_text("something else")
+
+    with pytest.raises(EnvironmentProblem, match="its ledger was removed or moved while the study ran") as problem:
+        study.run(trials=6, workers=1, out=out, trajectories=1, progress=disturb)
+    assert "\n" not in str(problem.value)
+    if how == "moved":
+        again = study.run(trials=6, workers=1, out=elsewhere, trajectories=1, resume=True)
+        assert again.summary.n_completed == 6

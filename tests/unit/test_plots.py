@@ -18,6 +18,7 @@ from sprain_cosim import figures as plots
 from sprain_cosim.cosim.result import Result
 from sprain_cosim.figures import Sample
 from sprain_cosim.figures.law import resisting
+from sprain_cosim.figures.samples import drawn_ranks
 from sprain_cosim.literature import BRACES, LI_SAFE, LI_SPRAIN, LI_SPRAIN_VELOCITY, PASSIVE
 
 TIME = np.linspace(0, 0.15, 61)
@@ -214,3 +215,12 @@ def test_a_measured_angle_without_a_velocity_is_drawn_at_none() -> None:
     assert safe.get_transform() == safe.get_patch_transform() + axis.get_xaxis_transform(), "a column, at no velocity"
     sprain = next(line for line in axis.lines if tuple(line.get_xdata()) == (LI_SPRAIN, LI_SPRAIN))
     assert tuple(sprain.get_ydata()) == LI_SPRAIN_VELOCITY
+
+
+@pytest.mark.parametrize("n", [1, 2, 2000, 2001, 100_000])
+def test_curves_of_large_samples_are_drawn_through_some(n: int) -> None:
+    """The first and the last value among them, evenly by rank, all where they are few."""
+    at = drawn_ranks(n)
+    assert (at[0], at[-1]) == (0, n - 1)
+    assert len(at) == min(n, 2000)
+    assert set(np.diff(at)) <= ({1} if n <= 2000 else {n // 2000, n // 2000 + 1})
