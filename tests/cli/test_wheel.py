@@ -82,7 +82,10 @@ def test_one_wheel_for_every_machine(wheel: Path) -> None:
         fmus = {info.filename: info.file_size for info in archive.infolist() if info.filename.endswith(".fmu")}
     assert {f"sprain_cosim/_fmus/{name}.fmu" for name in shipped_fmus()} <= set(fmus)
     assert {f"sprain_cosim/_scenarios/{name}.toml" for name in shipped_scenarios()} <= names
-    assert not [name for name in names if name.endswith((".so", ".pyd", "built.json"))]
+    libraries = {name for name in names if name.endswith((".so", ".dll", ".dylib", ".pyd"))}
+    assert "sprain_cosim/_fmus/native_steps-linux64.so" in libraries
+    assert {name for name in libraries if not name.startswith("sprain_cosim/_fmus/native_steps-")} == set()
+    assert not [name for name in names if name.endswith("built.json")]
     assert {name: size for name, size in fmus.items() if size > LARGEST and "mujoco" not in name} == {}
     places = {place for name in fmus for place in platforms(wheel, name)}
     assert places <= {platform.folder for platform in PLATFORMS.values()}
