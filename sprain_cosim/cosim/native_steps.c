@@ -49,9 +49,13 @@ typedef struct {
 } Run;
 
 static double seconds(void) {
+#ifdef _WIN32
+    return (double)clock() / CLOCKS_PER_SEC; /* wall time there; its C library has no timespec_get */
+#else
     struct timespec now;
     timespec_get(&now, TIME_UTC);
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+#endif
 }
 
 /* Rounding to nearest, and tiny numbers kept? Volatile, so that it is tried out now. */
