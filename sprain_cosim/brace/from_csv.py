@@ -17,6 +17,7 @@ import re
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
+from posixpath import dirname
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -26,6 +27,7 @@ from ..errors import InputError, nearest, problems_to_error
 from ..files import read_csv, write
 from ..fmu.archive import read
 from ..fmu.build import CONSTANTS, EPOCH, constants_file
+from ..fmu.reference import MANIFEST
 from ..units import Unit, unit
 
 AXES = ("talocrural", "subtalar")
@@ -54,7 +56,8 @@ def from_csv(table: Path, target: Path, template: Path) -> dict[str, tuple[float
     curves = read_curves(table)
     files = {}
     with zipfile.ZipFile(read(template).path) as content:
-        files = {n: content.read(n) for n in content.namelist()}
+        # but the reference experiment, which is that of the other table
+        files = {n: content.read(n) for n in content.namelist() if not n.startswith(f"{dirname(MANIFEST)}/")}
     description = files["modelDescription.xml"].decode()
     old = re.search(r'guid="([^"]*)"', description)
     assert old is not None

@@ -135,12 +135,16 @@ def read_device(folder: Path) -> Device:
             tuple(getattr(device, "NATIVE", ())),
             getattr(device, "INCLUDE", None),
             device.files() if hasattr(device, "files") else {},
-            getattr(device, "EXPERIMENT", {}),
+            _own_step(interface) | getattr(device, "EXPERIMENT", {}),
         )
 
 
 def _has(device: ModuleType) -> bool:
     return hasattr(device, "constants")
+
+
+def _own_step(interface: ModuleType) -> dict[str, Any]:
+    return {"step": interface.FIXED_STEP} if hasattr(interface, "FIXED_STEP") else {}
 
 
 @contextlib.contextmanager
