@@ -282,7 +282,8 @@ def study_command(
         if method not in (None, "table") or trials is not None:
             raise InputError("--inputs: its rows are the trials; leave --method and --trials out")
         chosen = chosen.with_inputs(inputs)
-    for warning in (*chosen.warnings, *chosen.scenario.doubts(), *device_doubts(chosen.scenario)):
+    doubts = (*chosen.passed_over(method), *chosen.scenario.doubts(), *device_doubts(chosen.scenario))
+    for warning in (*chosen.warnings, *doubts):
         _show(f"warning: {warning}", err=True)
     share = _share(max_failed)
     portion = part(shard) if shard else None

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..cosim.system import System
 from ..errors import InputError, nearest, problems_to_error
+from ..files import parse_toml
 from ..fmu.component import Component
 from ..metrics import NAMES
 from ..scenario import Scenario, Value
@@ -25,7 +26,7 @@ from .identity import digest_of, identity
 from .inputs import parameter as varied_parameter
 from .inputs import read_table
 from .marginals import Fitted
-from .methods import METHODS, SEARCHES
+from .methods import METHODS, SEARCHES, USED_BY
 from .questions import LITERATURE, Question, parse_question
 
 if TYPE_CHECKING:
@@ -240,6 +241,15 @@ class Plan:
         """Probabilities whose percentiles are asked for, ascending."""
         more = (level for q in self.questions if q.response == response for level in q.levels)
         return tuple(sorted({*self.levels, *more}))
+
+    def passed_over(self, method: str | None = None) -> tuple[str, ...]:
+        """What its file states and `method` (its own by default) does not look at, a line each: a file may serve
+        several methods, but nothing is passed over in silence."""
+        method = method or self.method
+        written = parse_toml(self.text, self.source).get("study", {}) if self.text else {}
+        lost = [f"study.{key}" for key, methods in USED_BY.items() if key in written and method not in methods]
+        lost += ["grid"] if self.grid and method != "grid" else []
+        return tuple(f"{key}: method {method} does not look at it" for key in lost)
 
     def with_questions(self, *texts: str) -> Self:
         """The same study with more questions, as "P(peak_inversion_from_neutral_deg > 35 +- 6 deg, n = 10)". Raises

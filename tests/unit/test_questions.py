@@ -16,9 +16,12 @@ import sprain_cosim as sc
 from sprain_cosim.cosim.result import Result
 from sprain_cosim.errors import InputError
 from sprain_cosim.metrics import NAMES, OF_BRACE, metrics
+from sprain_cosim.shipped import shipped_studies
 from sprain_cosim.study.codec import decode, encode
 from sprain_cosim.study.evaluation import summarise
+from sprain_cosim.study.file import SETTINGS
 from sprain_cosim.study.listing import study_listing
+from sprain_cosim.study.methods import METHODS, USED_BY
 from sprain_cosim.study.questions import parse_question
 from sprain_cosim.study.summary import StudySummary
 from sprain_cosim.uq.distributions import LogNormal, Normal, Weibull
@@ -398,3 +401,19 @@ def test_ranks_may_be_correlated(tmp_path: Path) -> None:
             LINES,
             'correlation]\n"plant.drop_height, plant.subtalar_angle_at_contact" = 0.1\n[rank_correlation',
         )
+
+
+def test_what_a_method_does_not_look_at_is_said(tmp_path: Path) -> None:
+    study = of_file(tmp_path, "", 'step = 0.2\nhalf_width = "1 deg"\nreplicates = 8')
+    assert study.passed_over() == tuple(
+        f"study.{key}: method monte-carlo does not look at it" for key in ("replicates", "step")
+    )
+    assert [line.partition(":")[0] for line in study.passed_over("amv")] == [
+        "study.trials",
+        "study.half_width",
+        "study.replicates",
+    ]
+    for name in shipped_studies():
+        assert not sc.load_study(name).passed_over(), name
+    assert {method for methods in USED_BY.values() for method in methods} <= set(METHODS)
+    assert set(USED_BY) <= {key.name for key in SETTINGS.keys}
