@@ -7,6 +7,7 @@ that breaks a rule is left out as long as the contract does not name it."""
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable
 from functools import lru_cache
 from pathlib import Path
@@ -20,6 +21,7 @@ NOTES = ("Annotations", "VendorAnnotations")
 INTERFACES = ("CoSimulation", "ModelExchange", "ScheduledExecution")
 NO_NUMBERS = ("String", "Binary", "Clock")  # types of variables that no run sets or reads
 USED = ("input", "output", "parameter", "structuralParameter", "independent")
+MEANT = ("causality", "variability", "unit", "start", "min", "max", "declaredType", "valueReference", "stepSize")
 MAX_ROUNDS = 50  # libxml2 stops at the first element that it does not expect
 SAID = 3  # complaints of one kind that are said in full
 
@@ -72,7 +74,7 @@ def _repair(root: Any, error: Any, wrong: list[str]) -> None:
     elif error.type_name == UNKNOWN_ATTRIBUTE and not set(tags) & set(INTERFACES):
         attribute = re.search(r"attribute '(?:\{[^}]*\})?([^']*)'", error.message)
         name = next((n for n in element.attrib if attribute and n.rpartition("}")[2] == attribute[1]), None)
-        if name is None:
+        if name is None or _may_be_meant(root, name, chain, variable):
             raise InputError(says)
         wrong.append(f"{_where(element)}: {says}")
         del element.attrib[name]
@@ -86,6 +88,15 @@ def _repair(root: Any, error: Any, wrong: list[str]) -> None:
         element.getparent().remove(element)
     else:
         raise InputError(says)
+
+
+def _may_be_meant(root: Any, attribute: str, chain: list[Any], variable: Any) -> bool:
+    """Whether an unknown attribute may be one that FMI has, in other letters, of something that is used; what follows
+    from it would be lost in silence."""
+    if chain[0].tag == "BaseUnit":
+        return _is_referred_to(root, chain[1] if chain[1].tag == "Unit" else chain[0])
+    misspelt = attribute not in MEANT and attribute.lower() in {name.lower() for name in MEANT}
+    return misspelt and (variable is None or _is_used(variable))
 
 
 def _says(message: str) -> str:
@@ -175,12 +186,10 @@ def _consistent(root: Any, read: Callable[[bytes], Any], wrong: list[str]) -> An
                 raise InputError(says) from None
             else:
                 _blank(culprit)
-    used: set[str] = set()
-    for variable in model.modelVariables:
-        if variable.causality in USED:
-            if variable.name in used:
-                raise InputError(f"two variables are named {variable.name}")
-            used.add(variable.name)
+    count = Counter(variable.name for variable in model.modelVariables)
+    twice = next((v.name for v in model.modelVariables if v.causality in USED and count[v.name] > 1), None)
+    if twice is not None:
+        raise InputError(f"two variables are named {twice}")
     try:
         wrong += [_says(problem) for problem in validate_model_description(model)]
     except Exception as problem:  # of a display unit whose unit is not defined

@@ -38,6 +38,8 @@ QUIRKS: dict[str, tuple[int, Changes, str]] = {  # what exporters do: (FMI, chan
         "attribute 'order'",
     ),
     "attribute of an input": (3, {'causality="input"': 'causality="input" order="1"'}, "variable subtalar_angle: "),
+    "unit of a whole number": (2, {END: TWO.format("n", 'causality="parameter" variability="fixed"',
+                                                   '<Integer start="1" unit="N.m"/>')}, "attribute 'unit'"),
     "attribute of the root": (2, {' modelName="device"': ' modelName="device" toolLicence="x"'}, "'toolLicence'"),
     "attribute of the structure": (2, {'<Unknown index="2"/>': '<Unknown index="2" cost="3"/>'}, "'cost'"),
     "content of vendor annotations": (2, {"<ModelVariables>": "<VendorAnnotations><x/></VendorAnnotations>"
@@ -78,7 +80,7 @@ def test_passed_over(name: str, devices: dict[int, Path], tmp_path: Path) -> Non
     assert component.inputs.keys() == sound.inputs.keys()
     assert component.outputs.items() >= sound.outputs.items()
     assert component.capabilities == sound.capabilities
-    assert component.parameters.keys() == sound.parameters.keys()
+    assert component.parameters.keys() >= sound.parameters.keys()
 
 
 BROKEN: dict[str, tuple[int, Changes]] = {
@@ -92,6 +94,9 @@ BROKEN: dict[str, tuple[int, Changes]] = {
         2,
         {END: TWO.format("subtalar_torque", 'causality="output"', "<Real/>")},
     ),
+    "a local of the name of the torque": (2, {END: TWO.format("subtalar_torque", "", "<Real/>")}),
+    "the angle's unit in other letters": (2, {'unit="rad" start="0"': 'Unit="rad" start="0"'}),
+    "the torque's factor in other letters": (2, {'kg="1" m="2" s="-2" factor': 'kg="1" m="2" s="-2" Factor'}),
     "no structure": (2, {"<ModelStructure>": "<Structure>", "</ModelStructure>": "</Structure>"}),
 }
 
