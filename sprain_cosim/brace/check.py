@@ -167,11 +167,12 @@ def _with_settings(component: Component, settings: Mapping[str, float | str | bo
 def _judge_clocks(component: Component, axes: tuple[str, ...], measured: Measured, report: FitReport) -> None:
     """What changes only when an input clock ticks never changes in a run: by the description, else by what was
     measured."""
-    ticking = [name for name, c in component.inputs.items() if c.kind == "clock"]
+    ticking = [name for name, c in component.inputs.items() if c.kind == "clock" and c.interval is None]
     if not ticking:
         return
     torques = {plain(f"{axis}_torque") for axis in axes}
-    named = {c.name: c.clocks for c in component.outputs.values() if plain(c.name) in torques and c.clocks}
+    outputs = [c for c in component.outputs.values() if plain(c.name) in torques]
+    named = {c.name: c.clocks for c in outputs if c.clocks and set(c.clocks) <= set(ticking)}
     static = measured["static"]
     held = [pair[1:] for pairs in static["torque"].values() for pair in pairs]
     seen = [*static["rest"], *(torque for pair in held for torque in pair)]

@@ -37,7 +37,11 @@ def contract_axes(component: Component, report: FitReport) -> tuple[str, ...]:
             if plain(name) in have:
                 _judge_variable(name, have[plain(name)], expected, report)
     known = {plain(name) for name in INPUTS}
-    extra = [n for n in component.inputs if plain(n) not in known and n not in component.constants]
+    extra = [
+        n
+        for n, c in component.inputs.items()
+        if c.kind not in ("clock", "array") and plain(n) not in known and n not in component.constants
+    ]
     if extra:
         report.notes.append(
             "inputs outside the contract keep their start values: "
@@ -47,10 +51,13 @@ def contract_axes(component: Component, report: FitReport) -> tuple[str, ...]:
 
 
 def clocks(component: Component) -> tuple[list[str], list[str]]:
-    """Warnings and notes: no run ticks an input clock, none reads an output clock."""
+    """Warnings and notes: runs tick input clocks of constant interval and no others, and read no output clock."""
     found: dict[str, list[str]] = {"input": [], "output": []}
+    ticked = [f"{n} every {1e3 * c.interval:g} ms" for n, c in component.inputs.items() if c.interval is not None]
+    if ticked:
+        found["output"].append(f"every run ticks its clocks: {', '.join(ticked[:4])}{' ...' * (len(ticked) > 4)}")
     for causality, lines in found.items():
-        ticking = [name for name, c in component.select(causality).items() if c.kind == "clock"]
+        ticking = [name for name, c in component.select(causality).items() if c.kind == "clock" and c.interval is None]
         few = f"{', '.join(ticking[:4])}{' ...' if len(ticking) > 4 else ''}"
         if ticking and causality == "input":
             lines.append(

@@ -112,7 +112,7 @@ def _model(sha256: str, description: bytes, names: tuple[str, ...]) -> _Model:
     wrapper = version == "1.0" and b"<CoSimulation_Tool" in description
     needs_tool = wrapper or (interface.needsExecutionTool and PYTHON_SLAVE not in names)  # PythonFMU: of Python itself
     return _Model(
-        _connectors(md, _negated(description) if version == "1.0" else frozenset()),
+        _connectors(md, _negated(description) if version == "1.0" else frozenset(), _periods(interface, description)),
         _capabilities(md, version, interface, names),
         interface.modelIdentifier,
         md.guid,
@@ -211,6 +211,19 @@ def _fixed_step(md: Any, cs: Any) -> float | None:
 # ---- variables
 
 
+def _periods(interface: Any, description: bytes) -> dict[str, tuple[float, float]]:
+    """{input clock of constant interval, which the host of event mode has to tick: interval and shift [s]}; fmpy does
+    not read them."""
+    if b"intervalDecimal" not in description or not getattr(interface, "hasEventMode", False):
+        return {}
+    found = {}
+    for clock in ElementTree.fromstring(description).iterfind("ModelVariables/Clock"):
+        interval, shift = _number(clock.get("intervalDecimal")), _number(clock.get("shiftDecimal"), 0.0)
+        if (clock.get("causality"), clock.get("intervalVariability")) == ("input", "constant") and (interval or 0) > 0:
+            found[clock.get("name", "")] = (interval, shift)
+    return found
+
+
 def _negated(description: bytes) -> frozenset[str]:
     """Variables of FMI 1.0 whose values come, and are sent, with the other sign; fmpy does not tell."""
     if b"negatedAlias" not in description:
@@ -219,8 +232,9 @@ def _negated(description: bytes) -> frozenset[str]:
     return frozenset(v.get("name", "") for v in variables if v.get("alias") == "negatedAlias")
 
 
-def _connectors(md: Any, negated: frozenset[str]) -> dict[str, Connector]:
-    """{name: connector}; `negated`: with the other sign. Raises InputError for variables that cannot be coupled."""
+def _connectors(md: Any, negated: frozenset[str], periods: Mapping[str, tuple[float, float]]) -> dict[str, Connector]:
+    """{name: connector}; `negated`: with the other sign, `periods` as `_periods` gives them. Raises InputError for
+    variables that cannot be coupled."""
     wrong = next((u.variable.name for u in md.outputs if u.variable.causality != "output"), None)
     if wrong is not None:
         raise InputError(f"modelDescription.xml is not valid: {wrong} is listed among the outputs, but is none")
@@ -247,7 +261,9 @@ def _connectors(md: Any, negated: frozenset[str]) -> dict[str, Connector]:
             _dependencies(unknowns.get(v.name), arrays),
             v.type,
             tuple(c.name for c in getattr(v, "clocks", None) or () if c.name in ticks),
-            v.name in negated,
+            interval=periods.get(v.name, (None, 0.0))[0],
+            shift=periods.get(v.name, (None, 0.0))[1],
+            negated=v.name in negated,
         )
         connectors[v.name] = whole
         array = arrays.get(v.name)

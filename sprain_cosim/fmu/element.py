@@ -56,6 +56,8 @@ class Connector:
     depends_on   inputs that act on this output directly; None: not declared, so all may
     fmi_type     the type's name in the version of FMI, such as Float64
     clocks       input clocks that alone change it
+    interval     s between the ticks of an input clock that a run ticks; None for any other variable
+    shift        s from the start of a run to its first tick
     negated      the FMU passes it with the other sign (a negated alias of FMI 1)
     array        of which it is an element; None for a variable of its own
     element      its place in the array, from 0
@@ -75,6 +77,8 @@ class Connector:
     depends_on: tuple[str, ...] | None = None
     fmi_type: str = "Real"
     clocks: tuple[str, ...] = ()
+    interval: float | None = None
+    shift: float = 0.0
     negated: bool = False
     array: Array | None = None
     element: int = 0

@@ -12,6 +12,7 @@ from ..errors import SimulationError, SimulationStopped
 from .fmi_instance import DISCARD, WARNING, FmiInstance, NativeCalls
 
 ERROR = 3
+ROUNDING = 1e-9  # of a step or an interval: times that differ by less are the same
 MAX_RETURNS = 10_000  # in one step
 MAX_ITERATIONS = 100  # of discrete states at one event
 INTEGERS = {
@@ -75,6 +76,7 @@ class Fmi3CoSimulation(Fmi3Instance):
     def instantiate(self) -> None:
         capabilities = self.component.capabilities
         self._next_event = math.inf
+        self._ticks: tuple[float, ...] = ()  # the next time of each clock
         self._final = ctypes.c_bool(not capabilities.state)  # no state will be set that lies before the present point
         self.fmu.instantiate(
             loggingOn=True,
@@ -90,11 +92,15 @@ class Fmi3CoSimulation(Fmi3Instance):
     def call_exit_initialization(self) -> None:
         super().call_exit_initialization()
         if self.component.capabilities.event_mode:  # initialisation leads into it
+            self._clocks = [c for c in self.component.inputs.values() if c.interval is not None]
+            self._ticks = tuple(self._start + c.shift for c in self._clocks)
             self._handle_events(self._start)
 
     def call_do_step(self, time: float, step: float) -> int:
         capabilities, end, now = self.component.capabilities, time + step, time
         for _ in range(MAX_RETURNS):
+            if abs(self._next_event - end) <= ROUNDING * step:
+                self._next_event = end
             target = min(end, max(now, self._next_event))
             self._event.value = self._end.value = self._early.value = False
             self._reached.value = now
@@ -137,17 +143,33 @@ class Fmi3CoSimulation(Fmi3Instance):
         return self._reached.value, bool(self._end.value)
 
     def save_state(self) -> Any:
-        return super().save_state(), self._next_event
+        return super().save_state(), self._next_event, self._ticks
 
     def restore_state(self, state: Any) -> None:
         super().restore_state(state[0])
-        self._next_event = state[1]
+        self._next_event, self._ticks = state[1:]
 
     def free_state(self, state: Any) -> None:
         super().free_state(state[0])
 
+    def _tick(self, now: float) -> None:
+        """In event mode: ticks the clocks that are due. Their times are counted from the start, without a sum."""
+        clocks = [(c.reference, self._start + c.shift, c.interval) for c in self._clocks if c.interval]
+        passed = [math.floor((now - first) / interval + ROUNDING) for _, first, interval in clocks]
+        due = [
+            reference
+            for (reference, _, interval), tick in zip(clocks, self._ticks, strict=True)
+            if tick <= now + ROUNDING * interval
+        ]
+        if due:
+            self.call("ticking its clocks", self.fmu.setClock, due, [True] * len(due))
+        self._ticks = tuple(
+            first + max(0, n + 1) * interval for (_, first, interval), n in zip(clocks, passed, strict=True)
+        )
+
     def _handle_events(self, now: float) -> None:
         """In event mode; leads to step mode."""
+        self._tick(now)
         for _ in range(MAX_ITERATIONS):
             again, terminate, _, _, defined, when = self.call("handling its events", self.fmu.updateDiscreteStates)
             if terminate:
@@ -155,7 +177,7 @@ class Fmi3CoSimulation(Fmi3Instance):
                     f"{self.component.name}: asked to end the simulation at {now:.6g} s{self.last_message()}"
                 )
             if not again:
-                self._next_event = when if defined and when > now else math.inf
+                self._next_event = min(when if defined and when > now else math.inf, *self._ticks, math.inf)
                 self.call("handling its events", self.fmu.enterStepMode)
                 return
         raise SimulationError(f"{self.component.name}: its discrete states do not settle at {now:.6g} s")

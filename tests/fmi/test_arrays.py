@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from sprain_cosim import check_brace, load_scenario
+from sprain_cosim.brace.names import clocks
 from sprain_cosim.errors import InputError
 from sprain_cosim.fmu.component import Component
 from sprain_cosim.fmu.driver import Driver
@@ -147,3 +148,25 @@ def test_a_torque_that_waits_for_a_clock(declared: bool, tmp_path: Path) -> None
         else "its torque never changed, it has input clocks (tick) that may trigger its law"
     )
     assert words in report.problems[0]
+
+
+def test_a_clock_of_constant_interval_ticks(tmp_path: Path) -> None:
+    """FMI 3 leaves it to the host of event mode: from the start on, at its own times, with the inputs of the moment."""
+    plain = device(tmp_path / "plain.fmu", 3, behaviour={"CLOCKED": 1}, attributes='hasEventMode="true"')
+    clocked = {"</ModelVariables>": CLOCK, SCALARS[Y]: SCALARS[Y].replace('"continuous"', '"discrete" clocks="40"')}
+    component = Component.read("brace", changed(plain, tmp_path / "clocked.fmu", clocked))
+    assert component.inputs["tick"].interval == 0.01
+    for step in (1e-3, 3e-3, 20e-3):
+        with Driver(component, ["subtalar_angle"], ["subtalar_torque"]) as driver:
+            driver.start({}, {"subtalar_angle": 0.1})
+            torques = []
+            for k in range(round(0.06 / step)):
+                driver.step(step, {"subtalar_angle": 0.1 + k * step}, k * step)
+                torques.append(driver["subtalar_torque"])
+        ends = step * np.arange(1, len(torques) + 1)
+        ticks = np.floor(ends / 0.01 + 1e-6)
+        changes = np.flatnonzero(np.diff(torques))
+        assert (changes == np.flatnonzero(np.diff(ticks))).all()
+    few, notes = clocks(component)
+    assert not few
+    assert notes == ["every run ticks its clocks: tick every 10 ms"]

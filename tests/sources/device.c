@@ -41,8 +41,12 @@
 #define ARRAYS 0
 #endif
 
+#ifndef CLOCKED /* (FMI 3) the torque is that of the last tick of its clock */
+#define CLOCKED 0
+#endif
+
 enum { ANGLE, TORQUE, STIFFNESS, STATE, RATE, TIME, SUPPLY, MEDIAL, LATERAL, VARIABLES };
-typedef struct { double value[VARIABLES]; double reached; int ended, mode, waits; double u[4], y[3], p[2]; } Device;
+typedef struct { double value[VARIABLES]; double reached; int ended, mode, waits; double u[4], y[3], p[2], newest, sampled; int ticked; } Device;
 static const double TAU = 0.01;
 #ifdef SUPPLIED /* V: the supply at which it gives the torque; in proportion to it */
 #define GAIN (d->value[SUPPLY] / SUPPLIED)
@@ -64,6 +68,8 @@ static void evaluate(Device* d) {
     if (ARRAYS) { d->value[ANGLE] = d->u[2]; d->value[STIFFNESS] = d->p[0]; }
     double x = ANGLE_UNIT * d->value[ANGLE];
     d->value[TORQUE] = SIGN * GAIN * (-d->value[STIFFNESS] * x * (1 + 4 * x * x) - 5.0 * (x - d->value[STATE])) / TORQUE_UNIT;
+    d->newest = d->value[TORQUE];
+    if (CLOCKED) d->value[TORQUE] = d->sampled;
     if (ARRAYS) { d->value[TORQUE] *= d->u[3] * d->p[1]; d->y[0] = d->u[0]; d->y[1] = d->value[TORQUE]; d->y[2] = d->u[1]; }
     d->value[RATE] = (x - d->value[STATE]) / TAU;
     /* the same torque by two cables on 40 mm, which pull with at least 5 N: in N and in kN */
@@ -223,9 +229,15 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 h, fmi3Boolean 
     return fmi3OK;
 }
 fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean* a, fmi3Boolean* b, fmi3Boolean* d, fmi3Boolean* e, fmi3Boolean* f, fmi3Float64* t) {
+    Device* own = c;
     *a = *b = *d = *e = *f = false;
+    if (own->ticked) { own->value[TORQUE] = own->sampled = own->newest; own->ticked = 0; }
     if (NAMES) { *f = true; *t = (floor(((Device*)c)->value[TIME] / RETURNS + 1e-6) + 1) * RETURNS; }
     return fmi3OK;
+}
+fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3Clock v[]) {
+    ((Device*)c)->ticked = n && v[0];
+    return n && vr[0] == 40 ? fmi3OK : fmi3Error;
 }
 fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance c) { return fmi3OK; }
 fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean p, fmi3Boolean* e, fmi3Boolean* t) { *e = *t = false; return fmi3OK; }

@@ -12,7 +12,7 @@ NO(fmi3GetDirectionalDerivative) NO(fmi3GetInt16) NO(fmi3GetInt32) NO(fmi3GetInt
 NO(fmi3GetIntervalDecimal) NO(fmi3GetIntervalFraction) NO(fmi3GetNumberOfVariableDependencies) NO(fmi3GetOutputDerivatives)
 NO(fmi3GetShiftDecimal) NO(fmi3GetShiftFraction) NO(fmi3GetString) NO(fmi3GetUInt16) NO(fmi3GetUInt32) NO(fmi3GetUInt64) NO(fmi3GetUInt8)
 NO(fmi3GetVariableDependencies) NO(fmi3InstantiateScheduledExecution) NO(fmi3SerializeFMUState) NO(fmi3SerializedFMUStateSize) NO(fmi3SetBinary)
-NO(fmi3SetBoolean) NO(fmi3SetClock) NO(fmi3SetInt16) NO(fmi3SetInt32) NO(fmi3SetInt64) NO(fmi3SetInt8)
+NO(fmi3SetBoolean) NO(fmi3SetInt16) NO(fmi3SetInt32) NO(fmi3SetInt64) NO(fmi3SetInt8)
 NO(fmi3SetIntervalDecimal) NO(fmi3SetIntervalFraction) NO(fmi3SetShiftDecimal) NO(fmi3SetShiftFraction) NO(fmi3SetString) NO(fmi3SetUInt16)
 NO(fmi3SetUInt32) NO(fmi3SetUInt64) NO(fmi3SetUInt8)
 #endif
