@@ -5,30 +5,21 @@ the child alone."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..cosim.loops import make_consistent
 from ..cosim.result import HALVED_WITHIN, Result
 from ..errors import InputError, SimulationError
 from ..folders.run import FILE, RunSummary
 from ..process import Child, Handlers, Limits, ProcessEnded, serve
 from ..scenario import Scenario
 from ..scenario.apart import fetched, served
-from .probe import own_step
+from ..scenario.postures import POSTURES, hold
 
 if TYPE_CHECKING:
     import pandas as pd
-
-POSTURES = {  # of ordinary motion: (axis, angle [deg]), the other axis at 0
-    **{f"plantarflexion_{d}deg": ("talocrural", -float(d)) for d in (5, 10)},
-    **{f"dorsiflexion_{d}deg": ("talocrural", float(d)) for d in (5, 10)},
-    **{f"supination_{d}deg": ("subtalar", float(d)) for d in (5, 10)},
-}
-HOLD = 0.1  # s, after which a held posture counts as static
 
 
 class Bench:
@@ -93,41 +84,6 @@ class Bench:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def hold(
-    scenario: Scenario, postures: Mapping[str, tuple[str, float]], values: Mapping[str, float]
-) -> dict[str, float]:
-    """{posture: moment [N.m] of the brace about the posture's axis, positive when it resists}: foot and leg at rest in
-    the posture, the device alone stepped for HOLD. Empty where the plant has no such parameters or outputs."""
-    system = scenario.system()
-    plant = system.component("plant")
-    initial = [f"{axis}_{kind}_at_contact" for axis in ("talocrural", "subtalar") for kind in ("angle", "velocity")]
-    if (
-        plant is None
-        or not all(n in plant.parameters for n in initial)
-        or not all(f"brace_{a}_moment" in plant.outputs for a in ("talocrural", "subtalar"))
-    ):
-        return {}
-    out = {}
-    assembly = system.open()
-    try:
-        device = next(m for m in assembly.members if m.name == "brace")
-        h = own_step(device.component)
-        for posture, (axis, degrees) in postures.items():
-            still = {f"plant.{n}": 0.0 for n in initial}
-            connector = plant.parameters[f"{axis}_angle_at_contact"]
-            angle = math.radians(degrees)
-            still[f"plant.{axis}_angle_at_contact"] = connector.unit.from_base(angle) if connector.unit else angle
-            assembly.start({**system.parameters, **values, **still}, 0.0, scenario.master.stop)
-            for k in range(max(1, round(HOLD / h))):
-                assembly.transfer(device)
-                assembly.advance(device, k * h, h, all_outputs=True)
-            make_consistent(assembly)
-            out[posture] = math.copysign(1.0, degrees) * assembly.si(f"plant.brace_{axis}_moment")
-    finally:
-        assembly.close()
-    return out
 
 
 def _at_half_the_step(scenario: Scenario) -> dict[str, float]:

@@ -16,6 +16,7 @@ from ..errors import InputError, SprainError, nearest
 from ..fmu import archive, cache
 from ..fmu.component import Component
 from ..fmu.confine import confinement
+from ..fmu.driver import own_step
 from ..mapping import carried, load_mapping, parse
 from ..process import Child, Limits, ProcessEnded
 from ..sandbox.confinement import Confinement
@@ -25,7 +26,7 @@ from .conduct import note_conduct
 from .fit import FitReport
 from .judge import Measured, judge_dynamics, judge_landing, judge_physics, judge_steps
 from .names import clocks, contract_axes, contradicting_units, undeclared
-from .probe import BEGINS, FREED, FREEING, own_step
+from .probe import BEGINS, FREED, FREEING
 from .proposal import propose
 from .readings import readings_of_mapping, readings_of_names
 from .reference import compare_references

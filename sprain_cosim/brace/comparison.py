@@ -14,10 +14,10 @@ from ..folders.comparison import NONE, BraceSummary, ComparisonSummary, Estimate
 from ..literature import INJURY_INVERSION_TEXT
 from ..records import finite
 from ..scenario import Scenario
+from ..scenario.postures import POSTURES
 from ..study.questions import QUESTIONS
 from ..study.study import Study
 from ..uq import statistics
-from .bench import POSTURES
 
 if TYPE_CHECKING:
     import pandas as pd

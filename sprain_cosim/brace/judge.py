@@ -10,10 +10,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..contract import MAX_VELOCITY_DEG_S, POSITIVE
+from ..fmu.driver import STEP
 from ..fmu.element import Capabilities
 from ..literature import BRACES_TEXT
 from .fit import FitReport
-from .probe import ROUNDING, STATIC_DEG, STEP
+from .probe import ROUNDING, STATIC_DEG
 from .strength import Strength
 
 SMALL = 1e-9  # N.m, N.m/rad and so on: as good as zero

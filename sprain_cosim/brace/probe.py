@@ -22,15 +22,13 @@ from numpy.typing import NDArray
 from ..contract import MAX_VELOCITY_DEG_S, RANGE_DEG, plain
 from ..errors import SimulationError
 from ..fmu.component import Component
-from ..fmu.driver import Driver
-from ..fmu.element import Element
+from ..fmu.driver import STEP, Driver
 from ..fmu.floating_point import FloatingPoint
 from ..fmu.opener import preload
 from ..fmu.surroundings import Surroundings
 from ..process import Handlers, serve
 from ..units import Unit
 
-STEP = 0.5e-3
 STEPS = (0.1e-3, 0.2e-3, 0.5e-3, 1e-3, 2e-3, 5e-3)
 HOLD = 20e-3  # s, after which a held angle counts as static
 STATIC_DEG = (2.0, 5.0, 10.0, 20.0, 30.0, 45.0)  # the last as far as a landing goes
@@ -135,12 +133,6 @@ class Rig:
     def close(self) -> None:
         """Frees the device."""
         self.driver.close()
-
-
-def own_step(component: Element) -> float:
-    """A step that the device takes: STEP, or the multiple of its own that is next above."""
-    own = component.capabilities.fixed_step
-    return STEP if own is None else own * max(1, math.ceil(STEP / own - 1e-9))
 
 
 def landing(axes: tuple[str, ...], h: float) -> tuple[Array, Array]:

@@ -11,12 +11,12 @@ from ..contract import AXES, POSITIVE, plain
 from ..errors import SprainError
 from ..fmu.component import Component
 from ..fmu.confine import confinement
+from ..fmu.driver import own_step
 from ..literature import BRACES_TEXT
 from ..mapping import Mapping as MappingFile
 from ..process import Child, Limits, ProcessEnded
 from ..units import unit
 from .names import undeclared
-from .probe import own_step
 from .strength import Strength
 
 AT = 20.0  # deg, at which the torques are shown

@@ -3,6 +3,7 @@ tests, for experiments of users."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
@@ -11,6 +12,14 @@ import numpy as np
 from ..errors import InputError, nearest
 from .element import Element
 from .instance import Instance
+
+STEP = 0.5e-3  # s, of measurements on a device
+
+
+def own_step(element: Element) -> float:
+    """A step that the element takes: STEP, or the multiple of its own that is next above."""
+    own = element.capabilities.fixed_step
+    return STEP if own is None else own * max(1, math.ceil(STEP / own - 1e-9))
 
 
 class Driver:
