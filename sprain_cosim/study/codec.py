@@ -16,6 +16,7 @@ from ..scenario import Scenario
 from ..uq import distributions
 from ..uq.exceedance import Bounds
 from ..uq.measured import Measured
+from .goal import Goal
 from .marginals import Fitted
 from .plan import Plan
 from .questions import Question
@@ -23,7 +24,7 @@ from .questions import Question
 STUDY = "Study"  # the name under which a plan stands in a file
 CLASSES: dict[str, Any] = (
     {STUDY: Plan}
-    | {kind.__name__: kind for kind in (Scenario, Master, Question, Measured, Bounds, Fitted)}
+    | {kind.__name__: kind for kind in (Scenario, Master, Question, Goal, Measured, Bounds, Fitted)}
     | {
         kind.__name__: kind
         for kind in vars(distributions).values()

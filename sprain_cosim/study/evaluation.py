@@ -13,11 +13,13 @@ from ..errors import InputError, nearest
 from ..metrics import OF_BRACE, THROWN_TEXT, pose_artefacts, unit_of
 from ..records import finite
 from ..uq import sensitivity, statistics
+from ..uq.design import DesignResult
 from ..uq.distributions import Array, LogNormal, Marginal, Normal, Weibull
 from ..uq.exceedance import Bounds, Exceedance, doubted_exceedance, input_interval
 from ..uq.measured import Measured
 from ..uq.reliability import FormResult, LevelCheck, LevelResult, RareEvent, Status
 from ..uq.sensitivity import SobolIndices
+from .design import design_summary
 from .marginals import Fitted
 from .plan import Plan
 from .questions import LITERATURE, Question, threshold_text
@@ -50,7 +52,7 @@ from .summary import Threshold as Limit
 if TYPE_CHECKING:
     import pandas as pd
 
-Found = LevelResult | FormResult | RareEvent | SobolIndices  # by a search
+Found = LevelResult | FormResult | RareEvent | SobolIndices | DesignResult  # by a search
 
 PERCENTILES = (0.05, 0.5, 0.95)  # that every summary has
 FEWEST = 4  # completed trials for moments
@@ -143,6 +145,8 @@ def _with_search(summary: StudySummary, study: Plan, found: Found) -> StudySumma
     if isinstance(found, SobolIndices):
         said = (GIVEN_DATA, *_unbalanced(study.trials, study.sequences))
         return replace(summary, sobol=_sobol(study, found), notes=said)
+    if isinstance(found, DesignResult):
+        return design_summary(summary, study, found)
     notes: list[str] = []
     questions = _questions_of_levels(study, found, notes)
     if found.check is None:

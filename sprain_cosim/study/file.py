@@ -22,6 +22,8 @@ from ..scenario.title import RAN
 from ..shipped import is_file, scenario_folder, shipped_scenarios, shipped_studies
 from ..units import quantity
 from ..uq.distributions import Array, JointDistribution, Marginal
+from .goal import GRAMMAR as GOAL
+from .goal import LANDINGS, Goal, parse_goal, varied_range
 from .inputs import parameter, unit_name
 from .marginals import DISTRIBUTION, NUMBER, Measurements, marginal
 from .methods import METHODS
@@ -61,7 +63,7 @@ SETTINGS = keys.Table(
             f"how the trials are chosen: {', '.join(METHODS)}",
             "monte-carlo",
         ),
-        keys.Key("trials", keys.whole(), "number of trials", "1000"),
+        keys.Key("trials", keys.whole(), "number of trials; of landings for method design", "1000, design 300"),
         keys.Key("seed", keys.whole(), "of everything random", "0"),
         keys.Key(
             "responses",
@@ -133,6 +135,22 @@ QUESTION = keys.Table(
         keys.Key("levels", LEVELS, "asks for these percentiles of the response besides the study's own"),
     )
 )
+DESIGN = keys.Table(
+    (
+        keys.Key("goal", keys.text(), f"what must hold: {GOAL}", needs=f"needs goal = {GOAL}"),
+        keys.Key(
+            "vary",
+            keys.Named(
+                '"component.parameter"',
+                keys.raw("quantities", {"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 2}, "its own"),
+                VARIABLE,
+            ),
+            "the range that is searched; of two parameters the first is searched at values of the second",
+            needs='needs vary = { "component.parameter" = [low, high] }',
+        ),
+        keys.Key("find", keys.choice(("least", "largest")), "from which value on, or up to which", "where it holds"),
+    )
+)
 FILE = keys.File(
     "study files",
     "study",
@@ -189,6 +207,7 @@ FILE = keys.File(
             ),
             keys.Key("study", SETTINGS, "how many landings, and what is asked of them"),
             keys.Key("questions", keys.Tables(QUESTION), "what else is asked; several"),
+            keys.Key("design", DESIGN, "method design: for which values of a parameter a goal holds"),
             keys.Key(
                 "published",
                 keys.raw("table", {"type": "object"}),
@@ -234,8 +253,9 @@ def load_study(name: str | Path) -> Study:
     options = content.get("study", {})
     options |= _of_responses(options, problems, measured)
     questions = questions_of(content.get("questions", []), problems, measured)
+    asked = _design(content.get("design"), options, system, problems)
     problems_to_error(str(path), problems)
-    return Study(
+    study = Study(
         title=content.get("title", ""),
         scenario=replace(scenario, changes=()) if "title" in content else scenario,
         marginals=marginals,
@@ -253,7 +273,26 @@ def load_study(name: str | Path) -> Study:
             *(_narrow(n, m) for n, m in marginals.items() if _is_narrow(m, units[n])),
         ),
         **options,
-    ).checked()
+    )
+    return (study if asked is None else study.with_goal(*asked)).checked()
+
+
+def _design(
+    spec: Mapping[str, Any] | None, options: Mapping[str, Any], system: System, problems: list[str]
+) -> tuple[Goal, dict[str, tuple[float, float]], dict[str, str], int] | None:
+    """What Plan.with_goal takes; None for a study without [design]."""
+    if spec is None or problems:
+        return None
+    if options.get("method", "design") != "design":
+        problems.append(f'study.method = "{options["method"]}": [design] goes with method design alone')
+    vary, units = dict[str, tuple[float, float]](), dict[str, str]()
+    try:
+        for name, ends in spec["vary"].items():
+            vary[name], units[name] = varied_range(name, ends, system, f"design.vary.{name}")
+        return parse_goal(spec["goal"], spec.get("find"), "design.goal"), vary, units, options.get("trials", LANDINGS)
+    except InputError as problem:
+        problems.append(str(problem))
+    return None
 
 
 def _scenario(content: Mapping[str, Any], path: Path, problems: list[str]) -> Scenario:

@@ -43,7 +43,7 @@ CHANGES_NO_ROW = {
 }
 COUNTS_FOR = {
     "responses": SEARCHES,  # the first: others choose what is summarised
-    "trials": ("lhs", "sobol-indices"),  # elsewhere a study that grows keeps its rows
+    "trials": ("lhs", "sobol-indices", "design"),  # elsewhere a study that grows keeps its rows
     "replicates": ("sobol", "sobol-indices"),
     "levels": SEARCHES,
     "threshold": SEARCHES,
@@ -52,6 +52,8 @@ COUNTS_FOR = {
     "difference": SEARCHES,
     "tolerance": SEARCHES,
     "budget": SEARCHES,
+    "goal": ("design",),
+    "vary": ("design",),
     "check": ("form",),  # of levels, it comes after the method's own landings
 }
 DRAWING = "drawing"  # in the order of an identity; since 0.2.0

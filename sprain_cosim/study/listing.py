@@ -14,6 +14,9 @@ from .questions import law_name
 from .summary import (
     PAIR,
     Axis,
+    DesignPoint,
+    DesignSearch,
+    DoubtedProbability,
     FormSearch,
     Grid,
     InputSensitivity,
@@ -45,6 +48,8 @@ def study_listing(study: Plan, summary: StudySummary) -> str:
         lines += _form(summary.form)
     elif summary.sobol is not None:
         lines += _sobol(summary.sobol)
+    elif summary.design is not None:
+        lines += design_listing(summary.design)
     elif summary.grid is not None:
         lines += _grid(summary.grid)
     else:
@@ -261,6 +266,101 @@ def _sobol(found: SobolSearch) -> list[str]:
             f"{_number(i.total, '.2f'):>8}{_interval(i.total_low, i.total_high):>20}"
         )
     return lines
+
+
+def design_listing(found: DesignSearch) -> list[str]:
+    """The value that is asked for, P there, what it costs in comfort."""
+    lines = ["", found.goal, f"{found.landings} landings over {_searched(found)}"]
+    if len(found.points) > 1:
+        lines += ["", f"{_named(found.second or '', found.second_unit):32}{found.find + ' ' + found.parameter:>30}"]
+        lines[-1] += f"{'95 % interval':>24}{'holds with 95 %':>18}"
+        for point in found.points:
+            cells = _cells(found, point)
+            lines.append(f"  {point.second:<30.4g}{cells[0]:>30}{cells[1]:>24}{cells[2]:>18}")
+        lines += _comfort_table(found)
+        return lines
+    (point,) = found.points
+    value, interval, sure = _cells(found, point)
+    lines += [
+        "",
+        f"{found.find + ' ' + _named(found.parameter, found.unit):44}{value}",
+        f"{'  95 % interval':44}{interval}",
+        f"{'  holds with 95 % confidence':44}{sure}",
+        *_doubted(found, point),
+    ]
+    return lines + _comfort(found, point)
+
+
+def _searched(found: DesignSearch) -> str:
+    low, high = found.range
+    return f"{found.parameter} = {_number(low, '.4g')} ... {_number(high, '.4g')} {found.unit}".rstrip()
+
+
+def _named(name: str, unit: str | None) -> str:
+    return f"{name} [{unit}]" if unit else name
+
+
+def _cells(found: DesignSearch, point: DesignPoint) -> tuple[str, str, str]:
+    """Value, interval and the value that holds with confidence, in words where there is none."""
+    if point.status == "nowhere":
+        p = point.probability.value
+        most = "" if p is None else f"; at {point.value:.4g} P = {_share(p)}"
+        return f"none in the range{most}", "", "none in the range"
+    low = "below the range" if point.ci_low is None else f"{point.ci_low:.4g}"
+    high = "above the range" if point.ci_high is None else f"{point.ci_high:.4g}"
+    sure = "none in the range" if point.value_95 is None else f"{point.value_95:.4g}"
+    if point.status == "everywhere":
+        return f"{point.value:.4g} (all of the range)", "", sure
+    return f"{point.value:.4g}", f"{low} ... {high}", sure
+
+
+def _doubted(found: DesignSearch, point: DesignPoint) -> list[str]:
+    p: DoubtedProbability = point.probability
+    at = f"P at {found.parameter} = {point.value:.4g}"
+    lines = ["", f"{at:44}{'between' if p.value is None else _share(p.value)}"]
+    if p.sampling_ci is not None:
+        lines.append(f"{f'  sample, {point.fresh} fresh landings':44}{' ... '.join(_share(e) for e in p.sampling_ci)}")
+    if p.threshold_ci is not None:
+        behind = f"n = {p.specimens}" if p.specimens else "its ends"
+        lines.append(f"{f'  threshold, {behind}':44}{' ... '.join(_share(e) for e in p.threshold_ci)}")
+    if p.shapes:
+        shapes = ", ".join(f"{law_name(law)} {_share(v)}" for law, v in p.shapes.items())
+        lines.append(f"{'  threshold of another shape':44}{shapes}")
+    return [*lines, f"  {p.sentence}"] if p.sentence else lines
+
+
+def _comfort(found: DesignSearch, point: DesignPoint) -> list[str]:
+    if not point.comfort:
+        return []
+    names = {"value": "value", "value_95": "holds with 95 %", "low": "low end", "high": "high end"}
+    lines = ["", f"{'resists in ordinary motion, 5 / 10° [N·m]':44}"]
+    lines[0 + 1] += "".join(f"{names[c.at]:>18}" for c in point.comfort)
+    lines.append(f"{'  ' + found.parameter:44}" + "".join(f"{c.value:18.4g}" for c in point.comfort))
+    for motion in _motions(point):
+        cells = [_resisted(c.resistance_Nm, motion) for c in point.comfort]
+        lines.append(f"{'  ' + motion:44}" + "".join(f"{cell:>18}" for cell in cells))
+    return lines
+
+
+def _comfort_table(found: DesignSearch) -> list[str]:
+    """A row for each value of the second parameter."""
+    held = [(p, c) for p in found.points for c in p.comfort if c.at == "value"]
+    if not held:
+        return []
+    motions = _motions(held[0][0])
+    lines = ["", f"{'resists, 5 / 10° [N·m]':32}" + "".join(f"{motion:>20}" for motion in motions)]
+    for point, c in held:
+        cells = "".join(f"{_resisted(c.resistance_Nm, motion):>20}" for motion in motions)
+        lines.append(f"  {f'{point.second:.4g}, {found.parameter} {point.value:.4g}':30}{cells}")
+    return lines
+
+
+def _motions(point: DesignPoint) -> list[str]:
+    return list(dict.fromkeys(name.rpartition("_")[0] for c in point.comfort for name in c.resistance_Nm))
+
+
+def _resisted(held: Mapping[str, float | None], motion: str) -> str:
+    return " / ".join(_number(held.get(f"{motion}_{d}deg"), ".2f") or "-" for d in (5, 10))
 
 
 def _grid(grid: Grid) -> list[str]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 SAMPLED = ("monte-carlo", "lhs", "sobol", "grid", "table")
-SEARCHES = ("mean-value", "amv", "amv+", "hmv", "form", "sobol-indices")  # the trials depend on the method's own plan
+# the trials depend on the method's own plan
+SEARCHES = ("mean-value", "amv", "amv+", "hmv", "form", "sobol-indices", "design")
 METHODS = (*SAMPLED, *SEARCHES)
 LEVELLED = ("mean-value", "amv", "amv+", "hmv")  # searches for the response's value at levels of probability
 DRAWN = ("monte-carlo", "lhs", "sobol", "table")  # samples, of which shares are probabilities

@@ -19,9 +19,10 @@ from ..fmu.component import Component
 from ..metrics import NAMES
 from ..scenario import Scenario, Value
 from ..uq import sampling
-from ..uq.distributions import Array, Fixed, JointDistribution, Marginal
+from ..uq.distributions import Array, Fixed, JointDistribution, Marginal, Uniform
 from ..uq.exceedance import Bounds, Threshold
 from ..uq.measured import Measured
+from .goal import LANDINGS, Goal, goal_problems
 from .identity import digest_of, identity
 from .inputs import parameter as varied_parameter
 from .inputs import read_table
@@ -30,6 +31,7 @@ from .methods import METHODS, SEARCHES, USED_BY
 from .questions import LITERATURE, Question, parse_question
 
 if TYPE_CHECKING:
+    from ..uq.design import DesignResult
     from ..uq.reliability import Difference, LevelCheck, LevelResult, Space
 
 IMPOSSIBLE = 1e-6  # a marginal may lie outside its parameter's range with at most this probability
@@ -57,6 +59,9 @@ class Plan:
     levels       probabilities at which a search looks for the response's value, and a stopping rule for its interval
     threshold    of the first response, whose exceedance is asked for
     questions    what else is asked of the trials
+    goal         for method design: what must hold
+    vary         for method design: {parameter: the range that is searched, in its own unit}; among the marginals it is
+                 uniform there, after the inputs
     half_width   stopping rule: the half width that the widest of the levels' intervals may have, in the first
                  response's unit
     replicates   scrambled sequences that the trials of method sobol or sobol-indices are divided into; None: 8, and 1
@@ -91,6 +96,8 @@ class Plan:
     levels: tuple[float, ...] = (0.05, 0.5, 0.95)
     threshold: Threshold | None = None
     questions: tuple[Question, ...] = ()
+    goal: Goal | None = None
+    vary: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     half_width: float | None = None
     replicates: int | None = None
     space: Space = "x"
@@ -110,8 +117,12 @@ class Plan:
     def heading(self) -> str:
         """The heading of tables and figures: the file's title, else the scenario's, else what runs, at the means of
         what varies; with the changes since."""
-        means = {n: f"{m.mean!r} {self.units[n]}" if self.units[n] else m.mean for n, m in self.marginals.items()}
-        return self.scenario.heading_with(means, tuple(self.grid), self.title or None)
+        means = {
+            n: f"{m.mean!r} {self.units[n]}" if self.units[n] else m.mean
+            for n, m in self.marginals.items()
+            if n not in self.vary
+        }
+        return self.scenario.heading_with(means, (*self.grid, *self.vary), self.title or None)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -182,6 +193,8 @@ class Plan:
         marginals = tuple(self.marginals.values())
         if self.method == "sobol-indices":
             return sensitivity.sobol_indices(function, marginals, self.trials, self.seed, replicates=self.sequences)
+        if self.method == "design":
+            return self._design(function)
         first_order = self.method in ("mean-value", "amv")
         options: dict[str, Any] = {
             "correlation": self.correlation,
@@ -204,6 +217,61 @@ class Plan:
             "hmv": reliability.hmv,
         }[self.method]
         return method(function, marginals, levels=self.levels, space=self.space, **options)
+
+    def _design(self, function: Callable[[Array], Array]) -> DesignResult:
+        from ..uq.design import design
+
+        assert self.goal is not None and self.goal.question.threshold is not None
+        inputs = list(self.marginals.values())[: len(self.marginals) - len(self.vary)]
+        active = [k for k, marginal in enumerate(inputs) if not marginal.is_fixed]
+        at_rest = np.array([marginal.mean for marginal in inputs])
+
+        def landings(x: Array) -> Array:
+            rows = np.column_stack([np.tile(at_rest, (len(x), 1)), x[:, len(active) :]])
+            rows[:, active] = x[:, : len(active)]
+            return function(rows)
+
+        return design(
+            landings,
+            [inputs[k] for k in active],
+            tuple(self.vary.values()),
+            self.goal.question.threshold,
+            self.goal.at_most,
+            evaluations=self.trials,
+            seed=self.seed,
+            correlation=None if self.correlation is None else self.correlation[np.ix_(active, active)],
+            find=self.goal.find,
+        )
+
+    def with_goal(
+        self, goal: Goal, vary: Mapping[str, tuple[float, float]], units: Mapping[str, str], landings: int = LANDINGS
+    ) -> Self:
+        """Method design: the same inputs, but `vary` {parameter: range in its own unit}, whose own marginals are
+        dropped. `units` of these parameters."""
+        kept = [i for i, name in enumerate(self.marginals) if name not in vary]
+        correlation = None if self.correlation is None else self.correlation[np.ix_(kept, kept)]
+        if correlation is not None:
+            correlation = np.block(
+                [
+                    [correlation, np.zeros((len(kept), len(vary)))],
+                    [np.zeros((len(vary), len(kept))), np.eye(len(vary))],
+                ]
+            )
+        response = goal.question.response
+        return replace(
+            self,
+            method="design",
+            goal=goal,
+            vary=dict(vary),
+            trials=landings,
+            responses=(response, *(name for name in self.responses if name != response)),
+            marginals={name: m for name, m in self.marginals.items() if name not in vary}
+            | {name: Uniform(low, high) for name, (low, high) in vary.items()},
+            units={**self.units, **units},
+            correlation=correlation,
+            grid={},
+            published={},
+        )
 
     def level_check(self, function: Callable[[Array], Array], found: LevelResult) -> LevelCheck:
         """The levels that `search` found, tested on random rows of the same inputs."""
@@ -324,6 +392,16 @@ class Plan:
         steps = [name for name, m in self.marginals.items() if m.is_discrete]
         if steps and self.method in SEARCHES and self.method != "sobol-indices":
             yield f"marginals.{steps[0]}: choices have no slope that method {self.method} could follow; take a sample"
+        if self.method == "design":
+            yield from goal_problems(self.goal, self.vary, self.trials)
+        elif self.goal is not None:
+            yield f"method {self.method}: the study has [design], which goes with method design alone"
+        for name in self.vary:
+            if self.marginals.get(name) != Uniform(*self.vary[name]):
+                gone = "is fixed by --set" if name in self.marginals else "is no parameter of the device that runs"
+                yield f"design.vary {name}: {gone}; a design question varies it"
+        if self.vary and all(m.is_fixed for name, m in self.marginals.items() if name not in self.vary):
+            yield "design: no marginals besides the varied parameter: nothing is uncertain, so no probability is asked"
         for name in self.responses:
             if name not in NAMES:
                 yield f"response {name!r}: no such metric{nearest(name, NAMES)}"

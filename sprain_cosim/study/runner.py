@@ -90,7 +90,7 @@ def run(
     study, kept = _never_smaller(study, folder, resume)
     began = perf_counter()
     held = replace(study, scenario=originals.with_kept_files(study.scenario))
-    first = ALL if study.method in SEARCHES and study.method != "sobol-indices" else trajectories
+    first = ALL if study.method in SEARCHES and study.method not in ("sobol-indices", "design") else trajectories
     numbers = None if study.method in SEARCHES else trial_numbers(study, shard)
     ledger: Ledger | None = None
     adopted = ""

@@ -30,9 +30,17 @@ def run_search(study: Plan, dispatch: Dispatch) -> Any:
                 raise InputError(
                     "the ledger holds other points than this search asks for; name a new folder with --out"
                 )
+        if study.method == "design":  # a landing that fails widens its intervals
+            done = [row.outcome.metrics if row.outcome.status == "completed" else {} for row in rows]
+            return np.array([metrics.get(response, np.nan) for metrics in done])
         return np.array([_response(row.outcome, response, row.trial) for row in rows])
 
-    found = study.search(function)
+    try:
+        found = study.search(function)
+    except ValueError as problem:
+        if study.method != "design":
+            raise
+        raise SimulationError(str(problem)) from None
     if not isinstance(found, LevelResult) or not study.check:
         return found
     dispatch.trajectories.first = min(dispatch.trajectories.first, count)  # the check's landings need no record

@@ -350,6 +350,109 @@ class SobolSearch(Record):
 
 
 @dataclass(frozen=True)
+class DoubtedProbability(Record):
+    """A probability, 0 ... 1, with its two doubts apart; see Probability."""
+
+    value: float | None
+    sampling_ci: PAIR | None = None
+    threshold_ci: PAIR | None = None
+    shapes: Mapping[str, float] = field(default_factory=dict)
+    specimens: int | None = optional()
+    dominates: str | None = None
+    sentence: str = ""
+
+
+@dataclass(frozen=True)
+class DesignCurve(Record):
+    """P over the values of the parameter: (m,) each; `low` is 0 where the curve says no more than "less than"."""
+
+    parameter: tuple[float, ...]
+    probability: tuple[float | None, ...]
+    low: tuple[float | None, ...]
+    high: tuple[float | None, ...]
+
+
+@dataclass(frozen=True)
+class Comfort(Record):
+    """What the device resists in postures of ordinary motion: {posture: N.m} at a value of the parameter; `at` says
+    which: value, value_95, low or high (the ends of the range)."""
+
+    at: str
+    value: float
+    resistance_Nm: Mapping[str, float | None]
+
+
+@dataclass(frozen=True)
+class DesignPoint(Record):
+    """What was found at one value of the second parameter (None: there is none).
+
+    status           met, everywhere (the goal holds in all of the range), nowhere
+    value            of the parameter that divides the range; its end for everywhere, where P is smallest for nowhere
+    ci_low, ci_high  95 % interval of it; None where it reaches beyond the range
+    value_95         what holds with 95 % confidence; None where nothing in the range does
+    probability      at `value`
+    other_end        where the goal ceases to hold again, or None
+    comfort          empty where the parameter is none of the brace's
+    fresh, failed    landings behind the probability, and those of them that failed
+    """
+
+    status: str
+    value: float
+    ci_low: float | None
+    ci_high: float | None
+    value_95: float | None
+    probability: DoubtedProbability
+    curve: DesignCurve
+    fresh: int
+    failed: int
+    second: float | None = optional()
+    other_end: float | None = optional()
+    comfort: tuple[Comfort, ...] = ()
+
+
+@dataclass(frozen=True)
+class DesignSearch(Record):
+    """For which values of a parameter a goal holds. With one parameter the object in the file has the keys of its point
+    as well.
+
+    goal              in words
+    at_most           the bound of the probability
+    response          the metric
+    parameter, unit   what is searched; "" for no unit
+    range             that was searched
+    find              least or largest
+    second            the parameter at whose values it was searched, and its unit
+    landings, failed  in all
+    q2                share of the variance that the polynomial predicts of landings left out, at most 1
+    residual          what it leaves near the goal, root mean square, in the response's unit
+    """
+
+    goal: str
+    at_most: float
+    response: str
+    parameter: str
+    unit: str
+    range: PAIR
+    find: str
+    points: tuple[DesignPoint, ...]
+    landings: int
+    failed: int
+    q2: float | None
+    residual: float | None
+    second: str | None = optional()
+    second_unit: str | None = optional()
+
+    @property
+    def met(self) -> bool:
+        """Whether a value was found at every point."""
+        return all(point.status != "nowhere" for point in self.points)
+
+    def to_json(self) -> dict[str, Any]:
+        alone = self.points[0].to_json() if len(self.points) == 1 else {}
+        return alone | super().to_json()
+
+
+@dataclass(frozen=True)
 class Axis(Record):
     """A parameter of a grid: its name, unit ("" for none) and levels."""
 
@@ -445,7 +548,7 @@ class StudySummary(Summary):
     dropped                    parameters that the FMU put in a component's place does not have
     isolation                  sandbox or process: where the trials ran
     granted                    {component: what its mapping file allows it beyond the sandbox}
-    form, sobol, amv           what a search found; at most one of them is there
+    form, sobol, amv, design   what a search found; at most one of them is there
     grid                       of a grid
     stopping                   of a study that asks for a half width
     trajectories               which signals are kept; of a study with a folder
@@ -477,6 +580,7 @@ class StudySummary(Summary):
     form: FormSearch | None = optional()
     sobol: SobolSearch | None = optional()
     amv: LevelSearch | None = optional()
+    design: DesignSearch | None = optional()
     grid: Grid | None = optional()
     stopping: StoppingRule | None = optional()
     trajectories: Kept | None = optional()
