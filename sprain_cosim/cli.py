@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import click
 
@@ -332,6 +332,110 @@ def _warn_of_trials(done: Campaign, folder: Path) -> None:
             f"{folder / 'failures.json'}",
             err=True,
         )
+
+
+@cli.command("design")
+@click.argument("study")
+@click.option(
+    "--vary",
+    "varied",
+    multiple=True,
+    metavar="COMPONENT.PARAMETER=LOW..HIGH",
+    help="The parameter and its range, such as brace.angle_scale=0.5..3; a second one gives a trade-off curve.",
+)
+@click.option(
+    "--goal",
+    metavar="GOAL",
+    help='What must hold, such as "P(peak_inversion_from_neutral_deg > 35 +- 6 deg) <= 2 %".',
+)
+@click.option(
+    "--find",
+    type=click.Choice(["least", "largest"]),
+    help="The least or the largest value for which it holds (default: by where it holds).",
+)
+@click.option("--landings", type=click.IntRange(1), help="Landings in all (default: 300).")
+@click.option("--seed", type=click.IntRange(0), help="Seed of the sample.")
+@FMUS
+@MAPS
+@click.option("--set", "settings", multiple=True, metavar="COMPONENT.PARAMETER=VALUE", help="Fix a parameter.")
+@SCHEME
+@STEP
+@STOP
+@WORKERS
+@click.option("--scheduler", metavar="ADDRESS", help="Run on Dask: tcp://host:8786, or local-cluster.")
+@ISOLATE
+@IN_PROCESS
+@click.option("--resume", is_flag=True, help="Continue what --out holds.")
+@click.option("--max-failed", default="5%", show_default=True, help="Share of failed landings that is accepted.")
+@PARQUET
+@PROGRESS
+@click.option("--out", type=click.Path(path_type=Path), help="Folder of the design (default: runs/design_STUDY).")
+@JSON
+def design_command(
+    study: str,
+    varied: tuple[str, ...],
+    goal: str | None,
+    find: Literal["least", "largest"] | None,
+    landings: int | None,
+    seed: int | None,
+    fmus: tuple[str, ...],
+    maps: tuple[str, ...],
+    settings: tuple[str, ...],
+    scheme: str | None,
+    step: str | None,
+    stop: str | None,
+    workers: int | None,
+    scheduler: str | None,
+    isolate: bool,
+    in_process: bool,
+    resume: bool,
+    max_failed: str,
+    parquet: bool,
+    progress: str,
+    out: Path | None,
+    as_json: bool,
+) -> int:
+    """Find the least (or largest) value of a parameter for which a goal holds, with confidence: STUDY is a file or the
+    name of one that ships; what varies in it is uncertain. Exit code 1 when no value in the range meets the goal."""
+    from .brace.doubts import device_doubts
+    from .study.file import load_study
+    from .study.listing import study_listing
+    from .study.progress import reporter
+
+    chosen = _changed(load_study(study), fmus, maps, settings).with_master(scheme, step, stop)
+    chosen = chosen.asking(goal, varied, find, landings)
+    if isolate:
+        chosen = chosen.isolated()
+    if in_process:
+        chosen = chosen.unconfined()
+    for warning in (*chosen.warnings, *chosen.scenario.doubts(), *device_doubts(chosen.scenario)):
+        click.echo(f"warning: {warning}", err=True)
+    folder = out or Path("runs") / f"design_{Path(study).stem}"
+    again = f"sprain-cosim {' '.join(_without_resume(sys.argv[1:]))}"
+    try:
+        done = chosen.run(
+            seed=seed,
+            workers=workers,
+            scheduler=scheduler,
+            resume=resume,
+            max_failed=_share(max_failed),
+            out=folder,
+            progress=reporter(progress),
+            parquet=parquet,
+            command=again,
+        )
+    except (signals.Interrupted, SimulationError):
+        click.echo(f"{chr(10) if sys.stderr.isatty() else ''}continue with: {again} --resume", err=True)
+        raise
+    _warn_of_trials(done, folder)
+    found = done.summary.design
+    assert found is not None
+    click.echo(
+        json.dumps(found.to_json(), allow_nan=False)
+        if as_json
+        else f"{study_listing(done.study, done.summary)}\n\nwritten: {folder}\nnext: sprain-cosim report {folder}"
+    )
+    return 0 if found.met else 1
 
 
 @cli.command("merge")

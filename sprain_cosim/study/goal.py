@@ -10,7 +10,7 @@ from typing import Any
 from ..cosim.system import System
 from ..errors import InputError, nearest
 from ..fmu.element import Connector
-from ..units import quantity, split
+from ..units import quantity, split, unit
 from ..uq.design import FEWEST, Find
 from .inputs import parameter, unit_name
 from .questions import Question, parse_question
@@ -51,7 +51,7 @@ def parse_goal(text: str, find: Find | None = None, place: str = "--goal") -> Go
     question = parse_question(match[1], place)
     if match[2] not in ("<=", "<", "≤"):
         raise InputError(f"{place} {text!r}: a goal bounds the probability from above; write {GRAMMAR}")
-    share = quantity(match[3].replace("%", " %"), None, f"{place} {text!r}, the bound")
+    share = quantity(match[3].replace("%", " %"), unit("1"), f"{place} {text!r}, the bound")
     if not 0.0 < share < 1.0:
         raise InputError(
             f"{place} {text!r}: the bound must lie between 0 and 100 %: no number of landings shows 0, and 100 % "
@@ -79,13 +79,13 @@ def varied_range(name: str, ends: Any, system: System, place: str) -> tuple[tupl
     if not isinstance(ends, list | tuple) or len(ends) != 2:
         raise InputError(f"{place}: must be its two ends, such as [0.5, 3]")
     low, high = (quantity(end, connector.unit, place) for end in ends)
-    unit = unit_name(connector.unit)
+    own = unit_name(connector.unit)
     if not low < high:
         raise InputError(f"{place} = {low:g} .. {high:g}: must rise")
     if low < connector.minimum or high > connector.maximum:
-        allowed = f"{connector.minimum:g} ... {connector.maximum:g} {unit}".strip()
+        allowed = f"{connector.minimum:g} ... {connector.maximum:g} {own}".strip()
         raise InputError(f"{place} = {low:g} .. {high:g}: reaches beyond what the parameter may be, {allowed}")
-    return (low, high), unit
+    return (low, high), own
 
 
 def _parameter(name: str, system: System, place: str) -> Connector:

@@ -22,7 +22,7 @@ from ..uq import sampling
 from ..uq.distributions import Array, Fixed, JointDistribution, Marginal, Uniform
 from ..uq.exceedance import Bounds, Threshold
 from ..uq.measured import Measured
-from .goal import LANDINGS, Goal, goal_problems
+from .goal import GRAMMAR, LANDINGS, Goal, goal_problems, parse_goal, parse_vary
 from .identity import digest_of, identity
 from .inputs import parameter as varied_parameter
 from .inputs import read_table
@@ -31,7 +31,7 @@ from .methods import METHODS, SEARCHES, USED_BY
 from .questions import LITERATURE, Question, parse_question
 
 if TYPE_CHECKING:
-    from ..uq.design import DesignResult
+    from ..uq.design import DesignResult, Find
     from ..uq.reliability import Difference, LevelCheck, LevelResult, Space
 
 IMPOSSIBLE = 1e-6  # a marginal may lie outside its parameter's range with at most this probability
@@ -243,6 +243,28 @@ class Plan:
             find=self.goal.find,
         )
 
+    def asking(
+        self, goal: str | None, vary: Sequence[str] = (), find: Find | None = None, landings: int | None = None
+    ) -> Self:
+        """Method design, asked in words: "P(peak_inversion_from_neutral_deg > 35 +- 6 deg) <= 2 %" over
+        ["brace.angle_scale=0.5..3"]; what is left out is taken from the study's [design]. Raises InputError."""
+        if goal is None and self.goal is None:
+            raise InputError(f"--goal: is missing, and {self.source} has no [design]; write {GRAMMAR}")
+        if not vary and not self.vary:
+            raise InputError(f"--vary: is missing, and {self.source} has no [design]; name a parameter and its range")
+        asked = self.goal if goal is None else parse_goal(goal)
+        assert asked is not None
+        system, ranges, units = self.scenario.system(), dict(self.vary), dict(self.units)
+        if vary:
+            ranges = {}
+            for text in vary:
+                name, ends, unit = parse_vary(text, system)
+                if name in ranges:
+                    raise InputError(f"--vary {text}: {name} is given twice")
+                ranges[name], units[name] = ends, unit
+        size = landings or (self.trials if self.method == "design" else LANDINGS)
+        return self.with_goal(replace(asked, find=find or asked.find), ranges, units, size)
+
     def with_goal(
         self, goal: Goal, vary: Mapping[str, tuple[float, float]], units: Mapping[str, str], landings: int = LANDINGS
     ) -> Self:
@@ -258,6 +280,7 @@ class Plan:
                 ]
             )
         response = goal.question.response
+        left = [name for name in ("threshold", "questions", "half_width") if getattr(self, name)]
         return replace(
             self,
             method="design",
@@ -271,6 +294,13 @@ class Plan:
             correlation=correlation,
             grid={},
             published={},
+            threshold=None,
+            questions=(),
+            half_width=None,
+            warnings=(
+                *self.warnings,
+                *(f"{self.source}: its {name} is not asked: a design asks its goal" for name in left),
+            ),
         )
 
     def level_check(self, function: Callable[[Array], Array], found: LevelResult) -> LevelCheck:

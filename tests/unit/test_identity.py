@@ -19,6 +19,7 @@ from sprain_cosim.scenario import Scenario
 from sprain_cosim.shipped import fmu_path
 from sprain_cosim.study.codec import encode
 from sprain_cosim.study.folder import load_study_plan, recorded_plan
+from sprain_cosim.study.goal import Goal
 from sprain_cosim.study.identity import CHANGES_NO_ROW, COUNTS_FOR, changes
 from sprain_cosim.study.ledger import Ledger
 from sprain_cosim.study.marginals import Fitted
@@ -35,6 +36,8 @@ METHOD = {
     "threshold": "form",
     "responses": "form",
     "check": "form",
+    "goal": "design",
+    "vary": "design",
 }  # one for which it counts
 
 
@@ -93,6 +96,8 @@ PLAN: dict[str, Callable[[Plan], Any]] = {
     "threshold": lambda _: 35.0,
     "fits": lambda _: {"brace.angle_scale": Fitted("normal", 9, "bench.csv", 1.0, 0.3, 0.5)},
     "questions": lambda _: (Question("peak_inversion_from_neutral_deg", 35.0),),
+    "goal": lambda _: Goal(Question("peak_inversion_from_neutral_deg", 35.0), 0.02),
+    "vary": lambda _: {"brace.angle_scale": (0.5, 3.0)},
     "tolerance": lambda _: 1e-4,
     "replicates": lambda _: 4,
     "half_width": lambda _: 0.5,
