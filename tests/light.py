@@ -25,12 +25,16 @@ seed = 3
 """
 
 
-def plant(target: Path) -> Path:
-    """The FMU of the plant; its one parameter is `height` [m]."""
+def plant(target: Path, lean: bool = False) -> Path:
+    """The FMU of the plant; its parameter is `height` [m], with `lean` a second, added to it."""
     listed = [_variable("height", 0, 'causality="parameter" variability="fixed"', 'unit="m" start="0.3"')]
     for number, (name, unit) in enumerate(SIGNALS.items(), 1):
         listed.append(_variable(name, number, 'causality="output" variability="continuous"', f'unit="{unit}"'))
-    return compile_fmu(target, "light", "".join(listed), tuple(range(2, len(SIGNALS) + 2)))
+    outputs = tuple(range(2, len(SIGNALS) + 2))
+    if lean:
+        kind = 'causality="parameter" variability="fixed"'
+        listed.append(_variable("lean", len(SIGNALS) + 1, kind, 'unit="m" start="0"'))
+    return compile_fmu(target, "light", "".join(listed), outputs, macros=("-DLEAN",) if lean else ())
 
 
 def _variable(name: str, reference: int, kind: str, real: str) -> str:

@@ -1,6 +1,7 @@
 """Figures: each function takes plain data and returns a matplotlib Figure, one journal column (8.5 cm) wide. Nothing
 here reads a file or runs an FMU."""
 
+from .design import Designed, design_curve, trade_off
 from .landings import DEGREES, PANELS, fan, landing_signals, moment_angle, phase, sharing
 from .law import torque_angle
 from .questions import Answer, Exceeded, questions
@@ -18,9 +19,11 @@ __all__ = [
     "SUBTALAR",
     "TALOCRURAL",
     "Answer",
+    "Designed",
     "Exceeded",
     "Sample",
     "cdf",
+    "design_curve",
     "fan",
     "grid",
     "label",
@@ -38,4 +41,5 @@ __all__ = [
     "shorten",
     "tornado",
     "torque_angle",
+    "trade_off",
 ]

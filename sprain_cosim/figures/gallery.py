@@ -20,7 +20,7 @@ from ..folders.run import RunFolder, RunSummary, coupling_note, write_run
 from ..folders.study import StudyFolder
 from ..metrics import brace_torques
 from ..study.questions import law_name
-from ..study.summary import LevelSearch
+from ..study.summary import DesignSearch, LevelSearch
 from .records import published_records
 from .samples import Sample
 from .selection import (
@@ -130,6 +130,7 @@ def _of_studies(studies: Studies) -> Iterator[Drawn]:
         chosen = [(name, study) for name, study in distributions if study.response == response]
         suffix = "" if response == distributions[0][1].response else f"_{response}"
         yield from _distributions(chosen, samples, response_label(response), suffix)
+    yield from _designs(studies)
     yield from _questions(studies)
     yield from _searches(studies, distributions, samples)
     for name, study in distributions:
@@ -193,6 +194,75 @@ def _questions(studies: Studies) -> Iterator[Drawn]:
         )
         drawn = plots.questions(answers, curves, pose_note([(name, study)]))
         yield Drawn(f"questions{_end(study, len(asked))}", f"How likely: {name}", caption, drawn)
+
+
+def _designs(studies: Studies) -> Iterator[Drawn]:
+    asked = [(name, study, study.summary.design) for name, study in studies]
+    found = [(name, study, design) for name, study, design in asked if design is not None]
+    for name, study, design in found:
+        note, end = pose_note([(name, study)]), _end(study, len(found))
+        quantity = _labelled(design.parameter, design.unit)
+        if len(design.points) == 1:
+            caption = (
+                "The probability over the parameter: a polynomial through the landings, corrected by fresh landings at "
+                "the value found. Away from there the band joins what landings drawn again would change; below a tenth "
+                "of the goal the curve says no more than “less than”. The doubt about the threshold is not in the band."
+            )
+            drawn = plots.design_curve(_designed(design, quantity), note)
+            yield Drawn(f"design{end}", f"{design.find.capitalize()} value: {name}", caption, drawn)
+            continue
+        low, high = design.range
+        assert low is not None and high is not None
+        points = [
+            (
+                p.second or 0.0,
+                p.value,
+                low if p.ci_low is None else p.ci_low,
+                high if p.ci_high is None else p.ci_high,
+                p.value_95,
+            )
+            for p in design.points
+            if p.status != "nowhere"
+        ]
+        if points:
+            caption = (
+                "Which values of the two parameters meet the goal: on and beyond the curve. The threshold is held."
+            )
+            second = _labelled(design.second or "", design.second_unit or "")
+            goal = f"P ≤ {100 * design.at_most:g} %"
+            drawn = plots.trade_off(quantity, second, points, design.find == "least", goal, (low, high), note)
+            yield Drawn(f"design{end}", f"Trade-off: {name}", caption, drawn)
+
+
+def _designed(design: DesignSearch, quantity: str) -> plots.Designed:
+    (point,) = design.points
+    curve, at = point.curve, point.comfort
+    motions = dict.fromkeys(name.rpartition("_")[0] for c in at for name in c.resistance_Nm)
+    resistance = {motion: [(c.value, *_at_both(c.resistance_Nm, motion)) for c in at] for motion in motions}
+    event = design.goal.partition("(")[2].rpartition(")")[0].partition(" ")
+    return plots.Designed(
+        f"{plots.label(event[0]).partition(', +')[0]} {event[2]}".replace(" = ", "\u00a0=\u00a0"),
+        design.at_most,
+        quantity,
+        np.array(curve.parameter, float),
+        np.array(curve.probability, float),
+        np.array(curve.low, float),
+        np.array(curve.high, float),
+        (point.value, point.ci_low, point.ci_high) if point.status == "met" else None,
+        point.value_95,
+        design.find == "least",
+        resistance,
+    )
+
+
+def _at_both(resistance: Mapping[str, float | None], motion: str) -> tuple[float, float]:
+    """N·m at 5 and 10 degrees."""
+    five, ten = (resistance.get(f"{motion}_{d}deg") for d in (5, 10))
+    return five or 0.0, ten or 0.0
+
+
+def _labelled(name: str, unit: str) -> str:
+    return plots.label(name) + (f" [{unit}]" if unit else "")
 
 
 def _both(pair: tuple[float | None, float | None] | None) -> tuple[float, float] | None:

@@ -96,7 +96,9 @@ class StudyFolder:
 
     @property
     def response(self) -> str:
-        """The response that the study file names first."""
+        """The response of a design question, else the one that the study file names first."""
+        if self.summary.design is not None:
+            return self.summary.design.response
         if self.file.responses:
             return self.file.responses[0]
         return self.summary.search.response if self.summary.search else PEAK

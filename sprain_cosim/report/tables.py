@@ -20,6 +20,7 @@ from ..metrics import pose_artefacts, table, unit_of
 from ..study.manifest import FmuFile
 from ..study.summary import FormSearch, LevelSearch, Percentile, Probability, Response, SobolSearch
 from .blocks import Block, Cell, Folded, Heading, PageTable, Paragraph, Row
+from .design import design_blocks
 from .words import ends, fine_ends, percent, percentage, percentage_ends, rounded, signed
 
 FAILURES = 20  # rows of the table of failed trials
@@ -51,6 +52,9 @@ def numbers_tables(folders: Sequence[Folder], items: Sequence[Named]) -> list[Bl
     studies = [(n, s) for n, s in items if isinstance(s, StudyFolder) and s.is_sample]
     if studies:
         blocks += [_levels(studies), Paragraph(OF_LEVELS, "about")]
+    for _, item in items:
+        if isinstance(item, StudyFolder) and item.summary.design is not None:
+            blocks += design_blocks(item.summary.design)
     runs = [(n, r) for n, r in items if isinstance(r, RunFolder)]
     if runs and not comparisons:
         blocks.append(_peaks(runs))
@@ -266,7 +270,7 @@ def inputs_tables(items: Sequence[Named]) -> list[Block]:
             fixed, varied = item.summary.parameters, dict[str, Any]()
         else:
             fixed = item.ran_with or item.file.parameters
-            varied = {k: v for k, v in item.file.marginals.items() if k in item.varied}
+            varied = {k: v for k, v in item.file.marginals.items() if k in item.varied} | _searched(item)
         rows: list[Row] = [[_parameter(k), _distribution(v)] for k, v in varied.items()]
         rows += [[_parameter(k), str(v)] for k, v in fixed.items() if k not in varied]
         if item.summary.dropped:
@@ -274,6 +278,16 @@ def inputs_tables(items: Sequence[Named]) -> list[Block]:
         if rows:
             parts.append((name, PageTable(["input", "value or distribution"], rows, "text")))
     return [*_folded(parts), Paragraph(OF_INPUTS, "about")] if parts else []
+
+
+def _searched(study: StudyFolder) -> dict[str, str]:
+    """The parameters of a design question."""
+    ranges = study.manifest.identity.get("vary") or {}
+    units = study.manifest.identity.get("units") or {}
+    return {
+        name: f"searched from {rounded(low)} to {rounded(high)} {units.get(name, '')}".strip()
+        for name, (low, high) in (ranges.items() if study.summary.design is not None else ())
+    }
 
 
 def _distribution(spec: Any) -> str:

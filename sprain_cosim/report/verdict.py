@@ -17,6 +17,7 @@ from ..folders.study import PEAK, StudyFolder
 from ..literature import INJURY_INVERSION
 from ..study.summary import FormSearch, Level, LevelSearch, LevelTest, Percentile, Probability, Threshold
 from .blocks import Block, Paragraph, Verdict, rich
+from .design import design_verdict
 from .words import fine_ends, interval, percent, percent_interval, percentage_ends, rounded, signed, unit_after
 
 MEAN, SD = INJURY_INVERSION
@@ -42,6 +43,8 @@ def verdicts(folders: Sequence[Folder], items: Sequence[Named]) -> list[Block]:
 
 
 def _of_trials(study: StudyFolder, name: str, items: Sequence[Named]) -> Verdict:
+    if study.summary.design is not None:
+        return design_verdict(study, study.summary.design, name)
     search = study.summary.search
     failed = study.summary.n_failed > 0
     if search is None:

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from ..errors import SprainError
 from ..records import finite
 from ..scenario.postures import resistances
@@ -23,6 +25,7 @@ from .summary import (
     StudySummary,
 )
 
+BETWEEN = 5  # values between the ends of the range at which the device is held, for the figure
 LEAST_Q2 = 0.5  # below, a note says that the polynomial is a poor guide
 
 
@@ -115,11 +118,14 @@ def _notes(search: DesignSearch) -> list[str]:
 
 
 def _with_comfort(study: Plan, search: DesignSearch) -> DesignSearch:
-    """At the values found, at those that hold with 95 % confidence, and at the ends of the range."""
+    """At the values found, at those that hold with 95 % confidence, and over the range of a single parameter."""
     asked: list[tuple[int, str, float, Mapping[str, float]]] = []
     low, high = search.range
     for k, point in enumerate(search.points):
-        ends = (("low", low), ("high", high)) if len(search.points) == 1 else ()
+        alone = len(search.points) == 1 and low is not None and high is not None
+        over = np.linspace(low or 0.0, high or 0.0, BETWEEN + 2).tolist() if alone else []
+        places = ["low", *["between"] * BETWEEN, "high"] if alone else []
+        ends = zip(places, over, strict=True)
         for at, value in (("value", point.value), ("value_95", point.value_95), *ends):
             if value is not None and math.isfinite(value):
                 second = {} if search.second is None or point.second is None else {search.second: point.second}

@@ -330,15 +330,17 @@ def _doubted(found: DesignSearch, point: DesignPoint) -> list[str]:
 
 
 def _comfort(found: DesignSearch, point: DesignPoint) -> list[str]:
-    if not point.comfort:
-        return []
     names = {"value": "value", "value_95": "holds with 95 %", "low": "low end", "high": "high end"}
-    lines = ["", f"{'resists in ordinary motion, 5 / 10° [N·m]':44}"]
-    lines[0 + 1] += "".join(f"{names[c.at]:>18}" for c in point.comfort)
-    lines.append(f"{'  ' + found.parameter:44}" + "".join(f"{c.value:18.4g}" for c in point.comfort))
+    shown = [c for c in point.comfort if c.at in names]
+    if not shown:
+        return []
+    lines = [
+        "",
+        f"{'resists in ordinary motion, 5 / 10° [N·m]':44}" + "".join(f"{names[c.at]:>18}" for c in shown),
+        f"{'  ' + found.parameter:44}" + "".join(f"{c.value:18.4g}" for c in shown),
+    ]
     for motion in _motions(point):
-        cells = [_resisted(c.resistance_Nm, motion) for c in point.comfort]
-        lines.append(f"{'  ' + motion:44}" + "".join(f"{cell:>18}" for cell in cells))
+        lines.append(f"{'  ' + motion:44}" + "".join(f"{_resisted(c.resistance_Nm, motion):>18}" for c in shown))
     return lines
 
 

@@ -375,7 +375,7 @@ class DesignCurve(Record):
 @dataclass(frozen=True)
 class Comfort(Record):
     """What the device resists in postures of ordinary motion: {posture: N.m} at a value of the parameter; `at` says
-    which: value, value_95, low or high (the ends of the range)."""
+    which: value, value_95, low and high (the ends of the range), between (them)."""
 
     at: str
     value: float

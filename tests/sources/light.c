@@ -1,15 +1,22 @@
 /* A plant without physics, for tests of studies: signals that are polynomials of time and of the parameter `height`, so that every machine gives the same bits.
-   Signal k is height * (k + 1) * (a - a * a) with a = t / 50 ms; its rate is the derivative. */
+   Signal k is height * (k + 1) * (a - a * a) with a = t / 50 ms; its rate is the derivative. With -DLEAN there is a second parameter, `lean`, the last
+   variable, that is added to the height. */
 #include <stdlib.h>
 #include <string.h>
 #include "fmi2Functions.h"
 
 enum { HEIGHT, SIGNALS = 1, VARIABLES = 18 };
+#ifdef LEAN
+typedef struct { double value[VARIABLES + 1]; } Plant;
+#define SIZE(p) ((p)->value[HEIGHT] + (p)->value[VARIABLES])
+#else
 typedef struct { double value[VARIABLES]; } Plant;
+#define SIZE(p) ((p)->value[HEIGHT])
+#endif
 
 static void evaluate(Plant* p, double t) {
     double a = t / 0.05;
-    for (int k = SIGNALS; k < VARIABLES; k++) p->value[k] = p->value[HEIGHT] * (k + 1) * (a - a * a);
+    for (int k = SIGNALS; k < VARIABLES; k++) p->value[k] = SIZE(p) * (k + 1) * (a - a * a);
 }
 
 const char* fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }

@@ -1,0 +1,183 @@
+"""A design question on the page: the answer in sentences, then its numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from markupsafe import Markup
+
+from .. import figures as plots
+from ..folders.study import StudyFolder
+from ..study.summary import Comfort, DesignPoint, DesignSearch
+from .blocks import Block, Cell, PageTable, Paragraph, Row, Verdict, rich
+from .words import fine_ends, percent, rounded
+
+ABOUT = (
+    "Small: 95 % intervals. “95 % sure” is as far as landings go: it says nothing of the threshold, whose doubt stands "
+    "beside it. Resistance: the device alone, held at 5 and 10° of ordinary motion; the lower, the more comfortable."
+)
+PLACES = {"value": "at the value", "value_95": "at the value that is 95 % sure", "low": "low end", "high": "high end"}
+
+
+def design_verdict(study: StudyFolder, found: DesignSearch, name: str) -> Verdict:
+    """What a manager takes along: which value, how sure, what it costs."""
+    text = rich("{landings} landings were asked: {goal}. ", landings=found.landings, goal=_goal(found))
+    if len(found.points) == 1:
+        (point,) = found.points
+        text += _answer(found, point)
+    else:
+        text += _answers(found)
+    notes = "".join(f" {note[:1].upper()}{note[1:]}." for note in study.summary.notes)
+    return Verdict(text + notes, name, not found.met or found.failed > 0)
+
+
+def _goal(found: DesignSearch) -> Markup:
+    response, _, event = found.goal.partition("(")[2].rpartition(")")[0].partition(" ")
+    return rich(
+        "for which {parameter} is the probability of {response} {event} at most {most}",
+        parameter=_named(found.parameter),
+        response=plots.label(response).partition(", +")[0],
+        event=event,
+        most=percent(found.at_most),
+    )
+
+
+def _named(parameter: str) -> str:
+    return plots.label(parameter)
+
+
+def _unit(found: DesignSearch) -> str:
+    return f" {found.unit}" if found.unit else ""
+
+
+def _answer(found: DesignSearch, point: DesignPoint) -> Markup:
+    p, unit, low_high = point.probability, _unit(found), found.range
+    searched = f"{rounded(low_high[0])} … {rounded(low_high[1])}{unit}"
+    if point.status == "nowhere":
+        return rich(
+            "<b>No value from {searched} meets the goal.</b> The best is {value}{unit}, with a probability of {p}{ends}. A "
+            "wider range, another device or another goal would have to be taken.",
+            searched=searched,
+            value=rounded(point.value),
+            unit=unit,
+            p=percent(p.value),
+            ends="".join(f" ({e} %)" for e in fine_ends(*(p.sampling_ci or (None, None)))),
+        )
+    if point.status == "everywhere":
+        text = rich("<b>Every value from {searched} meets the goal.</b>", searched=searched)
+    else:
+        text = rich(
+            "<b>The {find} is {value}{unit}</b>{ends}.",
+            find=found.find,
+            value=rounded(point.value),
+            unit=unit,
+            ends=_value_ends(point, unit),
+        )
+    if point.value_95 is None:
+        text += " No value in the range holds with 95 % confidence."
+    else:
+        word = "at least" if found.find == "least" else "at most"
+        text += rich(
+            " To be 95 % sure, as far as landings go, take {word} <b>{sure}{unit}</b>.",
+            word=word,
+            sure=rounded(point.value_95),
+            unit=unit,
+        )
+    return text + _threshold(found, point) + _comfort(point)
+
+
+def _value_ends(point: DesignPoint, unit: str) -> str:
+    if point.ci_low is None and point.ci_high is None:
+        return ""
+    low = "below the range" if point.ci_low is None else rounded(point.ci_low)
+    high = "above the range" if point.ci_high is None else f"{rounded(point.ci_high)}{unit}"
+    return f" (95 % interval {low} … {high})"
+
+
+def _threshold(found: DesignSearch, point: DesignPoint) -> Markup:
+    """What the threshold leaves open, in words of its own."""
+    p = point.probability
+    behind = f"the {p.specimens} specimens behind the threshold" if p.specimens else "the ends of the threshold"
+    known = [f"as far as {behind} know it, it may be {e} %" for e in fine_ends(*(p.threshold_ci or (None, None)))]
+    if p.shapes and not p.specimens:
+        ends = fine_ends(min(p.shapes.values()), max(p.shapes.values()))
+        known = [f"with a threshold of another shape it would be {e} %" for e in ends]
+    if not known:
+        return Markup("")
+    sampled = "".join(f" ({e} % by landings)" for e in fine_ends(*(p.sampling_ci or (None, None))))
+    least = " The threshold is what is known least: more landings change nothing." if p.dominates == "threshold" else ""
+    value = "" if p.value is None else f"At {rounded(point.value)}{_unit(found)} the probability is {percent(p.value)}{sampled}; "
+    words = known[0] if value else f"{known[0][:1].upper()}{known[0][1:]}"
+    return rich(" {value}{words}.{least}", value=value, words=words, least=least)
+
+
+def _comfort(point: DesignPoint) -> str:
+    held = next((c for c in point.comfort if c.at == "value_95"), None)
+    if held is None:
+        return ""
+    words = [f"{rounded(held.resistance_Nm.get(f'{m}_10deg'))} N·m against 10° of {m}" for m in _motions(held)]
+    return f" What it costs in comfort: the device then resists with {', '.join(words)}."
+
+
+def _motions(held: Comfort) -> list[str]:
+    return list(dict.fromkeys(name.rpartition("_")[0] for name in held.resistance_Nm))
+
+
+def _answers(found: DesignSearch) -> Markup:
+    rows = [p for p in found.points if p.status != "nowhere"]
+    if not rows:
+        return rich("<b>No pair of values in the range meets the goal.</b>")
+    second, unit = _named(found.second or ""), f" {found.second_unit}" if found.second_unit else ""
+    words = [f"{rounded(p.value)}{_unit(found)} at {rounded(p.second)}{unit}" for p in rows]
+    text = rich("The {find} is <b>{words}</b> of {second}.", find=found.find, words=", ".join(words), second=second)
+    lost = [f"{rounded(p.second)}{unit}" for p in found.points if p.status == "nowhere"]
+    return text + (f" No value in the range meets the goal at {', '.join(lost)}." if lost else "")
+
+
+def design_blocks(found: DesignSearch) -> list[Block]:
+    """The numbers of one question."""
+    if len(found.points) == 1:
+        table = PageTable(["", ""], _rows(found, found.points[0]))
+    else:
+        heads = [_named(found.second or ""), f"{found.find} {_named(found.parameter)}", "95 % sure", "probability"]
+        table = PageTable(heads, _trade_off(found))
+    return [table, Paragraph(ABOUT, "about")]
+
+
+def _rows(found: DesignSearch, point: DesignPoint) -> list[Row]:
+    unit, p = _unit(found), point.probability
+    status = {"nowhere": "none in the range", "everywhere": "all of the range"}.get(point.status, "")
+    low, high = (None if e is None else rounded(e) for e in (point.ci_low, point.ci_high))
+    notes = (f"{low or 'below the range'} … {high or 'above the range'}",) if point.status == "met" else ()
+    doubts = [f"landings {e}" for e in fine_ends(*(p.sampling_ci or (None, None)))]
+    behind = f"threshold, n = {p.specimens}:" if p.specimens else "threshold's ends"
+    doubts += [f"{behind} {e}" for e in fine_ends(*(p.threshold_ci or (None, None)))]
+    if p.shapes:
+        doubts += [f"threshold's shape {e}" for e in fine_ends(min(p.shapes.values()), max(p.shapes.values()))]
+    rows: list[Row] = [
+        [f"{found.find} {_named(found.parameter)}", Cell(status or f"{rounded(point.value)}{unit}", notes)],
+        ["95 % sure", "none in the range" if point.value_95 is None else f"{rounded(point.value_95)}{unit}"],
+        [f"probability at {rounded(point.value)}{unit} [%]", Cell(percent(p.value), tuple(doubts))],
+        ["landings", Cell(str(found.landings), (f"{point.fresh} of them fresh, at the value",))],
+    ]
+    for held in (c for c in point.comfort if c.at in PLACES):
+        label = f"resists 5 / 10° {PLACES[held.at]}, {rounded(held.value)}{unit} [N·m]"
+        rows.append([label, Cell("; ".join(f"{m} {_pair(held.resistance_Nm, m)}" for m in _motions(held)))])
+    return rows
+
+
+def _trade_off(found: DesignSearch) -> list[Row]:
+    unit = _unit(found)
+    rows: list[Row] = []
+    for p in found.points:
+        met = p.status != "nowhere"
+        ends = (f"{rounded(p.ci_low)} … {rounded(p.ci_high)}",) if p.status == "met" else ()
+        value = f"{rounded(p.value)}{unit}" if met else "none in the range"
+        sure = "none in the range" if p.value_95 is None else f"{rounded(p.value_95)}{unit}"
+        doubt = fine_ends(*(p.probability.sampling_ci or (None, None)))
+        rows.append([rounded(p.second), Cell(value, ends), sure, Cell(percent(p.probability.value), doubt)])
+    return rows
+
+
+def _pair(held: Mapping[str, float | None], motion: str) -> str:
+    return " / ".join(rounded(held.get(f"{motion}_{d}deg")) for d in (5, 10))
