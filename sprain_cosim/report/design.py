@@ -106,7 +106,11 @@ def _threshold(found: DesignSearch, point: DesignPoint) -> Markup:
         return Markup("")
     sampled = "".join(f" ({e} % by landings)" for e in fine_ends(*(p.sampling_ci or (None, None))))
     least = " The threshold is what is known least: more landings change nothing." if p.dominates == "threshold" else ""
-    value = "" if p.value is None else f"At {rounded(point.value)}{_unit(found)} the probability is {percent(p.value)}{sampled}; "
+    value = (
+        ""
+        if p.value is None
+        else f"At {rounded(point.value)}{_unit(found)} the probability is {percent(p.value)}{sampled}; "
+    )
     words = known[0] if value else f"{known[0][:1].upper()}{known[0][1:]}"
     return rich(" {value}{words}.{least}", value=value, words=words, least=least)
 
