@@ -55,8 +55,8 @@ def _answer(found: DesignSearch, point: DesignPoint) -> Markup:
     searched = f"{rounded(low_high[0])} … {rounded(low_high[1])}{unit}"
     if point.status == "nowhere":
         return rich(
-            "<b>No value from {searched} meets the goal.</b> The best is {value}{unit}, with a probability of {p}{ends}. A "
-            "wider range, another device or another goal would have to be taken.",
+            "<b>No value from {searched} meets the goal.</b> The best is {value}{unit}, with a probability of "
+            "{p}{ends}. A wider range, another device or another goal would have to be taken.",
             searched=searched,
             value=rounded(point.value),
             unit=unit,
@@ -106,11 +106,8 @@ def _threshold(found: DesignSearch, point: DesignPoint) -> Markup:
         return Markup("")
     sampled = "".join(f" ({e} % by landings)" for e in fine_ends(*(p.sampling_ci or (None, None))))
     least = " The threshold is what is known least: more landings change nothing." if p.dominates == "threshold" else ""
-    value = (
-        ""
-        if p.value is None
-        else f"At {rounded(point.value)}{_unit(found)} the probability is {percent(p.value)}{sampled}; "
-    )
+    at = f"{rounded(point.value)}{_unit(found)}"
+    value = "" if p.value is None else f"At {at} the probability is {percent(p.value)}{sampled}; "
     words = known[0] if value else f"{known[0][:1].upper()}{known[0][1:]}"
     return rich(" {value}{words}.{least}", value=value, words=words, least=least)
 
