@@ -17,6 +17,7 @@ COMMANDS = {
     "run": "--fmu --map --set --scheme --step --check-coupling --isolate --in-process --out --json",
     "study": "--method --trials --seed --inputs --fmu --map --set --workers --scheduler --resume --shard --max-failed "
     "--progress --out --json",
+    "design": "--vary --goal --find --landings --seed --fmu --map --set --workers --scheduler --resume --out --json",
     "merge": "",
     "trial": "",
     "reproduce": "",
