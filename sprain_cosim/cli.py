@@ -369,7 +369,7 @@ def _warn_of_trials(done: Campaign, folder: Path) -> None:
 @click.option("--max-failed", default="5%", show_default=True, help="Share of failed landings that is accepted.")
 @PARQUET
 @PROGRESS
-@click.option("-o", "--out", type=click.Path(path_type=Path), help="Folder of the design (default: runs/design_STUDY).")
+@out_option("Folder of the design (default: runs/design_STUDY).")
 @JSON
 def design_command(
     study: str,
