@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sprain_cosim.fmu.build import build_fmu
+from sprain_cosim.cosim import native_steps
+from sprain_cosim.fmu.build import build_fmu, link
 from sprain_cosim.fmu.build.link import MINGW
 from sprain_cosim.fmu.component import Component
 from sprain_cosim.scenario import load_scenario
@@ -70,6 +71,10 @@ def test_a_landing_is_that_of_this_machine(hosts: Path, tmp_path_factory: pytest
         load_scenario("incline30").run().metrics["peak_subtalar_angle_deg"], abs=1e-9
     )
     assert np.abs(np.degrees(windows - own)).max() < 1e-9
+
+
+def test_the_master_s_own_library_is_built() -> None:
+    assert link.link_source(native_steps.SOURCE, "win64", '-DSOURCE="none"').startswith(b"MZ")
 
 
 def test_the_library_is_built_with_the_same_bytes(tmp_path: Path) -> None:
