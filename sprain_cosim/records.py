@@ -12,10 +12,12 @@ import types
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, Field, field, fields
 from functools import cache, cached_property
+from pathlib import Path
 from typing import Any, Self, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from .errors import InputError
 
+FORMAT = 2  # of summary.json and compare.json; the files of version 0.1 have none and are read as well
 T = TypeVar("T")
 KINDS: Mapping[Any, tuple[tuple[type, ...], str]] = {  # what JSON may hold for a type, in words
     float: ((int, float), "a number"),
@@ -24,6 +26,16 @@ KINDS: Mapping[Any, tuple[tuple[type, ...], str]] = {  # what JSON may hold for 
     bool: ((bool,), "true or false"),
 }
 LARGEST: Mapping[Any, float] = {int: 2**128, float: sys.float_info.max}  # seeds are whole numbers of up to 128 bits
+
+
+def known_format(content: dict[str, Any], path: Path) -> dict[str, Any]:
+    """The content of a summary.json or compare.json. Raises InputError for a file of a later version than this one."""
+    found = content.get("format", 1)
+    if not isinstance(found, int) or found > FORMAT:
+        raise InputError(
+            f"{path}: has format {found!r}, this version reads up to {FORMAT}; install a newer sprain-cosim"
+        )
+    return content
 
 
 def optional() -> Any:

@@ -8,8 +8,7 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..files import read_json
-from ..records import Record, Summary
-from ..study.summary import FORMAT, known_format
+from ..records import FORMAT, Record, Summary, known_format
 from .run import RunFolder
 from .study import StudyFolder
 

@@ -11,9 +11,8 @@ from typing import Any, Self
 from .. import __version__, files
 from ..cosim.result import Result
 from ..errors import EnvironmentProblem, InputError
-from ..records import Record, Summary, finite, optional
+from ..records import FORMAT, Record, Summary, finite, known_format, optional
 from ..scenario import Scenario
-from ..study.summary import FORMAT, known_format
 
 FILE = "summary.json"
 SIGNALS = "signals.csv"

@@ -12,9 +12,8 @@ from typing import Any, Self
 
 from ..errors import InputError
 from ..files import read_json
-from ..records import Record, Summary, optional
+from ..records import FORMAT, Record, Summary, known_format, optional
 
-FORMAT = 2  # of summary.json; the files of version 0.1 have none and are read as well
 FILE = "summary.json"
 PAIR = tuple[float | None, float | None]
 
@@ -607,13 +606,3 @@ def read_summary(folder: Path) -> StudySummary:
     for key in StudySummary.lacking(content):
         raise InputError(f"{folder}: not a folder of `sprain-cosim study`: {key} is missing")
     return StudySummary.from_json(content, str(path))
-
-
-def known_format(content: dict[str, Any], path: Path) -> dict[str, Any]:
-    """The content of a summary.json or compare.json. Raises InputError for a file of a later version than this one."""
-    found = content.get("format", 1)
-    if not isinstance(found, int) or found > FORMAT:
-        raise InputError(
-            f"{path}: has format {found!r}, this version reads up to {FORMAT}; install a newer sprain-cosim"
-        )
-    return content

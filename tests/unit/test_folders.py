@@ -14,8 +14,8 @@ from sprain_cosim.folders.comparison import ComparisonFolder, MeanEstimate, read
 from sprain_cosim.folders.read import read_folder, read_folders
 from sprain_cosim.folders.run import RunFolder, RunSummary, check_run_folder, coupling_note, read_run, write_run
 from sprain_cosim.folders.study import StudyFile, StudyFolder, read_study
+from sprain_cosim.records import FORMAT
 from sprain_cosim.report.page import report_page
-from sprain_cosim.study.summary import FORMAT
 
 BEFORE = Path(__file__).parent.parent / "folders_0_1"  # folders of version 0.1.0, signals with fewer rows and columns
 PEAK = "peak_subtalar_angle_deg"
