@@ -21,7 +21,25 @@ if TYPE_CHECKING:
 
 PEAK = "peak_subtalar_angle_deg"
 CONVERGED = 0.1  # deg
+UNCONVERGED = "coupling not converged"  # begins what is said of such a landing
 HALVED_WITHIN = 2.0  # s: a run that took longer is not made again at half its step without being asked for
+
+
+def step_doubt(change: float) -> float:
+    """How far [deg] the communication step leaves the peak of the foot from that of a fine exchange: twice its change
+    [deg] at half the step, since the error of a coupling is of the first order in the step or better."""
+    return 2.0 * abs(change)
+
+
+def unconverged(change: float, step: float) -> str:
+    """What is to be said where half of the communication step [s] changes the peak so; empty where that is little."""
+    if step_doubt(change) <= CONVERGED:
+        return ""
+    return (
+        f"{UNCONVERGED} at {1e3 * step:g} ms: half the step changes the peak of the foot by {change:+.2g} deg, so that "
+        f"it is uncertain by about {step_doubt(change):.2g} deg; --step '{250.0 * step:g} ms' leaves about a quarter "
+        "of that"
+    )
 
 
 @dataclass(frozen=True)
@@ -128,11 +146,9 @@ class Result:
 
     @property
     def coupling_doubt(self) -> float | None:
-        """How far [deg] the communication step leaves the peak of the foot from that of a fine exchange: twice its
-        change at half the step, since the error of a coupling is at least of the first order in the step. None where
-        no such run was made."""
+        """See `step_doubt`; None where no run at half the step was made."""
         change = (self.halved or {}).get(PEAK)
-        return None if change is None else 2.0 * abs(change)
+        return None if change is None else step_doubt(change)
 
     @property
     def converged(self) -> bool | None:

@@ -11,7 +11,7 @@ from typing import Any, Self
 from ..cosim.assembly import Assembly
 from ..cosim.coupling import check_scheme
 from ..cosim.master import Master
-from ..cosim.result import HALVED_WITHIN, PEAK, Result
+from ..cosim.result import HALVED_WITHIN, PEAK, Result, unconverged
 from ..cosim.system import System, connect
 from ..errors import InputError, SimulationError, nearest, problems_to_error
 from ..fmu.component import Component
@@ -337,15 +337,8 @@ class Scenario:
             return result
         changes = {key: finer[key] - value for key, value in result.metrics.items() if key in finer}
         result = replace(result, halved=changes)
-        if result.converged is not False:
-            return result
-        step = 1e3 * self.master.communication_step
-        doubt = (
-            f"coupling not converged at {step:g} ms: half the step changes the peak of the foot by "
-            f"{changes[PEAK]:+.2g} deg, so that it is uncertain by about {result.coupling_doubt:.2g} deg; "
-            f"--step '{step / 4:g} ms' leaves about a quarter of that"
-        )
-        return replace(result, warning="; ".join([doubt, *([result.warning] if result.warning else [])]))
+        doubt = unconverged(changes.get(PEAK, 0.0), self.master.communication_step)
+        return replace(result, warning="; ".join(text for text in (doubt, result.warning) if text))
 
 
 class Session:

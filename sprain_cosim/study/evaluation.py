@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from ..cosim.result import CONVERGED, UNCONVERGED
 from ..errors import InputError, nearest
 from ..metrics import OF_BRACE, THROWN_TEXT, pose_artefacts, unit_of
 from ..records import finite
@@ -48,6 +49,7 @@ from .summary import (
     StudySummary,
 )
 from .summary import Threshold as Limit
+from .worker import AGAIN, made_again
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -159,6 +161,18 @@ def _with_search(summary: StudySummary, study: Plan, found: Found) -> StudySumma
     return replace(summary, amv=_levels(study, found), questions=questions, notes=tuple(notes))
 
 
+def _coupling(study: Plan, done: pd.DataFrame) -> list[str]:
+    """How many of the trials that were made again at half their step have not converged."""
+    told = int(done["message"].astype(str).str.startswith(UNCONVERGED).sum())
+    if not told:
+        return []
+    again = sum(made_again(row) for row in done[study.headings].to_numpy(float).tolist())
+    return [
+        f"{UNCONVERGED} in {told} of the {again} trials that were made again at half the step (one in {AGAIN}): there "
+        f"the peak of the foot is uncertain by more than {CONVERGED:g} deg; the messages in trials.csv say by how much"
+    ]
+
+
 def _with_sample(
     summary: StudySummary, study: Plan, trials: pd.DataFrame, done: pd.DataFrame, metrics: Sequence[str]
 ) -> StudySummary:
@@ -184,6 +198,7 @@ def _with_sample(
         curves = {q.response: sample.curve(values[q.response]) for q in asked}
         if all(q.name in questions for q in LITERATURE):
             notes.append(TWO_THRESHOLDS)
+    notes += _coupling(study, done)
     thrown = pose_artefacts(responses, summary.initial_pose)
     if thrown:
         notes.append(f"{THROWN_TEXT} ({', '.join(thrown)})")

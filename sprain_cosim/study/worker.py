@@ -13,6 +13,8 @@ from __future__ import annotations
 import base64
 import contextlib
 import gzip
+import struct
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,7 +22,7 @@ from time import perf_counter
 from typing import Any, Protocol
 
 from .. import processor
-from ..cosim.result import Result
+from ..cosim.result import HALVED_WITHIN, PEAK, Result, unconverged
 from ..errors import SimulationError, SprainError
 from ..fmu import archive
 from ..fmu.cache import cache_folder
@@ -29,13 +31,15 @@ from ..process import Child, Handlers, Limits, ProcessEnded, allow_processor_tim
 from ..sandbox.confinement import Confinement
 from ..scenario import Scenario
 
+AGAIN = 16  # of so many trials one is made again at half its step
+
 
 @dataclass(frozen=True)
 class Outcome:
     """How a trial ended: completed, failed (FMI error or a value that is not finite), crashed, timeout or lost (with
-    the machine that ran it, several times). `log` the last lines printed. Where a record was asked for, and of a failed
-    trial, `trajectory` is the record as a gzipped signals.csv and `about` its scheme, scheme_reason, warning,
-    coupling_error and status."""
+    the machine that ran it, several times); `message` says why, and of a completed trial that its coupling has not
+    converged. `log` the last lines printed. Where a record was asked for, and of a failed trial, `trajectory` is the
+    record as a gzipped signals.csv and `about` its scheme, scheme_reason, warning, coupling_error and status."""
 
     status: str
     message: str
@@ -97,11 +101,26 @@ class Worker:
         completed = reply["status"] == "completed"
         if completed:
             self._last = (numbers, reply["metrics"])
+        doubt = self._doubt(child, numbers, reply) if completed and made_again(numbers) else ""
         trajectory, about = base64.b64decode(reply.get("trajectory", "")), reply.get("about", {})
         log = "" if completed else child.log()
         return Outcome(
-            reply["status"], reply["message"], reply["metrics"], reply["wall"], attempt, log, trajectory, about
+            reply["status"], reply["message"] or doubt, reply["metrics"], reply["wall"], attempt, log, trajectory, about
         )
+
+    def _doubt(self, child: Child, numbers: Sequence[float], reply: Mapping[str, Any]) -> str:
+        """What half the step says of a completed trial; a child that ends meanwhile costs nothing but itself."""
+        if not isinstance(self.scenario, Scenario) or reply["wall"] > HALVED_WITHIN or PEAK not in reply["metrics"]:
+            return ""
+        try:
+            finer = child.call("halved", numbers, limit=self.limits.trial)
+        except ProcessEnded:
+            self._drop()
+            if self._stopped:
+                raise Stopped from None
+            return ""
+        change = finer.get(PEAK, reply["metrics"][PEAK]) - reply["metrics"][PEAK]
+        return unconverged(change, self.scenario.master.communication_step)
 
     def kill(self) -> None:
         """Ends the child at once, grandchildren included."""
@@ -182,6 +201,11 @@ class Worker:
         self.kill()
 
 
+def made_again(values: Sequence[float]) -> bool:
+    """Whether a trial with these input values is made once more at half its step: one in AGAIN, by its inputs alone."""
+    return zlib.crc32(struct.pack(f"<{len(values)}d", *values)) % AGAIN == 0
+
+
 def _marks(scenario: Openable) -> list[Path]:
     """Files whose being there says that an FMU has been opened on this machine before; in a sandbox it leaves nothing
     that matters."""
@@ -212,8 +236,15 @@ def _handlers(subject: tuple[Openable, tuple[str, ...], Limits, str]) -> Iterato
         surroundings.restore()
         return reply | {"wall": wall, "memory": resident()}
 
+    def halved(values: Sequence[float]) -> dict[str, float]:
+        allow_processor_time(limits.cpu)
+        surroundings = Surroundings()
+        finer = session.at_half_the_step(dict(zip(names, values, strict=True)))
+        surroundings.restore()
+        return dict(finer)
+
     with scenario.open(in_process=True) if isinstance(scenario, Scenario) else scenario.open() as session:
-        yield {"run": run}
+        yield {"run": run, "halved": halved}
 
 
 def _record(result: Result) -> dict[str, Any]:

@@ -11,6 +11,8 @@ import pytest
 from sprain_cosim.cosim.result import CONVERGED, PEAK
 from sprain_cosim.files import read_toml
 from sprain_cosim.scenario import Scenario, load_scenario
+from sprain_cosim.study.file import load_study
+from sprain_cosim.study.worker import made_again
 from sprain_cosim.validation import laboratory
 from tests.laws import controller
 
@@ -104,6 +106,22 @@ def test_hits_and_false_alarms(reflex: Path) -> None:
     assert called >= 0.8 * wrong
     assert alarms <= 0.15 * right
     assert max(error for error, _, converged in found if converged) <= 0.15
+
+
+def test_rows_of_a_study_are_counted(tmp_path: Path) -> None:
+    """One in sixteen trials is made again at half its step, chosen by its inputs: whatever the number of workers."""
+    study = load_study("study3").override("controller.reflex_delay", "0 s").with_master(communication_step="2 ms")
+    done = [study.run(trials=40, workers=workers, out=tmp_path / str(workers)) for workers in (1, 2)]
+    tables = [(tmp_path / str(workers) / "trials.csv").read_bytes() for workers in (1, 2)]
+    assert tables[0] == tables[1]
+    trials = done[0].trials
+    again = [made_again(row) for row in trials[done[0].study.headings].to_numpy(float).tolist()]
+    told = trials["message"].str.startswith("coupling not converged at 2 ms")
+    assert 1 <= sum(again) <= 8
+    assert told.sum() >= 1
+    assert not told[~np.array(again)].any()
+    note = f"coupling not converged in {told.sum()} of the {sum(again)} trials that were made again at half the step"
+    assert any(text.startswith(note) for text in done[0].summary.notes)
 
 
 def test_it_is_said(reflex: Path) -> None:
