@@ -172,7 +172,7 @@ def test_a_hang_is_ended_in_time_with_its_grandchildren(study: Study) -> None:
     names, limits = ("brace.fault",), Limits(trial=LIMIT)
     child = Child("sprain_cosim.study.worker", limits)
     try:
-        child.open((study.scenario, names, limits), limits.start)
+        child.open((study.scenario, names, limits, ""), limits.start)
         for fault in ("none", "fork"):
             assert child.call("run", [float(FAULTS.index(fault))], False, limit=60.0)["status"] == "completed"
         group = child._process.pid
