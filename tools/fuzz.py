@@ -36,6 +36,7 @@ KEPT = Path(__file__).with_name("fuzz_seeds.json")
 MOST_TIME = 2.0  # s of processor time for one input
 MOST_MEMORY = 500 << 20  # B more than before
 LONGEST = 16384  # B of an input
+MOST_KEPT, LARGEST_KEPT = 24, 700  # inputs of a target, B of each
 SCENARIO = """
 base = "incline30"
 title = "A brace"
@@ -498,6 +499,19 @@ def one_of_all(targets: Mapping[str, Target]) -> Target:
     return Target(run, seeds, list(dict.fromkeys(word for target in listed for word in target.words)))
 
 
+def by_target(name: str, targets: Mapping[str, Target], inputs: Iterable[bytes]) -> dict[str, list[bytes]]:
+    """Inputs under the names of the targets that take them: of a group, the one that the first byte names."""
+    groups = {"parsers": False, "folders": True}
+    if name not in groups:
+        return {name: list(inputs)}
+    names = [n for n in targets if n not in groups and n.startswith("folder") == groups[name]]
+    found: dict[str, list[bytes]] = {}
+    for data in inputs:
+        if data:
+            found.setdefault(names[data[0] % len(names)], []).append(data[1:])
+    return found
+
+
 class Findings:
     """Every kind of misbehaviour once: its exception, and where in the package it came from."""
 
@@ -595,6 +609,17 @@ def kept() -> dict[str, list[bytes]]:
     return {name: [base64.b85decode(text) for text in texts] for name, texts in content.items()}
 
 
+def keep(found: Mapping[str, Iterable[bytes]]) -> None:
+    """Adds inputs of a corpus, small and large ones alike, to those that are kept: MOST_KEPT for each target in all."""
+    content = {name: list(inputs) for name, inputs in kept().items()}
+    for name, inputs in found.items():
+        before = content.get(name, [])
+        fresh = sorted((data for data in {*inputs} - {*before} if len(data) <= LARGEST_KEPT), key=lambda d: (len(d), d))
+        content[name] = [*before, *fresh[:: max(1, len(fresh) // MOST_KEPT)]][:MOST_KEPT]
+    texts = {name: [base64.b85encode(data).decode() for data in inputs] for name, inputs in sorted(content.items())}
+    KEPT.write_text(json.dumps(texts, indent=1) + "\n")
+
+
 def main() -> int:
     arguments = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     arguments.add_argument("--target", action="append", default=[], help="several; `parsers`, `folders` are groups")
@@ -603,6 +628,7 @@ def main() -> int:
     arguments.add_argument("--found", type=Path, help="folder for inputs that are findings")
     arguments.add_argument("--corpus", type=Path, help="folder for what atheris finds worth keeping")
     arguments.add_argument("--engine", choices=("coverage", "random"))
+    arguments.add_argument("--keep", action="store_true", help="add some of the corpus to the seeds")
     chosen = arguments.parse_args()
     sys.path.insert(0, str(ROOT))
     engine = chosen.engine or ("coverage" if find_spec("atheris") else "random")
@@ -640,6 +666,8 @@ def main() -> int:
             if engine == "coverage":
                 corpus = (chosen.corpus or place / "corpus") / name
                 by_coverage(name, target, seeds, chosen.seconds, chosen.seed, findings, corpus)
+                if chosen.keep:
+                    keep(by_target(name, targets, (path.read_bytes() for path in corpus.iterdir())))
             else:
                 at_random(name, target, seeds, chosen.seconds, chosen.seed, findings)
                 print(

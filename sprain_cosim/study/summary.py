@@ -5,7 +5,8 @@ estimated is `evaluation.py`'s, how it is printed `listing.py`'s."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -49,6 +50,12 @@ class Response(Record):
     mean_ci: PAIR | None = optional()
     sd_ci: PAIR | None = optional()
     failed: int | None = optional()
+
+    @classmethod
+    def from_json(cls, content: Any, place: str) -> Self:
+        found = super().from_json(content, place)
+        _percents(found.percentiles, f"{place}, percentiles")
+        return found
 
 
 @dataclass(frozen=True)
@@ -209,6 +216,13 @@ class Probability(Record):
     failed: int | None = optional()
 
 
+def _percents(levels: Iterable[str], place: str) -> None:
+    """Raises InputError for a level that is none."""
+    for level in levels:
+        if not re.fullmatch(r"\d{1,3}(\.\d+)?", level):
+            raise InputError(f"{place}: {level!r} must be a level in percent")
+
+
 @dataclass(frozen=True)
 class Level(Record):
     """A percentile that a search found.
@@ -242,6 +256,15 @@ class LevelTest(Record):
     ci: Mapping[str, PAIR] = field(default_factory=dict)
     verdict: Mapping[str, str] = field(default_factory=dict)
 
+    @classmethod
+    def from_json(cls, content: Any, place: str) -> Self:
+        found = super().from_json(content, place)
+        _percents(found.off, f"{place}, off")
+        for name in ("ci", "verdict"):
+            if set(getattr(found, name)) != set(found.off):
+                raise InputError(f"{place}, {name}: must have the levels of off")
+        return found
+
 
 @dataclass(frozen=True)
 class LevelSearch(Record):
@@ -267,6 +290,12 @@ class LevelSearch(Record):
     mean: float | None = None
     sd: float | None = None
     check: LevelTest | None = optional()
+
+    @classmethod
+    def from_json(cls, content: Any, place: str) -> Self:
+        found = super().from_json(content, place)
+        _percents(found.levels, f"{place}, levels")
+        return found
 
 
 @dataclass(frozen=True)
