@@ -293,6 +293,14 @@ def by_levels(out: Path, workers: int, campaign: Any) -> Iterator[str]:
         yield f"| {level} % | " + " | ".join(row) + " |"
     cost = [f"{f['evaluations_requested']} / {f['evaluations_executed']}" for f in found.values()]
     yield "| landings requested / executed | 1000 | 1000 | 14 | " + " | ".join(cost) + " |"
+    for level in ("5", "50", "95"):
+        cells = [
+            f"{float(level) + f['check']['off'][level]:.1f} % ({float(level) + f['check']['ci'][level][0]:.1f} … "
+            f"{float(level) + f['check']['ci'][level][1]:.1f}): {f['check']['verdict'][level]}"
+            for f in found.values()
+        ]
+        yield f"| really below the {level} % level | | | | " + " | ".join(cells) + " |"
+    yield "| by random landings | | | | " + " | ".join(str(f["check"]["n"]) for f in found.values()) + " |"
     yield "| gate | | | | " + " | ".join(f["status"] for f in found.values()) + " |"
     yield ""
     importance = found["amv"]["linear_importance"]
@@ -406,9 +414,10 @@ def questions(campaigns: dict[int, Any], out: Path, workers: int) -> Iterator[st
     )
     form = run("form6", out, workers).summary["form"]
     yield (
-        f"| 6, FORM (`form6`, {form['evaluations_executed']} landings, {form['status']}) | "
-        f"{form['probability']:.4f} | |"
+        f"| 6, sampling about the design point (`form6`, {form['evaluations_executed']} landings, {form['status']}) | "
+        f"{form['probability']:.4f} ({form['ci_low']:.4f} … {form['ci_high']:.4f}) | |"
     )
+    yield f"| 6, first order alone | {form['first_order']:.4f} | |"
 
 
 def grids(out: Path, workers: int) -> Iterator[str]:
