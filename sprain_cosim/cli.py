@@ -710,6 +710,41 @@ def brace_from_csv(table: Path, out: Path | None) -> None:
     _show(f"written: {target}\nnext: sprain-cosim check {target}")
 
 
+@brace_group.command("calibrate")
+@click.argument("fmu", type=click.Path(path_type=Path))
+@click.option(
+    "--bench",
+    required=True,
+    type=click.Path(path_type=Path),
+    metavar="TABLE.csv",
+    help="Measured torques, as from-csv reads them.",
+)
+@click.option(
+    "--vary",
+    "varied",
+    multiple=True,
+    required=True,
+    metavar="NAME=LOW..HIGH",
+    help='A parameter and its range, such as "stiffness=10..80 N.m/rad".',
+)
+@click.option(
+    "--map",
+    "mapping",
+    type=click.Path(path_type=Path),
+    help="Mapping file: the FMU's names, signs and units to the contract's.",
+)
+@out_option("File for the values, a figure beside it (default: FMU's name -values.toml, here).")
+def brace_calibrate(fmu: Path, bench: Path, varied: tuple[str, ...], mapping: Path | None, out: Path | None) -> None:
+    """Fit parameters of the device FMU to torques measured on a bench, before it lands."""
+    from .brace.calibrate import calibrate, write_calibration
+
+    found = calibrate(fmu, bench, dict(_pair(text, "--vary", "NAME=LOW..HIGH") for text in varied), mapping)
+    target = out or Path(f"{fmu.stem}-values.toml")
+    write_calibration(target, found, bench.name)
+    _show(f"{found.listing()}\n\nwritten: {target}, {target.with_suffix('.png')}")
+    _show(f"next: sprain-cosim design STUDY --fmu brace={fmu} {found.settings()} --vary ... --goal ...")
+
+
 @cli.command("plot")
 @FOLDERS
 @out_option("Where figures/ goes (default: the first folder).")

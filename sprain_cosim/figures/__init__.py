@@ -3,7 +3,7 @@ here reads a file or runs an FMU."""
 
 from .design import Designed, design_curve, trade_off
 from .landings import DEGREES, PANELS, fan, landing_signals, moment_angle, phase, sharing
-from .law import torque_angle
+from .law import calibration, torque_angle
 from .questions import Answer, Exceeded, questions
 from .samples import Sample, cdf, grid, level_search, percentiles, poses, published, tornado
 from .style import ANATOMY, BRACE, FAINT, GROUND, INK, SUBTALAR, TALOCRURAL, label, picture, save, shorten
@@ -22,6 +22,7 @@ __all__ = [
     "Designed",
     "Exceeded",
     "Sample",
+    "calibration",
     "cdf",
     "design_curve",
     "fan",

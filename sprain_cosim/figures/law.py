@@ -55,3 +55,27 @@ def torque_angle(braces: Mapping[str, float] = BRACES, span: float = 35.0) -> Fi
         figure, [(legend_line(c, s), n) for n, c, s in zip(names, (GREEN, *SERIES), LINES * len(names), strict=False)]
     )
     return figure
+
+
+@styled
+def calibration(curves: Mapping[str, NDArray[np.float64]], note: str = "") -> Figure:
+    """Torques of a device about each axis: measured, at the start values of its parameters, fitted.
+
+    - curves: {axis: (n, 4) angle [rad], measured, start and fitted torque [N·m], of the brace on the foot}
+    """
+    figure, axes = sheet([4.2] * len(curves), note)
+    for axis, (name, rows) in zip(axes, curves.items(), strict=True):
+        at = np.degrees(rows[:, 0])
+        axis.plot(at, rows[:, 2], color=FAINT, linestyle=LINES[1])
+        axis.plot(at, rows[:, 3], color=SERIES[0])
+        axis.plot(at, rows[:, 1], "o", color=SERIES[1], markersize=3)
+        axis.set_xlabel(f"{name} angle [deg]")
+        axis.set_ylabel("torque on the foot [N·m]")
+        axis.grid()
+    entries = [
+        (legend_line(SERIES[1], "none", marker="o"), "measured on the bench"),
+        (legend_line(SERIES[0]), "device, fitted"),
+        (legend_line(FAINT, LINES[1]), "device, at its start values"),
+    ]
+    legend_above(figure, entries)
+    return figure
