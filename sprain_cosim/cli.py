@@ -7,7 +7,7 @@ import json
 import logging
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
@@ -44,6 +44,9 @@ PROGRESS = click.option(
 JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
 SCHEME = click.option("--scheme", help="auto, jacobi, gauss-seidel, gauss-seidel-extrapolated, iterative, impedance.")
 STEP = click.option("--step", metavar='"0.5 ms"', help="Communication step.")
+TRIAL_LIMIT = click.option(
+    "--trial-limit", metavar='"20 s"', help="Wall time after which a landing in a process of its own is ended."
+)
 STOP = click.option("--stop", metavar='"150 ms"', help="End of the landing.")
 FORCE = click.option("--force", is_flag=True, help="Overwrite an earlier run in --out without a warning.")
 ISOLATE = click.option(
@@ -92,6 +95,7 @@ def cli() -> None:
 )
 @ISOLATE
 @IN_PROCESS
+@TRIAL_LIMIT
 @OUT
 @FORCE
 @JSON
@@ -108,6 +112,7 @@ def run_command(
     check_coupling: bool,
     isolate: bool,
     in_process: bool,
+    trial_limit: str | None,
     out: Path | None,
     force: bool,
     as_json: bool,
@@ -128,9 +133,10 @@ def run_command(
     if out is not None:
         _warn_of_run(out, force)
         chosen = chosen.recording("plant.*")
-    result = chosen.run(halve=True)
+    result = chosen.run(halve=True, limits=_limits(trial_limit))
     if result.warning:
         _show(f"warning: {result.warning}", err=True)
+    _print_messages({name: (said.grave, said.text) for name, said in result.messages.items()})
     summary = RunSummary.of(chosen, result)
     if check_coupling and result.status == "completed":
         summary = replace(summary, coupling_check=result.halved or chosen.coupling_check(result))
@@ -157,6 +163,12 @@ def _warn_of_run(out: Path, force: bool) -> None:
     check_run_folder(out)
     if (out / FILE).exists() and not force:
         _show(f"warning: {out}: its earlier run is overwritten; the next version asks for --force", err=True)
+
+
+def _print_messages(lines: Mapping[str, tuple[bool, str]]) -> None:
+    """{component: (whether it warned, what its FMU said)}."""
+    for name, (grave, text) in lines.items():
+        _show(f"{'warning' if grave else 'note'}: {name}: {text}", err=True)
 
 
 def _print_table(title: str, pose: str | None, result: Result) -> None:
@@ -222,6 +234,7 @@ def _print_table(title: str, pose: str | None, result: Result) -> None:
 @click.option("--shard", metavar="K/N", help="Run the K-th of N parts; `merge` joins them.")
 @ISOLATE
 @IN_PROCESS
+@TRIAL_LIMIT
 @click.option("--resume", is_flag=True, help="Continue what --out holds.")
 @click.option("--max-failed", default="1%", show_default=True, help="Share of failed trials that is accepted.")
 @click.option(
@@ -254,6 +267,7 @@ def study_command(
     shard: str | None,
     isolate: bool,
     in_process: bool,
+    trial_limit: str | None,
     resume: bool,
     max_failed: str,
     trajectories: str,
@@ -299,6 +313,7 @@ def study_command(
             shard=portion,
             resume=resume,
             max_failed=share,
+            limits=_limits(trial_limit),
             out=folder,
             progress=reporter(progress),
             trajectories=first_trajectories(trajectories),
@@ -320,6 +335,9 @@ def _warn_of_trials(done: Campaign, folder: Path) -> None:
     """What a reader of the table must know."""
     for warning in done.warnings:
         _show(f"warning: {warning}", err=True)
+    summary = done.summary
+    trials = summary.n_completed + summary.n_failed
+    _print_messages({name: (said.grave, said.text(trials)) for name, said in summary.fmu_messages.items()})
     if done.summary.not_reproduced:
         _show(
             f"warning: trials {list(done.summary.not_reproduced)} gave other numbers when they were run again "
@@ -461,10 +479,13 @@ def merge_command(folders: tuple[Path, ...], out: Path | None, parquet: bool, as
 @cli.command("trial")
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.argument("number", type=click.IntRange(0))
+@TRIAL_LIMIT
 @OUT
 @FORCE
 @JSON
-def trial_command(folder: Path, number: int, out: Path | None, force: bool, as_json: bool) -> int:
+def trial_command(
+    folder: Path, number: int, trial_limit: str | None, out: Path | None, force: bool, as_json: bool
+) -> int:
     """Run trial NUMBER of the study in FOLDER again, in a process of its own, and say whether it gives the recorded
     numbers to the bit."""
     from .figures.gallery import leave_run
@@ -473,7 +494,7 @@ def trial_command(folder: Path, number: int, out: Path | None, force: bool, as_j
 
     if out is not None:
         _warn_of_run(out, force)
-    again = replay(folder, number)
+    again = replay(folder, number, _limits(trial_limit))
     scenario, outcome = again.study.scenario, again.outcome
     result = again.result
     verdict = "the recorded numbers to the bit" if again.same else "OTHER numbers than recorded"
@@ -588,6 +609,7 @@ def check_command(fmu: Path, mapping: Path | None, settings: tuple[str, ...], as
 @click.option("--resume", is_flag=True, help="Continue what --out holds of a study.")
 @click.option("--max-failed", default="1%", show_default=True, help="Share of failed landings that is accepted.")
 @IN_PROCESS
+@TRIAL_LIMIT
 @PROGRESS
 @out_option("Folder of the comparison (default: runs/compare_NAME).")
 @JSON
@@ -604,6 +626,7 @@ def compare_command(
     resume: bool,
     max_failed: str,
     in_process: bool,
+    trial_limit: str | None,
     progress: str,
     out: Path | None,
     as_json: bool,
@@ -633,6 +656,7 @@ def compare_command(
             command=again,
             max_failed=_share(max_failed),
             in_process=in_process,
+            limits=_limits(trial_limit),
             progress=reporter(progress),
             say=lambda name: None if progress == "none" else _show(f"{name} ...", err=True),
         )
@@ -948,6 +972,19 @@ def _share(text: str) -> float:
     return share
 
 
+def _limits(text: str | None) -> Any:
+    """Of processes, with that limit of wall time for a landing."""
+    from .process import Limits
+    from .units import quantity, unit
+
+    if text is None:
+        return Limits()
+    seconds = quantity(text, unit("s"), "--trial-limit")
+    if seconds <= 0:
+        raise InputError(f"--trial-limit {text}: must be positive")
+    return Limits(trial=seconds)
+
+
 def _devices(fmus: tuple[str, ...], maps: tuple[str, ...], option: str = "--fmu") -> list[tuple[str, str, str | None]]:
     """(name, FMU, mapping file or None) of each."""
     mapped = dict(_pair(text, "--map", "NAME=FILE") for text in maps)
@@ -972,10 +1009,25 @@ def _pair(text: str, option: str, form: str) -> tuple[str, str]:
 def main(arguments: list[str] | None = None) -> None:
     """Runs the command line; errors become one line on stderr and the exit code of interface and README."""
     received = signals.interrupt()
+    _keep_stdout()
     code = _run(arguments, received)
     if received:
         signals.settle()
     sys.exit(128 + received[0] if received else code)
+
+
+def _keep_stdout() -> None:
+    """From here on the results alone go where the caller reads them: what foreign code in this process prints into
+    descriptor 1 goes to where the warnings are."""
+    if sys.stdout is not sys.__stdout__ or sys.stdout is None:
+        return
+    try:
+        sys.stdout.flush()
+        own = os.dup(sys.stdout.fileno())
+        os.dup2(2, 1)
+    except (OSError, ValueError):  # closed, or none
+        return
+    sys.stdout = open(own, "w", encoding=sys.stdout.encoding, errors=sys.stdout.errors)  # noqa: SIM115 - to the end
 
 
 def _run(arguments: list[str] | None, received: list[int]) -> int:

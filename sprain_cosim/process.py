@@ -38,10 +38,11 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import median
 from time import monotonic
 from typing import IO, Any, NoReturn
 
-from .errors import EnvironmentProblem, SprainError
+from .errors import EnvironmentProblem, SprainError, visible
 from .sandbox.confinement import Confinement, enter
 from .sandbox.watch import Watch
 
@@ -50,6 +51,10 @@ CHECKSUM = struct.Struct("<I")
 FRAME_LIMIT = 1 << 26  # B, longer replies are not ours
 TAIL = 1 << 14  # B, of what a child printed: kept by size, for a child may print in many small pieces
 NO_TRIAL = -1
+FACTOR, LEAST = 20.0, 10.0  # a learned limit of wall time: times the median, s
+ENOUGH, KEPT = 5, 101  # trials that it is learned from, at least and at most
+FIRST_TRIAL, FIRST_START = 60.0, 60.0  # s, before anything is known
+CORES = 4.0  # s of processor time per s of wall time
 PARENTS_TEMPORARY = "SPRAIN_COSIM_TEMPORARY"  # where a child finds what its parent keeps among temporary files
 STRANGE = "something else than the process wrote into the line to its parent"
 START = (  # packages that lie beside this one, in a clone that is not installed, come last
@@ -59,26 +64,76 @@ START = (  # packages that lie beside this one, in a clone that is not installed
 SINGLE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONFAULTHANDLER": ""}
 
 Handlers = Mapping[str, Callable[..., Any]]
+_serving = False  # whether this process is a child
 
 
 @dataclass(frozen=True)
 class Limits:
     """What a child may use.
 
-    trial    s of wall time of one trial
-    start    s of wall time of opening the FMUs
-    cpu      s of processor time of one trial, all threads
+    trial    s of wall time of one trial; None: learned from those before it, see Allowance
+    start    s of wall time of opening the FMUs; None: learned likewise
+    cpu      s of processor time of one trial, all threads; None: CORES times its wall time
     memory   B of address space
     recycle  trials per child
     growth   B of resident memory after which a child is replaced
     """
 
-    trial: float = 60.0
-    start: float = 300.0
-    cpu: float = 240.0
+    trial: float | None = None
+    start: float | None = None
+    cpu: float | None = None
     memory: int = 16 << 30
     recycle: int = 10_000
     growth: int = 512 << 20
+
+    def of_trials(self, first: float | None = None) -> Allowance:
+        """`first` [s] until some have finished; None: FIRST_TRIAL."""
+        return Allowance(self.trial, FIRST_TRIAL if first is None else first)
+
+    def of_starts(self) -> Allowance:
+        """Opening may take as long as a trial at least, where that is stated."""
+        return Allowance(self.start, max(FIRST_START, self.trial or 0.0), max(LEAST, self.trial or 0.0), enough=1)
+
+    def processor_time(self, trial: float) -> float:
+        """[s] that a trial of at most `trial` [s] of wall time may take."""
+        return CORES * trial if self.cpu is None else self.cpu
+
+
+class Allowance:
+    """The wall time [s] that something may take which happens again and again.
+
+    A stated limit stays. Else it is `first` until `enough` of them have finished, then FACTOR times the median of the
+    first KEPT, but not less than `least`; rounded up to 1, 2 or 5 times a power of ten, so that machines of much the
+    same speed have the same one."""
+
+    def __init__(self, stated: float | None, first: float, least: float = LEAST, enough: int = ENOUGH) -> None:
+        self.stated, self.finished = stated, 0
+        self._least, self._enough = least, enough
+        self._taken: list[float] = []
+        self.seconds = first if stated is None else stated
+
+    def note(self, seconds: float) -> None:
+        """One has finished, after `seconds` [s]."""
+        self.finished += 1
+        if self.stated is None and self.finished <= KEPT:
+            self._taken.append(seconds)
+            if self.finished >= self._enough:
+                self.seconds = max(self._least, round_up(FACTOR * median(self._taken)))
+
+    @property
+    def origin(self) -> str:
+        """Where the limit comes from, behind it."""
+        if self.stated is not None:
+            return "as stated"
+        if self.finished < self._enough:
+            return f"until {self._enough} have finished" if self._enough > 1 else "the first time"
+        return f"{FACTOR:g} times the median before it, at least {self._least:g} s"
+
+
+def round_up(seconds: float) -> float:
+    """To 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** math.floor(math.log10(max(seconds, 1e-9)))
+    return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if seconds <= step * power * (1 + 1e-9))
 
 
 class ProcessEnded(Exception):
@@ -88,6 +143,21 @@ class ProcessEnded(Exception):
     def __init__(self, status: str, message: str, killed: bool = False) -> None:
         super().__init__(message)
         self.status, self.killed = status, killed
+
+
+class Overrun(ProcessEnded):
+    """The child did not answer within its limit of wall time."""
+
+    def __init__(self, limit: float, origin: str = "") -> None:
+        """`limit` [s], `origin` where it comes from."""
+        stated = f"{limit:g} s: {origin}" if origin else f"{limit:g} s"
+        super().__init__("timeout", f"overran its limit of wall time ({stated}) and was ended")
+        self.limit = limit
+
+    @property
+    def cure(self) -> str:
+        """What gives it more time."""
+        return f'--trial-limit "{round_up(2 * self.limit):g} s" gives it more time'
 
 
 # ---- the line between the two
@@ -216,7 +286,7 @@ class Child:
     def log(self) -> str:
         """The last lines that the child printed."""
         self._reader.join(0.2)
-        text = self._tail.decode("utf-8", "replace")
+        text = visible(self._tail.decode("utf-8", "replace"))
         return "\n".join(text.splitlines()[-20:])[-4000:]
 
     def last_words(self, before: str = "; it said: ") -> str:
@@ -235,6 +305,8 @@ class Child:
             self._scratch.remove()
 
     def _exchange(self, request: bytes, limit: float, trial: int) -> Any:
+        if self._closed:  # its descriptors may be somebody else's by now
+            raise ProcessEnded("crashed", "was ended before")
         deadline = monotonic() + limit
         self._number += 1
         try:
@@ -246,7 +318,7 @@ class Child:
                 raise ProcessEnded("crashed", f"answered request {frame.number} of trial {frame.trial}")
             reply = json.loads(frame.content)
         except TimeoutError:
-            raise ProcessEnded("timeout", "overran its limit of wall time and was ended") from None
+            raise Overrun(limit) from None
         except json.JSONDecodeError:
             raise self._ending() from None
         except ValueError as problem:
@@ -293,6 +365,8 @@ def serve(handlers: Callable[[Any], AbstractContextManager[Handlers]]) -> NoRetu
 
     `handlers(subject)` opens the subject and gives the functions that can be called, by name. A SprainError, also of
     opening, becomes a reply; any other exception ends the process."""
+    global _serving
+    _serving = True
     requests, replies, memory, parent, report = (int(argument) for argument in sys.argv[1:6])
     _die_with_parent(parent)
     _confine(memory)
@@ -356,6 +430,14 @@ def _die_with_parent(parent: int) -> None:
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
     if os.getppid() != parent:
         os._exit(1)
+
+
+def tell_parent(text: str) -> None:
+    """A line among what this child prints, of which its parent keeps the last; nothing in a process that is no
+    child."""
+    if _serving:
+        with contextlib.suppress(OSError):
+            os.write(1, f"{text}\n".encode("utf-8", "replace"))
 
 
 def resident() -> int:

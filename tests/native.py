@@ -149,6 +149,21 @@ def compile_fmu(
     return target
 
 
+SPEECH = [
+    "silent",
+    "informs",
+    "warns",
+    "fails",
+    "controls",
+    "unknown",
+    "negative",
+    "thread",
+    "after_free",
+    "prints",
+    "only_status",
+    "many",
+    "dies",
+]
 UNITS = {  # factor to base units and their exponents, as attributes of BaseUnit
     "rad": (1.0, 'rad="1"'),
     "deg": (math.pi / 180, 'rad="1"'),
@@ -161,6 +176,7 @@ UNITS = {  # factor to base units and their exponents, as attributes of BaseUnit
     "N": (1.0, 'kg="1" m="1" s="-2"'),
     "kN": (1e3, 'kg="1" m="1" s="-2"'),
     "V": (1.0, 'kg="1" m="2" s="-3" A="-1"'),
+    "1": (1.0, ""),
 }
 
 
@@ -179,11 +195,13 @@ def device(
     attributes: str = "",
     supply: bool = False,
     cables: bool = False,
+    speaks: bool = False,
 ) -> Path:
     """tests/sources/device.c as an FMU of the version and kind; `sign` -1 pushes instead of resisting; `declared` False
     leaves the units out; `behaviour` are macros of the source, `saves`: declares that it saves its state, `attributes`
     further capabilities; `supply`: an input in V at whose 48 V it gives the torque, and in proportion to it; `cables`:
-    the outputs medial [N] and lateral [kN], cables on 40 mm whose difference gives the torque."""
+    the outputs medial [N] and lateral [kN], cables on 40 mm whose difference gives the torque; `speaks`: a parameter
+    `speech` says what of SPEECH it says."""
     library = target.with_suffix(".so")
     macros = [
         f"-DFMI={fmi}",
@@ -192,6 +210,7 @@ def device(
         f"-DTORQUE_UNIT={UNITS[torque][0]!r}",
     ]
     macros += ["-DSUPPLIED=48.0"] if supply else []
+    macros += ["-DSPEAKS", "-pthread"] if speaks else []
     macros += [f"-D{name}={value}" for name, value in (behaviour or {}).items()]
     subprocess.run(
         [
@@ -219,6 +238,7 @@ def device(
         *([("supply", 6, "input", "continuous", "V", "0")] if supply else []),
         *([("medial", 7, "output", "continuous", "N", None)] if cables else []),
         *([("lateral", 8, "output", "continuous", "kN", None)] if cables else []),
+        *([("speech", 9, "parameter", "fixed", "1", "0")] if speaks else []),
         *([("time", 5, "independent", "continuous", "s", None)] if fmi == 3 else []),
     ]
     used = sorted({v[4] for v in variables})

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 from ..cosim.result import HALVED_WITHIN, Result
 from ..errors import InputError, SimulationError
+from ..fmu.messages import Messages
 from ..folders.run import FILE, RunSummary
-from ..process import Child, Handlers, Limits, ProcessEnded, serve
+from ..process import Child, Handlers, Limits, Overrun, ProcessEnded, serve
 from ..scenario import Scenario
 from ..scenario.apart import fetched, served
 from ..scenario.postures import POSTURES, hold
@@ -23,11 +24,14 @@ if TYPE_CHECKING:
 
 
 class Bench:
-    """One child process with the scenario, started when first asked. Raises SimulationError when the child ends or
+    """One child process with the scenario, started when first asked. `messages`: {component: what its FMU said in the
+    landing}. Raises SimulationError when the child ends or
     reports an error, such as the stability guard's refusal of this device."""
 
     def __init__(self, scenario: Scenario, limits: Limits) -> None:
         self.scenario, self.limits = scenario, limits
+        self._landing, self._start = limits.of_trials().seconds, limits.of_starts().seconds
+        self.messages: Mapping[str, Messages] = {}
         self._child: Child | None = None
 
     def land(self, folder: Path) -> tuple[pd.DataFrame, str]:
@@ -41,6 +45,7 @@ class Bench:
             result = fetched(self._call)
         except ValueError:
             raise SimulationError("the process answered what is no result") from None
+        self.messages = result.messages
         if result.status != "completed":
             raise SimulationError("; ".join(text for text in (result.warning, result.message) if text))
         result = self._halved(result)
@@ -67,10 +72,12 @@ class Bench:
         try:
             if self._child is None:
                 self._child = Child(__name__, self.limits)
-                self._child.open(self.scenario.absolute(), self.limits.start, self.scenario.confinement())
-            return self._child.call(name, *arguments, limit=self.limits.trial)
+                self._child.open(self.scenario.absolute(), self._start, self.scenario.confinement())
+            return self._child.call(name, *arguments, limit=self._landing)
         except ProcessEnded as end:
-            raise SimulationError(f"the process {end}{self._child.last_words() if self._child else ''}") from None
+            words = self._child.last_words() if self._child else ""
+            cure = f"; {end.cure}" if isinstance(end, Overrun) else ""
+            raise SimulationError(f"the process {end}{words}{cure}") from None
         except InputError as problem:  # of this device with this scenario: the comparison goes on without it
             raise SimulationError(str(problem)) from None
 

@@ -216,7 +216,7 @@ class _Held:
         self._child = Child(__name__, LIMITS)
         try:
             places = {axis: at.tolist() for axis, at in angles.items()}
-            self._child.open((component, tuple(axes), places), LIMITS.start, confinement([component]))
+            self._child.open((component, tuple(axes), places), LIMITS.of_starts().seconds, confinement([component]))
         except ProcessEnded as end:
             words = self._child.last_words()
             self._child.close()
@@ -228,7 +228,7 @@ class _Held:
     def torques(self, parameters: Mapping[str, float]) -> Array:
         """(rows,) [N.m], axis after axis."""
         try:
-            return np.array(self._child.call("torques", dict(parameters), limit=LIMITS.trial))
+            return np.array(self._child.call("torques", dict(parameters), limit=LIMITS.of_trials().seconds))
         except ProcessEnded as end:
             raise SimulationError(f"the device's process {end}{self._child.last_words()}") from None
 

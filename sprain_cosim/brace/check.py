@@ -22,7 +22,7 @@ from ..process import Child, Limits, ProcessEnded
 from ..sandbox.confinement import Confinement
 from ..sandbox.kernel import offered
 from ..sandbox.watch import Watch
-from .conduct import note_conduct
+from .conduct import note_conduct, note_messages
 from .fit import FitReport
 from .judge import Measured, judge_dynamics, judge_landing, judge_physics, judge_steps
 from .names import clocks, contract_axes, contradicting_units, undeclared
@@ -235,6 +235,7 @@ def _judge_behaviour(
             "sprain_cosim.brace.probe", Limits(memory=MEMORY), watch if sandbox and offered().seccomp else None
         )
         changed: list[str] = []
+        said = None
         try:
             try:
                 placed = replace(component, fmu=component.fmu.absolute())
@@ -246,9 +247,11 @@ def _judge_behaviour(
             measured, step = _measure(child, component, len(axes), report, say)
             with contextlib.suppress(ProcessEnded, SprainError):
                 changed = child.call("conduct", limit=PROBE_LIMIT)
+                said = child.call("messages", limit=PROBE_LIMIT)
         finally:
             child.close()
         note_conduct(watch.attempts, changed, report)
+        note_messages(said, report)
     if not report.fits:
         return
     judge_dynamics(measured, report)
@@ -260,7 +263,7 @@ def _judge_behaviour(
 
 def _is_freed(child: Child) -> bool:
     """Whether the process ended while the device was freed: the probes say when they begin with that."""
-    return child.log().splitlines()[-1:] == [FREEING]
+    return [line for line in child.log().splitlines() if line in (FREEING, FREED)][-1:] == [FREEING]
 
 
 def _where(child: Child) -> str:

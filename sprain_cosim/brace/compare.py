@@ -103,6 +103,8 @@ def compare_braces(
     if in_process:
         source = source.unconfined()
     folder, limits = Path(out), limits or Limits()
+    if limits.trial is None and isinstance(source, Study):
+        limits = replace(limits, trial=source.trial_limit)
     source, variants = _variants(source, braces, maps or {}, settings or {}, trials)
     _check(folder, list(variants), isinstance(source, Study), resume)
     options = {"workers": workers, "progress": progress, "command": command, "resume": resume, "max_failed": max_failed}
@@ -149,14 +151,18 @@ def _run(
                 held = bench.hold(means) if fmu is not None else None
                 bench.close()
                 entry = replace(entry, resistance=held)
-                landings = variant.run(out=folder, limits=limits, **options).trials
+                done = variant.run(out=folder, limits=limits, **options)
+                landings, total = done.trials, len(done.trials)
+                said = {n: m.text(total) for n, m in done.summary.fmu_messages.items() if m.grave}
             else:
                 landings, warning = bench.land(folder)
                 entry = replace(entry, warnings=(*entry.warnings, *([warning] if warning else [])))
+                said = {n: m.text for n, m in bench.messages.items() if m.grave}
                 held = bench.hold() if fmu is not None else None
         except SimulationError as problem:
             return replace(entry, status="failed", message=str(problem), landings=None)
-    return replace(entry, landings=with_derived(landings), resistance=held)
+    spoken = tuple(f"{component}: {text}" for component, text in said.items())
+    return replace(entry, landings=with_derived(landings), resistance=held, warnings=(*entry.warnings, *spoken))
 
 
 # ---- what is compared

@@ -6,7 +6,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
+from ..fmu.messages import Messages
 from ..sandbox.watch import Attempt
 from .fit import FitReport
 from .probe import BEGINS, ENDS
@@ -38,6 +40,12 @@ def note_conduct(attempts: Iterable[Attempt], changed: Collection[str], report: 
             f"tried what only a mapping file can allow; if it needs that and you trust its maker: allow = [{words}]"
             + (', or "loopback" in its place for a server of its own' if "network" in needs else "")
         )
+
+
+def note_messages(said: Any, report: FitReport) -> None:
+    """Notes in `report` what its FMU said to the probes: Messages as JSON, or None."""
+    if said is not None:
+        report.notes.append(Messages.from_json(said, report.fmu).text)
 
 
 def _of_the_device(attempts: list[Attempt]) -> Iterator[Attempt]:

@@ -24,6 +24,7 @@ from ..errors import SimulationError
 from ..fmu.component import Component
 from ..fmu.driver import STEP, Driver
 from ..fmu.floating_point import FloatingPoint
+from ..fmu.messages import Messages
 from ..fmu.opener import preload
 from ..fmu.surroundings import Surroundings
 from ..process import Handlers, serve
@@ -418,11 +419,19 @@ def _handlers(subject: tuple[Component, tuple[str, ...]]) -> Iterator[Handlers]:
     Path(BEGINS).write_bytes(b"")
     free(Rig(component, axes))
 
+    said: list[Messages] = []
+
     def run(name: str, h: float) -> dict[str, Any]:
         rig = Rig(component, axes)
-        found = PROBES[name](rig, h)
-        free(rig)
-        return found
+        try:
+            return PROBES[name](rig, h)
+        finally:
+            said.extend(m for m in [rig.driver.instance.messages()] if m is not None)
+            free(rig)
+
+    def messages() -> dict[str, Any] | None:
+        found = Messages.sum(said)
+        return found.to_json() if found is not None else None
 
     def conduct() -> list[str]:
         with suppress(OSError):
@@ -430,7 +439,7 @@ def _handlers(subject: tuple[Component, tuple[str, ...]]) -> Iterator[Handlers]:
         return [*surroundings.restore(), *sorted(FloatingPoint.noticed)]
 
     folder = os.getcwd()
-    yield {"run": run, "conduct": conduct}
+    yield {"run": run, "conduct": conduct, "messages": messages}
 
 
 def free(rig: Rig) -> None:

@@ -129,6 +129,7 @@ class Master:
             warning=warning,
             coupling_error=error,
             held=held,
+            messages={m.name: said for m in assembly.members if (said := m.instance.messages()) is not None},
             exchanges=exchanges,
             smallest_step=smallest,
             parameters=dict(parameters),

@@ -132,11 +132,17 @@ class NativeSteps:
         SimulationError as the schemes do; the last number given is then that of the last point on record."""
         run, take = self._run, _take_steps()
         outcome = PAUSED
-        while outcome != FINISHED:
-            outcome = take(ctypes.byref(run), ctypes.c_double(SLICE))
-            yield self._recorder.reached(run.point)
-            if outcome in (SETTING, STEPPING, READING, NOT_FINITE):
-                self._resolve(outcome)
+        try:
+            while outcome != FINISHED:
+                outcome = take(ctypes.byref(run), ctypes.c_double(SLICE))
+                yield self._recorder.reached(run.point)
+                if outcome in (SETTING, STEPPING, READING, NOT_FINITE):
+                    self._resolve(outcome)
+        finally:
+            for row, (member, _) in zip(self._table, self._members, strict=True):
+                instance: Any = member.instance
+                instance.log.warned(row.warnings)
+                row.warnings = 0
 
     def _resolve(self, outcome: int) -> None:
         """A call that was not answered by ok: raises what the schemes raise, or returns when the step goes on."""

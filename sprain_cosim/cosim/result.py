@@ -13,6 +13,7 @@ import numpy as np
 
 from ..errors import InputError, visible
 from ..files import LARGEST_RECORD, read_frame
+from ..fmu.messages import Messages
 from ..metrics import metrics
 from ..units import Unit
 
@@ -76,6 +77,7 @@ class Result:
     coupling_error  the residual energy as a share of the exchanged energy; None where nothing was exchanged
     halved          {metric: its change} when the run was made again at half the communication step; None: it was not
     held            {component: Held} of devices whose torques are held between their calls
+    messages        {component: what its FMU said}, of those that said anything
     wall            wall time [s]
     exchanges       steps of the coupling taken
     smallest_step   of those [s]; shorter than the communication step under an adaptive step, and where a component
@@ -95,6 +97,7 @@ class Result:
     coupling_error: float | None = None
     halved: dict[str, float] | None = None
     held: dict[str, Held] = field(default_factory=dict)
+    messages: dict[str, Messages] = field(default_factory=dict)
     wall: float = 0.0
     exchanges: int = 0
     smallest_step: float = 0.0

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import InputError
+from ..fmu.messages import Messages
 from ..units import Unit
 from .result import Held, Result
 
@@ -25,6 +27,7 @@ def packed(result: Result) -> dict[str, Any]:
         "units": [None if u is None else [u.name, u.exponents, u.factor, u.offset] for u in result.units],
         "parameters": result.parameters,
         "held": {name: [getattr(held, f.name) for f in fields(Held)] for name, held in result.held.items()},
+        "messages": {name: said.to_json() for name, said in result.messages.items()},
         "rows": len(result.time),
         "pieces": len(pieces(result)),
     }
@@ -58,8 +61,9 @@ def unpacked(content: Mapping[str, Any], texts: list[str]) -> Result:
             units=units,
             parameters={str(name): float(value) for name, value in content["parameters"].items()},
             held={str(name): Held(*values) for name, values in content["held"].items()},
+            messages={str(n): Messages.from_json(said, str(n)) for n, said in content["messages"].items()},
             smallest_step=float(content["smallest_step"]),
             **{name: content[name] for name in PLAIN},
         )
-    except (KeyError, TypeError, IndexError, AttributeError) as problem:
+    except (KeyError, TypeError, IndexError, AttributeError, InputError) as problem:
         raise ValueError(str(problem)) from None

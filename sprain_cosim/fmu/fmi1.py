@@ -5,7 +5,8 @@ from __future__ import annotations
 import ctypes
 from typing import Any, ClassVar
 
-from .fmi_instance import LAST_SUCCESSFUL_TIME, PENDING, WARNING, FmiInstance
+from .fmi_instance import LAST_SUCCESSFUL_TIME, PENDING, FmiInstance
+from .messages import WARNING, loggers
 
 
 class Fmi1Instance(FmiInstance):
@@ -18,25 +19,12 @@ class Fmi1Instance(FmiInstance):
         "Boolean": ("Boolean", ctypes.c_char),
     }
 
-    def callbacks(self) -> Any:
-        """The functions that an instance may call; they live as long as this."""
-        from fmpy import calloc, fmi1, free
-
-        def log_message(instance: Any, name: bytes, status: int, category: bytes, message: bytes) -> None:
-            self.log_message(message, status)
-
-        self._callbacks = fmi1.fmi1CallbackFunctions()
-        self._callbacks.logger = fmi1.fmi1CallbackLoggerTYPE(log_message)
-        self._callbacks.allocateMemory = fmi1.fmi1CallbackAllocateMemoryTYPE(calloc)
-        self._callbacks.freeMemory = fmi1.fmi1CallbackFreeMemoryTYPE(free)
-        return self._callbacks
-
     def function(self, name: str) -> Any:
         return self.fmu.dll[f"{self.component.identifier}_fmi{name}"]
 
     def instantiate(self) -> None:
         self.readable = False
-        self.fmu.instantiate(functions=self.callbacks(), loggingOn=True)
+        self.fmu.instantiate(functions=loggers()[0], loggingOn=True)
         if not self.fmu.component:
             raise RuntimeError("null")
 

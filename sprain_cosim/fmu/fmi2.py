@@ -4,40 +4,12 @@ from __future__ import annotations
 
 import atexit
 import ctypes
-import weakref
-from functools import lru_cache
 from typing import Any, ClassVar
 
-from .fmi_instance import LAST_SUCCESSFUL_TIME, PENDING, WARNING, FmiInstance, NativeCalls
+from .fmi_instance import LAST_SUCCESSFUL_TIME, PENDING, FmiInstance, NativeCalls
+from .messages import WARNING, loggers
 
 TERMINATED = 3  # fmi2StatusKind
-
-_instances: weakref.WeakValueDictionary[str, FmiInstance] = (
-    weakref.WeakValueDictionary()
-)  # by instance name: all share one logger
-
-
-@lru_cache(maxsize=1)
-def callbacks() -> Any:
-    """One set for the process: the proxy that formats the messages' variable arguments remembers a single logger."""
-    import fmpy
-    from fmpy import fmi2
-
-    def log_message(environment: Any, instance: bytes, status: int, category: bytes, message: bytes) -> None:
-        sender = _instances.get((instance or b"").decode("utf-8", "replace"))
-        if sender is not None:
-            sender.log_message(message, status)
-
-    found = fmi2.fmi2CallbackFunctions()
-    found.logger = fmi2.fmi2CallbackLoggerTYPE(log_message)
-    found.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
-    found.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
-    try:
-        from fmpy.logging import addLoggerProxy
-    except (ImportError, OSError):  # no proxy for this platform: messages arrive unformatted
-        return found
-    addLoggerProxy(ctypes.byref(found))
-    return found
 
 
 class Fmi2Instance(FmiInstance):
@@ -54,8 +26,7 @@ class Fmi2Instance(FmiInstance):
         return self.fmu.dll[f"fmi2{name}"]
 
     def instantiate(self) -> None:
-        _instances[self.label] = self
-        self.fmu.instantiate(callbacks=callbacks(), loggingOn=True)
+        self.fmu.instantiate(callbacks=loggers()[1], loggingOn=True)
 
     def free_instance(self) -> None:
         self.fmu.fmi2FreeInstance(self.fmu.component)

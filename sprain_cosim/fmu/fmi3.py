@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import ctypes
 import math
+import os
 from dataclasses import replace
 from typing import Any, ClassVar
 
 from ..errors import SimulationError, SimulationStopped
-from .fmi_instance import DISCARD, WARNING, FmiInstance, NativeCalls
+from .fmi_instance import DISCARD, FmiInstance, NativeCalls
+from .messages import ERROR, WARNING, logger3
 
-ERROR = 3
 ROUNDING = 1e-9  # of a step or an interval: times that differ by less are the same
 MAX_RETURNS = 10_000  # in one step
 MAX_ITERATIONS = 100  # of discrete states at one event
@@ -38,10 +39,22 @@ class Fmi3Instance(FmiInstance):
         return self.instance, references, ctypes.c_size_t(n), buffer, ctypes.c_size_t(len(buffer))
 
     def instantiate(self) -> None:
-        self.fmu.instantiate(loggingOn=True, logMessage=self._log)
+        """Not by fmpy's own method, which makes another logger each time, frees the one before, and hands no
+        environment through."""
+        resources = os.path.join(self.fmu.unzipDirectory, "resources", "")
+        self.fmu.component = self.make(
+            self.log.label.encode(),
+            self.component.guid.encode(),
+            resources.encode(),
+            ctypes.c_bool(),
+            ctypes.c_bool(True),
+        )
+        if not self.fmu.component:
+            raise RuntimeError("null")
 
-    def _log(self, environment: Any, status: int, category: bytes, message: bytes) -> None:
-        self.log_message(message, status)
+    def make(self, *common: Any) -> Any:
+        """The FMU's function that instantiates; `common`: name, token, resources, visible, logging."""
+        raise NotImplementedError
 
     def free_instance(self) -> None:
         self.fmu.fmi3FreeInstance(self.fmu.component)
@@ -74,16 +87,20 @@ class Fmi3CoSimulation(Fmi3Instance):
         return fmu
 
     def instantiate(self) -> None:
-        capabilities = self.component.capabilities
         self._next_event = math.inf
         self._ticks: tuple[float, ...] = ()  # the next time of each clock
-        self._final = ctypes.c_bool(not capabilities.state)  # no state will be set that lies before the present point
-        self.fmu.instantiate(
-            loggingOn=True,
-            eventModeUsed=capabilities.event_mode,
-            earlyReturnAllowed=capabilities.early_return,
-            logMessage=self._log,
-        )
+        self._final = ctypes.c_bool(
+            not self.component.capabilities.state
+        )  # no state will be set that lies before the present point
+        super().instantiate()
+
+    def make(self, *common: Any) -> Any:
+        from fmpy.fmi3 import fmi3IntermediateUpdateCallback, fmi3ValueReference
+
+        capabilities = self.component.capabilities
+        modes = ctypes.c_bool(capabilities.event_mode), ctypes.c_bool(capabilities.early_return)
+        intermediate = (fmi3ValueReference * 0)(), 0, self.log.environment, logger3(), fmi3IntermediateUpdateCallback()
+        return self.fmu.fmi3InstantiateCoSimulation(*common, *modes, *intermediate)
 
     def call_enter_initialization(self, time: float, stop: float) -> None:
         self._start = time
@@ -109,8 +126,12 @@ class Fmi3CoSimulation(Fmi3Instance):
                 status: int = self._step(
                     self.instance, ctypes.c_double(now), ctypes.c_double(size), self._final, *self._answers
                 )
-                if status not in (0, WARNING) or self._end.value:
-                    return max(status, DISCARD)
+                if status not in (0, WARNING):
+                    return status
+                if self._end.value:
+                    return DISCARD
+                if status:
+                    self.log.warned()
                 if self._early.value and not capabilities.early_return:
                     return self._early_return()
             now = self._reached.value if self._early.value else target
@@ -119,11 +140,11 @@ class Fmi3CoSimulation(Fmi3Instance):
                 self._handle_events(now)
             if now >= end - 1e-9 * step:
                 return 0
-        self.log_message(f"it returned early more than {MAX_RETURNS} times in one step", ERROR)
+        self.log.add(f"it returned early more than {MAX_RETURNS} times in one step")
         return ERROR
 
     def _early_return(self) -> int:
-        self.log_message(f"it returned at {self._reached.value:g} s though early return was not allowed", ERROR)
+        self.log.add(f"it returned at {self._reached.value:g} s though early return was not allowed")
         return ERROR
 
     def native_calls(self) -> NativeCalls | None:
@@ -135,7 +156,7 @@ class Fmi3CoSimulation(Fmi3Instance):
         return calls and replace(calls, answers=answers)
 
     def check_step(self, status: int, time: float, step: float) -> None:
-        if status <= WARNING and (self._end.value or self._early.value):
+        if status in (0, WARNING) and (self._end.value or self._early.value):
             status = DISCARD if self._end.value else self._early_return()
         super().check_step(status, time, step)
 

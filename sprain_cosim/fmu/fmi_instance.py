@@ -6,12 +6,15 @@ more per step than the FMU. Double-precision variables live on the bus itself, o
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import itertools
-import re
-from collections import deque
-from collections.abc import Mapping, Sequence
+import os
+import threading
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
 from time import sleep
 from typing import Any, ClassVar
 
@@ -23,20 +26,51 @@ from .description import Description, first_line
 from .element import Connector
 from .floating_point import FloatingPoint
 from .foreign import is_foreign
+from .messages import ERROR, WARNING, Log, Messages
 
-WARNING, DISCARD, ERROR, PENDING = 1, 2, 3, 5
+DISCARD, PENDING = 2, 5
 DO_STEP_STATUS, LAST_SUCCESSFUL_TIME = 0, 2  # kinds of GetStatus, GetRealStatus
 POLL = 1e-4  # s
 STATUS = {2: "discarded the call", 3: "reported an error", 4: "reported a fatal error"}
 SETTING, READING = "setting its inputs", "reading its outputs"
-MAX_MESSAGES = 100
-ERRORS = re.compile(r"error|exception|fail|cannot|could not|invalid|assert", re.IGNORECASE)
 MAX_PARTS = 1024  # of a step that is refused
 
 Calls = tuple[
     list[tuple[Any, tuple[Any, ...]]], list[tuple[np.ndarray, slice, int]]
 ]  # library calls, and values that do not lie on the bus: buffer, place on the bus, sign
-_counter = itertools.count(1)
+
+
+class _Os:
+    """`os` as fmpy sees it: without the change of the working folder, which is the whole process's, while it loads a
+    library."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(os, name)
+
+    def chdir(self, path: str) -> None:
+        pass
+
+
+@lru_cache(maxsize=1)
+def _keep_working_folder() -> None:
+    from fmpy import fmi1
+
+    fmi1.os = _Os()  # where the constructor of all versions stands
+
+
+_one_at_a_time = threading.Lock()
+
+
+@contextlib.contextmanager
+def _loading(folder: Path) -> Iterator[None]:
+    """A foreign library may look for others beside it. It has a process of its own, unless its user wants otherwise."""
+    with _one_at_a_time:
+        before = os.getcwd()
+        os.chdir(folder)
+        try:
+            yield
+        finally:
+            os.chdir(before)
 
 
 @dataclass(frozen=True)
@@ -77,21 +111,24 @@ class FmiInstance:
 
     def __init__(self, component: Description) -> None:
         self.component = component
-        self.label = f"{component.name}_{next(_counter)}"
-        self.messages: deque[tuple[int, str]] = deque(maxlen=MAX_MESSAGES)
+        self.log = Log(component.name)
         self._floating = FloatingPoint() if is_foreign(component.fmu, component.sha256) else None
         folder = cache.unpacked(component.fmu, component.sha256)
+        _keep_working_folder()
+        beside = contextlib.nullcontext() if self._floating is None else _loading((folder / component.library).parent)
         try:
-            self.fmu = self.load_library(
-                guid=component.guid,
-                modelIdentifier=component.identifier,
-                unzipDirectory=str(folder),
-                instanceName=self.label,
-            )
+            with beside:
+                self.fmu = self.load_library(
+                    guid=component.guid,
+                    modelIdentifier=component.identifier,
+                    unzipDirectory=str(folder),
+                    instanceName=self.log.label,
+                )
         except Exception as problem:
             raise EnvironmentProblem(f"{component.fmu}: its library cannot be loaded: {first_line(problem)}") from None
         finally:
             self._restore()
+        self._watch()
         self.broken = False
         self.readable = True
         self._arrays: dict[tuple[str, int], tuple[Connector, Any]] = {}  # by verb and reference
@@ -320,7 +357,9 @@ class FmiInstance:
         try:
             status = self.call_do_step(time, step)
             self._restore()
-            if status not in (0, WARNING):
+            if status == WARNING:
+                self.log.warned()
+            elif status:
                 self._not_done(status, time, step, least, state)
         finally:
             if state is not None and not self.broken:
@@ -331,7 +370,9 @@ class FmiInstance:
         `do_step` does."""
         if status == PENDING:
             status = self.finished_step()
-        if status not in (0, WARNING):
+        if status == WARNING:
+            self.log.warned()
+        elif status:
             self._not_done(status, time, step, step, None)
 
     def _not_done(self, status: int, time: float, step: float, least: float, state: Any) -> None:
@@ -390,13 +431,14 @@ class FmiInstance:
     def reset(self) -> None:
         """Back to the state after instantiation: by the FMU's own reset where that is known to work, else by a fresh
         instance."""
-        self.messages.clear()
         for element, buffer in self._arrays.values():
             _fill(element, buffer)
         if self.component.capabilities.reusable:
             self.call("resetting", self.call_reset)
+            self.log.clear()
         else:
             self.free_instance()
+            self.log.clear()
             self._new_instance()
 
     def close(self) -> None:
@@ -424,6 +466,24 @@ class FmiInstance:
         if self._floating is not None:
             self._floating.restore()
 
+    def _watch(self) -> None:
+        """Takes the place of what all of fmpy's methods call the library through: counts warnings, refuses statuses
+        that FMI does not know, and costs no more."""
+        from fmpy.fmi1 import FMICallException
+
+        functions, log = self.fmu._functions, self.log
+
+        def call(name: str, *arguments: Any) -> Any:
+            function = functions[name]
+            result = function(*arguments)
+            if result and function.restype is ctypes.c_int:
+                if result != WARNING:
+                    raise FMICallException(function=name, status=result)
+                log.warned()
+            return result
+
+        self.fmu._call = call
+
     def call(self, doing: str, function: Any, *arguments: Any) -> Any:
         try:
             try:
@@ -436,26 +496,20 @@ class FmiInstance:
             self.check(getattr(problem, "status", 3), doing)
 
     def check(self, status: int, doing: str) -> None:
-        if status not in (0, WARNING):
+        if status == WARNING:
+            self.log.warned()
+        elif status:
             self.broken = status not in (DISCARD, ERROR)
             raise SimulationError(
                 f"{self.component.name}: {STATUS.get(status, f'gave status {status}')} {doing}{self.last_message()}"
             )
 
     def last_message(self) -> str:
-        """What the FMU said of its failure: of its last message that is an error by status, else by its words, else of
-        the last one, the last line that names the error. For a Python FMU that is the exception itself."""
-        said = [(status, text) for status, text in self.messages if text.strip()]
-        errors = [text for status, text in said if status >= ERROR] or [t for _, t in said if ERRORS.search(t)]
-        text = errors[-1] if errors else said[-1][1] if said else ""
-        lines = [line.strip() for line in text.splitlines() if line.strip()]
-        named = [line for line in lines if ERRORS.search(line)] or lines
-        return f": {named[-1]}" if named else ""
+        """What it said about an error, see `Log.quote`."""
+        return self.log.quote()
 
-    def log_message(self, message: bytes | str | None, status: int = 0) -> None:
-        """Keeps what the FMU says; `status` of FMI."""
-        text = message.decode("utf-8", "replace") if isinstance(message, bytes) else message or ""
-        self.messages.append((status, text))
+    def messages(self) -> Messages | None:
+        return self.log.found()
 
 
 def _address(function: Any) -> int:

@@ -22,6 +22,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from .messages import Messages
+
 Values = NDArray[np.float64]
 
 
@@ -98,6 +100,11 @@ class Instance(Protocol):
 
     def free_state(self, state: Any) -> None:
         """Frees a saved state; it must not be used afterwards."""
+
+    def messages(self) -> Messages | None:
+        """What it has said since the run began, its instantiation included; None when it said nothing.
+
+        At any time, also after a call has failed."""
 
     def reset(self) -> None:
         """Back to the state of a new instance, parameters included; what was bound and watched stays so.

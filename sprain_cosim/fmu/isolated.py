@@ -17,13 +17,14 @@ from typing import Any
 import numpy as np
 
 from ..errors import SimulationError, SprainError
-from ..process import Child, Handlers, Limits, ProcessEnded, serve
+from ..process import FIRST_START, LEAST, Child, Handlers, Limits, ProcessEnded, serve
 from .component import Component
 from .confine import confinement
 from .instance import Instance, Values
+from .messages import Messages
 from .surroundings import Surroundings
 
-START_LIMIT, STEP_LIMIT = 120.0, 10.0  # s of wall time: opening and initialising; any other call
+START_LIMIT, STEP_LIMIT = FIRST_START, LEAST  # s of wall time: opening and initialising; any other call
 CLOSE_LIMIT = 1.0
 DOING = {
     "bind": "choosing its variables",
@@ -138,6 +139,13 @@ class Proxy:
     def free_state(self, state: Any) -> None:
         self._call("free_state", state)
 
+    def messages(self) -> Messages | None:
+        """None also when its process is gone."""
+        try:
+            return Messages.from_json(self._child.call("messages", None, limit=STEP_LIMIT), self.name)
+        except (ProcessEnded, SprainError):
+            return None
+
     def reset(self) -> None:
         self._call("reset", limit=START_LIMIT)
 
@@ -195,6 +203,7 @@ class Host:
             self.get_locals,
             self.get_outputs,
             self.do_step,
+            self.messages,
             self.reset,
             self.save_state,
             self.restore_state,
@@ -228,6 +237,10 @@ class Host:
     def do_step(self, time: float, step: float) -> list[float]:
         self.instance.do_step(time, step)
         return self.get_outputs()
+
+    def messages(self) -> dict[str, Any] | None:
+        found = self.instance.messages()
+        return found.to_json() if found is not None else None
 
     def reset(self) -> None:
         self._surroundings.restore()

@@ -13,12 +13,12 @@ from .fmi1 import Fmi1Instance
 from .fmi2 import Fmi2Instance
 from .fmi3 import Fmi3Instance
 from .fmi_instance import FmiInstance
+from .messages import ERROR, logger3
 
 TOLERANCE = 1e-8  # relative; the absolute one is this times the nominal of the state
 MAX_EVENTS = 1000  # per communication step
 MAX_ITERATIONS = 100  # of discrete states at one event
 MAX_SOLVER_STEPS = 100_000
-ERROR = 3
 
 
 class _Held:
@@ -79,7 +79,7 @@ class _Integrated(FmiInstance):
         except SimulationError:
             raise
         except Exception as problem:
-            return getattr(problem, "status", ERROR)
+            return int(getattr(problem, "status", ERROR))
 
     def _advance(self, end: float) -> int:
         for _ in range(MAX_EVENTS):
@@ -100,7 +100,7 @@ class _Integrated(FmiInstance):
                 self._enter_continuous()
             if now >= end:
                 return 0
-        self.log_message(f"more than {MAX_EVENTS} events in one communication step", ERROR)
+        self.log.add(f"more than {MAX_EVENTS} events in one communication step")
         return ERROR
 
     def _integrate(self, target: float) -> tuple[bool, float]:
@@ -237,6 +237,9 @@ class Fmi3ModelExchange(_Integrated, Fmi3Instance):
         from fmpy.fmi3 import FMU3Model
 
         return FMU3Model(**arguments)
+
+    def make(self, *common: Any) -> Any:
+        return self.fmu.fmi3InstantiateModelExchange(*common, self.log.environment, logger3())
 
     def _update(self) -> tuple[Any, ...]:
         return tuple(self.fmu.updateDiscreteStates())

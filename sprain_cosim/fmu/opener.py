@@ -14,10 +14,11 @@ def preload() -> None:
     import fmpy.logging
     import fmpy.validation  # noqa: F401
 
-    from . import fmi1, fmi3, model_exchange  # noqa: F401
-    from .fmi2 import callbacks
+    from . import fmi1, fmi2, fmi3, model_exchange  # noqa: F401
+    from .messages import logger3, loggers
 
-    callbacks()
+    loggers()
+    logger3()
 
 
 def open_fmu(description: Description) -> Instance:

@@ -12,6 +12,7 @@ from ..errors import InputError, SimulationError, SprainError, nearest
 from ..units import unit
 from .element import Capabilities, Connector, Element
 from .instance import Values
+from .messages import Messages
 
 Numbers = Mapping[str, float]
 Output = Callable[[Any, Numbers], Numbers | Sequence[float]]
@@ -157,6 +158,9 @@ class PythonInstance:
 
     def free_state(self, state: Any) -> None:
         pass
+
+    def messages(self) -> Messages | None:
+        return None
 
     def reset(self) -> None:
         self._state = None

@@ -10,6 +10,7 @@ import numpy as np
 from ..units import Unit
 from .element import Connector
 from .instance import Instance, Values
+from .messages import Messages
 
 SI = Unit("1")
 
@@ -107,6 +108,9 @@ class Summed:
 
     def free_state(self, state: Any) -> None:
         self.inner.free_state(state)
+
+    def messages(self) -> Messages | None:
+        return self.inner.messages()
 
     def reset(self) -> None:
         self.inner.reset()

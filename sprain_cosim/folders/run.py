@@ -11,6 +11,7 @@ from typing import Any, Self
 from .. import __version__, files
 from ..cosim.result import Result
 from ..errors import EnvironmentProblem, InputError
+from ..fmu.messages import Messages
 from ..records import FORMAT, Record, Summary, finite, known_format, optional
 from ..scenario import Scenario
 
@@ -62,6 +63,7 @@ class RunSummary(Summary):
     coupling_doubt_deg         how uncertain the peak of the foot is by the communication step, twice its change at half
                                of it [deg]; None where that was not run
     coupling_converged         whether that is at most 0.1 deg; None where it is not known
+    fmu_messages               {component: what its FMU said}, of those that said anything
     coupling_check             {metric: its change at half the communication step}; of a run that was checked so
     trial, reproduced          of a study's trial that ran again: its number, and whether its numbers are the same
     """
@@ -91,6 +93,7 @@ class RunSummary(Summary):
     granted: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     coupling_doubt_deg: float | None = None
     coupling_converged: bool | None = None
+    fmu_messages: Mapping[str, Messages] = field(default_factory=dict)
     coupling_check: Mapping[str, float | None] | None = optional()
     trial: int | None = optional()
     reproduced: bool | None = optional()
@@ -123,6 +126,7 @@ class RunSummary(Summary):
             granted=apart.granted,
             coupling_doubt_deg=finite(result.coupling_doubt),
             coupling_converged=result.converged,
+            fmu_messages=result.messages,
         )
 
 

@@ -319,12 +319,14 @@ def _of_a_run(summary: RunSummary) -> list[tuple[str, str]]:
         ("scenario or study", summary.scenario),
         ("coupling", f"{summary.scheme} every {step:g} ms; {summary.scheme_reason}"),
         ("versions", summary.version and f"sprain-cosim {summary.version}"),
+        *((f"said by {name}", said.text) for name, said in summary.fmu_messages.items()),
         *(_fmu(name, FmuFile(str(file), summary.sha256.get(name))) for name, file in summary.fmus.items()),
     ]
 
 
 def _of_a_study(study: StudyFolder) -> list[tuple[str, str]]:
     manifest = study.manifest
+    trials = study.summary.n_completed + study.summary.n_failed
     seed = manifest.seed if manifest.seed is not None else study.summary.seed
     return [
         ("scenario or study", study.summary.study or ""),
@@ -336,6 +338,7 @@ def _of_a_study(study: StudyFolder) -> list[tuple[str, str]]:
         ("processor", f"code for {', '.join(manifest.processor)}" if manifest.processor else ""),
         ("versions", ", ".join(f"{k} {v}" for k, v in manifest.versions.items())),
         *(_fmu(name, fmu) for name, fmu in manifest.fmus.items()),
+        *((f"said by {n}", said.text(trials)) for n, said in study.summary.fmu_messages.items()),
     ]
 
 

@@ -15,12 +15,12 @@ from ..cosim.result import HALVED_WITHIN, Result
 from ..cosim.transport import encoded, packed, pieces, unpacked
 from ..errors import SimulationError, SprainError
 from ..fmu.surroundings import Surroundings
-from ..process import Child, Handlers, Limits, ProcessEnded, serve
+from ..process import Child, Handlers, Limits, Overrun, ProcessEnded, serve
 
 if TYPE_CHECKING:
     from .scenario import Scenario
 
-LIMITS = Limits(trial=600.0, start=300.0, cpu=2400.0)
+FIRST_RUN = 600.0  # s of wall time, where no other limit is stated
 HINT = "it ran in a sandbox: `sprain-cosim check FMU` says what it needs, --in-process runs it without"
 
 
@@ -30,9 +30,10 @@ class Apart:
 
     Raises what the opening of the FMUs raises, SimulationError when their process ends or takes too long meanwhile."""
 
-    def __init__(self, scenario: Scenario, limits: Limits = LIMITS) -> None:
-        self.limits = limits
-        self._child: Child | None = Child(__name__, limits)  # it starts while the system is described here
+    def __init__(self, scenario: Scenario, limits: Limits | None = None) -> None:
+        self.limits = limits or Limits()
+        self._runs, self._starts = self.limits.of_trials(FIRST_RUN), self.limits.of_starts()
+        self._child: Child | None = Child(__name__, self.limits)  # it starts while the system is described here
         try:
             self.scenario, self.system = scenario, scenario.system()
             self._open(self._child)
@@ -46,7 +47,12 @@ class Apart:
             self._child = Child(__name__, self.limits)
             self._open(self._child)
         try:
-            result = fetched(partial(self._child.call, limit=self.limits.trial), dict(parameters or {}))
+            result = fetched(partial(self._child.call, limit=self._runs.seconds), dict(parameters or {}))
+        except Overrun as end:
+            late = Overrun(end.limit, self._runs.origin)
+            return self._failed(
+                f"the FMUs' process {late}{self._child.last_words()}; {late.cure}; --isolate tells which FMU it is"
+            )
         except ProcessEnded as end:
             return self._failed(f"the FMUs' process {end}{self._child.last_words()}; --isolate tells which FMU it is")
         except SprainError:
@@ -54,6 +60,8 @@ class Apart:
             raise
         except ValueError:
             return self._failed("the FMUs' process answered what is no result")
+        if result.status == "completed":
+            self._runs.note(result.wall)
         if result.status == "failed" and not len(result.time) and self._confined:
             return replace(result, message=f"{result.message}; {HINT}")
         return result
@@ -78,8 +86,9 @@ class Apart:
         self._confined = confinement is not None
         hint = f"; {HINT}" if confinement is not None else ""
         try:
-            child.open(self.scenario.absolute(), self.limits.start, confinement)
+            child.open(self.scenario.absolute(), self._starts.seconds, confinement)
         except ProcessEnded as end:
+            hint = f"; {end.cure}" if isinstance(end, Overrun) else hint
             raise SimulationError(f"the system cannot be opened: its process {end}{child.last_words()}{hint}") from None
         except SimulationError as problem:
             raise type(problem)(f"{problem}{hint}") from None

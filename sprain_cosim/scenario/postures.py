@@ -30,8 +30,9 @@ def resistances(
     limits = limits or Limits()
     child = Child(__name__, limits)
     try:
-        child.open(scenario.absolute(), limits.start, scenario.confinement())
-        return [child.call("hold", POSTURES, dict(values), limit=limits.trial) for values in settings]
+        child.open(scenario.absolute(), limits.of_starts().seconds, scenario.confinement())
+        limit = limits.of_trials().seconds
+        return [child.call("hold", POSTURES, dict(values), limit=limit) for values in settings]
     except ProcessEnded as end:
         raise SimulationError(f"the process {end}{child.last_words()}") from None
     finally:

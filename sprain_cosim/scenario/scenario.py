@@ -20,6 +20,7 @@ from ..fmu.element import Element
 from ..fmu.foreign import is_foreign
 from ..fmu.isolated import Isolated, isolated
 from ..mapping import carried, read_component
+from ..process import Limits
 from ..sandbox.confinement import Confinement
 from ..shipped import fmu_path
 from ..units import quantity, unit
@@ -301,13 +302,13 @@ class Scenario:
         named = {n: values.get(f"{component.name}.{n}") for n, c in component.inputs.items() if c.unit is None}
         return [n for n, value in named.items() if isinstance(value, str) and component.connectors[n].kind == "real"]
 
-    def open(self, in_process: bool = False) -> Session | Apart:
+    def open(self, in_process: bool = False, limits: Limits | None = None) -> Session | Apart:
         """Loads and instantiates the FMUs: in this process where all of them ship (or, with `in_process`, whatever they
-        are), else together in one of their own, in a sandbox. Raises InputError, SimulationError, EnvironmentProblem.
-        """
+        are), else together in one of their own, in a sandbox and within `limits`. Raises InputError, SimulationError,
+        EnvironmentProblem."""
         if in_process or self.in_process or not self.foreign():
             return Session(self)
-        return Apart(self)
+        return Apart(self, limits)
 
     def coupling_check(self, result: Result) -> dict[str, float]:
         """Change of every metric when the communication step is halved: how far the coupling of `result` is from
@@ -320,11 +321,11 @@ class Scenario:
             raise SimulationError(f"at half the communication step: {finer.message}")
         return {key: finer.metrics[key] - value for key, value in result.metrics.items()}
 
-    def run(self, in_process: bool = False, halve: bool = False) -> Result:
+    def run(self, in_process: bool = False, halve: bool = False, limits: Limits | None = None) -> Result:
         """One landing, see `open`; `halve`: and once more at half the communication step, what that changes being the
         result's `halved`, where it takes no longer than HALVED_WITHIN. Raises InputError before it, never during it: a
         failure is in the result's status and message."""
-        with self.open(in_process) as session:
+        with self.open(in_process, limits) as session:
             result = session.run()
             if not halve or result.status != "completed" or result.wall > HALVED_WITHIN:
                 return result

@@ -6,7 +6,7 @@ are single trials; when the time of one is known, a batch holds as many as the b
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
 from time import monotonic
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from .. import signals
 from ..errors import SimulationError
+from ..process import round_up
 from ..uq.distributions import Array
 from .backends.backend import Backend, Job
 from .ledger import Ledger, Row
@@ -22,6 +23,7 @@ from .trajectories import Trajectories
 COMMIT = 0.25  # s between commits
 WINDOW = 3  # batches per worker under way or waiting for it
 LARGEST = 2000  # trials in a batch
+HANGS = 3  # trials in a row, after which a study ends
 Progress = Callable[[int, int, int, float], None]  # finished, of, failed, seconds
 Blocks = Iterable[tuple[np.ndarray, Array]]  # numbers (n,) and inputs (n, d)
 
@@ -37,14 +39,19 @@ class Dispatch:
         max_failed: float = 1.0,
         progress: Progress | None = None,
         trajectories: Trajectories | None = None,
+        suspects: Sequence[str] = (),
     ) -> None:
+        """`suspects`: the components that are not this program's own."""
         self.ledger, self.backend, self.max_failed, self.progress = ledger, backend, max_failed, progress
         self.trajectories = trajectories or Trajectories(None)
+        self._suspect = suspects[0] if len(suspects) == 1 else "an FMU"
 
     def finish(self, blocks: Blocks, total: int) -> None:
-        """Runs those of `total` trials that the ledger lacks. Raises SimulationError when too many failed."""
+        """Runs those of `total` trials that the ledger lacks. Raises SimulationError when too many failed, or HANGS of
+        them that are neighbours overran their limit."""
         known, bad = self.ledger.finished()
         finished, failed, allowed = 0, 0, max(self.max_failed * total, 0.0)
+        hangs = _Hangs()
 
         def todo() -> Iterator[Job]:
             nonlocal finished, failed
@@ -52,6 +59,7 @@ class Dispatch:
                 old = np.isin(numbers, known)
                 finished, failed = finished + int(old.sum()), failed + int(np.isin(numbers[old], known[bad]).sum())
                 for k in np.flatnonzero(~old):
+                    hangs.begins(int(numbers[k]))
                     yield Job(int(numbers[k]), x[k], self.trajectories.wants(int(numbers[k])))
 
         began = committed = monotonic()
@@ -67,6 +75,8 @@ class Dispatch:
                 committed = monotonic()
                 if self.progress:
                     self.progress(finished, total, failed, monotonic() - began)
+            if hung := hangs.ended(row):
+                raise self._hung(hung, row)
             if failed > allowed and failed > 1:
                 raise self._too_many(failed, finished, row)
         self.ledger.commit()
@@ -113,6 +123,15 @@ class Dispatch:
                 )  # towards the end all finish at the same time
                 size = min(max(1, math.floor(backend.batch / max(seconds / finished, 1e-6))), share, LARGEST)
 
+    def _hung(self, trials: Sequence[int], row: Row) -> SimulationError:
+        self.ledger.commit()
+        numbers = ", ".join(map(str, trials[:-1]))
+        return SimulationError(
+            f"{self._suspect} hung three times in a row: trials {numbers} and {trials[-1]} each came to no end within "
+            f"{row.outcome.wall:g} s; what was finished is kept; if it is slow and not stuck, continue with --resume "
+            f'--trial-limit "{round_up(5 * row.outcome.wall):g} s"'
+        )
+
     def _too_many(self, failed: int, finished: int, row: Row | None) -> SimulationError:
         self.ledger.commit()
         last = row if row and row.outcome.status != "completed" else next(self.ledger.failed(), None)
@@ -120,3 +139,28 @@ class Dispatch:
         return SimulationError(
             f"{failed} of {finished} trials failed, more than --max-failed {100 * self.max_failed:g} % allows{example}"
         )
+
+
+class _Hangs:
+    """Trials that overran their limit, by their places in the order in which trials begin: whether some in a row did
+    depends on that order, not on the one in which they end."""
+
+    def __init__(self) -> None:
+        self._next = 0
+        self._place: dict[int, int] = {}  # of the trials under way
+        self._hung: dict[int, int] = {}  # {place: trial}
+
+    def begins(self, trial: int) -> None:
+        self._place[trial] = self._next
+        self._next += 1
+
+    def ended(self, row: Row) -> list[int]:
+        """The HANGS neighbours that overran, this one among them; none as long as there are fewer."""
+        place = self._place.pop(row.trial)
+        if row.outcome.status != "timeout":
+            return []
+        self._hung[place] = row.trial
+        for first in range(place - HANGS + 1, place + 1):
+            if all(k in self._hung for k in range(first, first + HANGS)):
+                return [self._hung[k] for k in range(first, first + HANGS)]
+        return []

@@ -18,6 +18,7 @@ from ..files import parse_toml, read_text
 from ..fmu.element import Connector
 from ..scenario import Scenario, load_scenario
 from ..scenario.file import PARAMETERS, VARIABLE
+from ..scenario.scenario import SECOND
 from ..scenario.title import RAN
 from ..shipped import is_file, scenario_folder, shipped_scenarios, shipped_studies
 from ..units import quantity
@@ -120,6 +121,12 @@ SETTINGS = keys.Table(
             "random landings test the levels of mean-value, amv, amv+, hmv; form goes on with second order and "
             "sampling about the design points",
             "true",
+        ),
+        keys.Key(
+            "trial_limit",
+            keys.measured(SECOND, above_zero=True),
+            "wall time after which a landing is ended",
+            "learned: 20 times the median of those before it, at least 10 s; 60 s for the first",
         ),
     )
 )

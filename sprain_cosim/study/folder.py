@@ -14,6 +14,7 @@ import numpy as np
 
 from ..errors import EnvironmentProblem, InputError
 from ..files import read_frame, sweep, whole_file, write, write_json
+from ..fmu.messages import Messages
 from .codec import decode
 from .identity import changes
 from .ledger import FILE, LOCK, RESUME, Ledger
@@ -22,7 +23,7 @@ from .manifest import Manifest, read_manifest
 from .originals import restored
 from .plan import Plan
 from .summary import FILE as SUMMARY
-from .summary import StudySummary
+from .summary import MessagesOfTrials, StudySummary
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -117,6 +118,23 @@ def trial_tables(study: Plan, ledger: Ledger, chosen: np.ndarray | None) -> tupl
     return pd.DataFrame(columns), pd.DataFrame(
         {"trial": numbers, "wall_s": wall, "worker": worker, "attempts": attempts}
     )
+
+
+def trial_messages(ledger: Ledger, chosen: np.ndarray | None) -> dict[str, MessagesOfTrials]:
+    """{component: what its FMU said in the trials that are `chosen` (None: all)}."""
+    found: dict[str, list[tuple[int, Messages]]] = {}
+    kept = None if chosen is None else set(chosen.tolist())
+    for row in ledger.with_messages():
+        if kept is None or row.trial in kept:
+            for name, said in row.outcome.messages.items():
+                found.setdefault(name, []).append((row.trial, said))
+    summed = {}
+    for name, trials in found.items():
+        total = Messages.sum(said for _, said in trials)
+        assert total is not None
+        first = next((trial for trial, said in trials if said.first == total.first and said.grave == total.grave), 0)
+        summed[name] = MessagesOfTrials(len(trials), total.count, total.warnings, total.first, first, total.grave)
+    return summed
 
 
 def write_failures(folder: Path, study: Plan, ledger: Ledger) -> None:

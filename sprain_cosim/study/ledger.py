@@ -25,6 +25,7 @@ import numpy as np
 
 from ..errors import EnvironmentProblem, InputError
 from ..files import whole_file
+from ..fmu.messages import Messages
 from ..uq.distributions import Array
 from .identity import changes
 from .previous import facts_today
@@ -33,16 +34,17 @@ from .worker import Outcome
 FILE = "ledger.sqlite"
 LOCK = ".lock"
 RESUME = "; the ledger is valid, continue with --resume"
-FORMAT = 3
+FORMAT = 4
 SCHEMA = """
 CREATE TABLE IF NOT EXISTS study (key TEXT PRIMARY KEY, value TEXT NOT NULL);
 CREATE TABLE IF NOT EXISTS metrics (id INTEGER PRIMARY KEY, names TEXT NOT NULL UNIQUE);
 CREATE TABLE IF NOT EXISTS trials (
     trial INTEGER PRIMARY KEY, inputs BLOB NOT NULL, status TEXT NOT NULL, message TEXT NOT NULL,
     names INTEGER NOT NULL, metrics BLOB NOT NULL, wall REAL NOT NULL, worker TEXT NOT NULL,
-    attempts INTEGER NOT NULL, log TEXT NOT NULL, checksum BLOB NOT NULL);
+    attempts INTEGER NOT NULL, log TEXT NOT NULL, messages TEXT NOT NULL, checksum BLOB NOT NULL);
 """
-COLUMNS = "trial, inputs, status, message, names, metrics, wall, worker, attempts, log, checksum"
+COLUMNS = "trial, inputs, status, message, names, metrics, wall, worker, attempts, log, messages, checksum"
+CHECKSUM = 11  # its place among them
 CHUNK = 4096  # rows fetched at a time
 BEFORE_CHECKSUMS = 2  # the last format without them; its ledgers are read
 RETRIES = 2000  # readings of parts of a damaged ledger, after which the rest counts as lost
@@ -164,7 +166,7 @@ class Ledger:
         fresh._database.execute("BEGIN")
         for _, (*record, names) in sorted(good.items()):
             record[4] = fresh._numbered(names)
-            fresh._database.execute(f"INSERT INTO trials ({COLUMNS}) VALUES ({','.join('?' * 11)})", record)
+            fresh._database.execute(f"INSERT INTO trials ({COLUMNS}) VALUES ({','.join('?' * 12)})", record)
         fresh._database.execute("COMMIT")
         self._database.close()
         with whole_file(folder / FILE) as partial, contextlib.closing(sqlite3.connect(partial)) as target:
@@ -270,13 +272,24 @@ class Ledger:
                 row.worker,
                 o.attempts,
                 o.log,
+                json.dumps({name: said.to_json() for name, said in o.messages.items()}) if o.messages else "",
             )
             self._database.execute(
-                f"INSERT INTO trials ({COLUMNS}) VALUES ({','.join('?' * 11)})",
+                f"INSERT INTO trials ({COLUMNS}) VALUES ({','.join('?' * 12)})",
                 (*record, _sum(self.facts["digest"], record, names)),
             )
         except sqlite3.Error as problem:
             raise _trouble(self.folder, problem) from None
+
+    def forget_timeouts(self, limit: float) -> list[int]:
+        """Removes the trials that a shorter limit of wall time than `limit` [s] ended: their numbers."""
+        found = self._asked(f"SELECT trial FROM trials WHERE status = 'timeout' AND wall < {limit!r} ORDER BY trial")
+        numbers = [int(number) for (number,) in found]
+        try:
+            self._database.executemany("DELETE FROM trials WHERE trial = ?", [(number,) for number in numbers])
+        except sqlite3.Error as problem:
+            raise _trouble(self.folder, problem) from None
+        return numbers
 
     def commit(self) -> None:
         """Returns when all rows added are on the disk. Raises EnvironmentProblem when they cannot be, or the ledger is
@@ -331,6 +344,10 @@ class Ledger:
         """In the order of their numbers. Raises InputError at a row that is damaged."""
         return self._select("ORDER BY trial")
 
+    def with_messages(self) -> Iterator[Row]:
+        """Those in which an FMU said something."""
+        return self._select("WHERE messages != '' ORDER BY trial") if self._checked else iter(())
+
     def failed(self) -> Iterator[Row]:
         return self._select("WHERE status != 'completed' ORDER BY trial")
 
@@ -343,18 +360,20 @@ class Ledger:
             for record, text in self._records(which, *values):
                 if not self._fits(record, text):
                     raise self._unreadable(f"trial {record[0]} does not fit its checksum")
-                trial, inputs, status, message, _, metrics, wall, worker, attempts, log, _ = record
+                trial, inputs, status, message, _, metrics, wall, worker, attempts, log, said, _ = record
                 if text not in parsed:
                     parsed[text] = json.loads(text)
                 named = dict(zip(parsed[text], np.frombuffer(metrics).tolist(), strict=True))
-                yield Row(trial, np.frombuffer(inputs), Outcome(status, message, named, wall, attempts, log), worker)
+                messages = {n: Messages.from_json(m, n) for n, m in json.loads(said).items()} if said else {}
+                outcome = Outcome(status, message, named, wall, attempts, log, messages)
+                yield Row(trial, np.frombuffer(inputs), outcome, worker)
         except (sqlite3.DatabaseError, TypeError, ValueError) as problem:
             raise self._unreadable(problem) from None
 
     def _records(self, which: str, *values: Any) -> Iterator[tuple[Sequence[Any], str]]:
         """Rows as they lie in the table, each with the text of its metrics' names."""
         names = dict(self._database.execute("SELECT id, names FROM metrics"))
-        columns = COLUMNS if self._checked else COLUMNS.replace("checksum", "NULL")
+        columns = COLUMNS if self._checked else COLUMNS.replace("messages, checksum", "NULL, NULL")
         found = self._database.execute(f"SELECT {columns} FROM trials {which}", values)
         while chunk := found.fetchmany(CHUNK):
             for record in chunk:
@@ -364,7 +383,7 @@ class Ledger:
         if not self._checked:
             return True
         try:
-            return bool(_sum(self.facts["digest"], record, names) == record[10])
+            return bool(_sum(self.facts["digest"], record, names) == record[CHECKSUM])
         except (TypeError, ValueError, AttributeError, struct.error):  # a value of another type than was written
             return False
 
@@ -439,9 +458,9 @@ def _trouble(folder: Path | None, problem: Exception) -> EnvironmentProblem:
 
 
 def _sum(digest: str, record: Sequence[Any], names: str) -> bytes:
-    trial, inputs, status, message, _, metrics, wall, worker, attempts, log = record[:10]
+    trial, inputs, status, message, _, metrics, wall, worker, attempts, log, said = record[:CHECKSUM]
     head = struct.pack("<qdqqq", trial, wall, attempts, len(inputs), len(metrics))
-    texts = "\0".join((digest, names, status, message, worker, log)).encode("utf-8", "surrogatepass")
+    texts = "\0".join((digest, names, status, message, worker, log, said)).encode("utf-8", "surrogatepass")
     return hashlib.blake2b(b"".join((head, inputs, metrics, texts)), digest_size=8).digest()
 
 

@@ -24,6 +24,7 @@ from .folder import (
     finish_folder,
     load_study_plan,
     missing,
+    trial_messages,
     trial_tables,
     write_failures,
 )
@@ -81,6 +82,7 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
                 changed = dispatch.repeat(recorder.lacks(kept.values()))
             finally:
                 dispatch.close()
+            said = trial_messages(ledger, numbers)
             write_failures(folder, study, ledger)
     finally:
         for part in parts:
@@ -89,6 +91,7 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
         summarise(study, table, None),
         trajectories=Kept(kept, sum(_first_kept(f) for f in folders)),
         not_reproduced=tuple(changed) or None,
+        fmu_messages=said,
         wall_s=round(float(timing["wall_s"].sum()), 3),
         merged=tuple(str(f) for f in folders),
     )

@@ -76,6 +76,7 @@ class Plan:
                  sphere, second order and sampling about the design points
     table        (n, d) inputs of method table, in the order of `marginals`
     numbers      (n,) their trial numbers; empty: 0 ... n-1
+    trial_limit  s of wall time that a trial may take; None: learned from those before it
     published    figures to print beside the results, with their source
     source       the file, or the name of one that ships
     text         the file as it was read
@@ -108,6 +109,7 @@ class Plan:
     check: bool = True
     table: Array | None = None
     numbers: tuple[int, ...] = ()
+    trial_limit: float | None = None
     published: Mapping[str, Any] = field(default_factory=dict)
     source: str = ""
     text: str = ""

@@ -54,8 +54,9 @@ class Replay:
 
 
 def replay(folder: Path, trial: int, limits: Limits | None = None) -> Replay:
-    """Runs a trial of a study's folder again, from the folder alone, in a child process. Raises InputError when there
-    is no such trial, or an FMU has changed since."""
+    """Runs a trial of a study's folder again, from the folder alone, in a child process. A trial that its limit of wall
+    time ended has that limit again, where `limits` state no other. Raises InputError when there is no such trial, or an
+    FMU has changed since."""
     with Ledger.read(folder) as ledger:
         study = load_study_plan(folder, ledger)
         row = ledger.row(trial)
@@ -63,6 +64,10 @@ def replay(folder: Path, trial: int, limits: Limits | None = None) -> Replay:
             numbers, _ = ledger.finished()
             have = f"it has {len(numbers)}, number {numbers[0]} to {numbers[-1]}" if len(numbers) else "it has none yet"
             raise InputError(f"{folder}: no trial {trial}; {have}")
+    limits = limits or Limits()
+    if limits.trial is None:
+        ended = row.outcome.wall if row.outcome.status == "timeout" else 0.0
+        limits = replace(limits, trial=ended or study.trial_limit)
     with Worker(study.scenario, study.names, limits, level_then(folder)) as worker:
         outcome = worker.run(row.inputs.tolist(), record=True)
     scenario = study.scenario

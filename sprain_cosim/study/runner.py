@@ -31,7 +31,15 @@ from .campaign import Campaign, Tables, at_hand
 from .codec import encode
 from .dispatch import Dispatch, Progress
 from .evaluation import summarise
-from .folder import begin_folder, check_study_folder, finish_folder, missing, trial_tables, write_failures
+from .folder import (
+    begin_folder,
+    check_study_folder,
+    finish_folder,
+    missing,
+    trial_messages,
+    trial_tables,
+    write_failures,
+)
 from .ledger import FILE as LEDGER
 from .ledger import Ledger
 from .manifest import level_then, read_manifest
@@ -74,7 +82,7 @@ def run(
     shard         (k, n): the k-th of n parts, from 1; None: all trials
     resume        the folder may hold the study already
     max_failed    share of failed trials that is accepted
-    limits        of a trial and of its process
+    limits        of a trial and of its process; a limit of wall time that they leave open is the study's own
     progress      called with (finished, of, failed, seconds)
     trajectories  trials from the first on that are recorded, besides those of percentiles, extremes, failures and
                   searches
@@ -85,6 +93,7 @@ def run(
 
     Raises InputError before any trial, SimulationError when too many failed or a search met a failed trial."""
     study.checked()
+    limits = _stated(study, limits)
     folder = None if out is None else Path(out)
     _check_options(study, folder, resume, shard, parquet)
     study, kept = _never_smaller(study, folder, resume)
@@ -93,20 +102,21 @@ def run(
     first = ALL if study.method in SEARCHES and study.method not in ("sobol-indices", "design") else trajectories
     numbers = None if study.method in SEARCHES else trial_numbers(study, shard)
     ledger: Ledger | None = None
-    adopted = ""
+    notes: tuple[str, ...] = ()
     try:
         request = _request(study, numbers, shard, first, parquet)
         if folder is not None and (folder / LEDGER).exists():
-            ledger, adopted = _reopened(study, held, folder, request, numbers, limits)
+            ledger, notes = _reopened(study, held, folder, request, numbers, limits)
             if ledger is None and (done := _done(study, folder, numbers, max_failed, progress)) is not None:
                 return replace(done, warnings=(*kept, *done.warnings))
         backend = open_backend(
-            Task(held.scenario, study.names, limits or Limits(), level or level_then(folder)), workers, scheduler
+            Task(held.scenario, study.names, limits, level or level_then(folder)), workers, scheduler
         )  # before the folder: a wrong address leaves none
         try:
             ledger = ledger or _ledger(study, held, folder)
-            notes = (*kept, *([adopted] if adopted else []), *_other_level(folder, backend.level))
-            dispatch = Dispatch(ledger, backend, max_failed, progress, Trajectories(folder, first))
+            notes = (*kept, *notes, *_other_level(folder, backend.level))
+            suspects = study.scenario.foreign()
+            dispatch = Dispatch(ledger, backend, max_failed, progress, Trajectories(folder, first), suspects)
         except BaseException:
             backend.close()
             raise
@@ -120,6 +130,11 @@ def run(
     finally:
         if ledger is not None:
             ledger.close()
+
+
+def _stated(study: Plan, limits: Limits | None) -> Limits:
+    limits = limits or Limits()
+    return replace(limits, trial=study.trial_limit) if limits.trial is None else limits
 
 
 def _never_smaller(study: Plan, folder: Path | None, resume: bool) -> tuple[Plan, tuple[str, ...]]:
@@ -169,7 +184,7 @@ def _finished(
         else:
             dispatch.finish(trial_blocks(study, shard), len(numbers))
         tables = table, _ = trial_tables(study, ledger, numbers)
-        summary = summarise(held, table, found)
+        summary = replace(summarise(held, table, found), fmu_messages=trial_messages(ledger, numbers))
         if folder is not None:
             kept = roles_of(study, table, found)
             recorded = _recorded(table, recorder, kept)
@@ -223,18 +238,22 @@ def _reopened(
     folder: Path,
     request: Mapping[str, Any],
     numbers: Numbers,
-    limits: Limits | None,
-) -> tuple[Ledger | None, str]:
-    """The ledger of a folder that is to be continued, and a warning or ""; None for a folder that lacks nothing."""
+    limits: Limits,
+) -> tuple[Ledger | None, tuple[str, ...]]:
+    """The ledger of a folder that is to be continued, and warnings; None for a folder that lacks nothing. Trials that a
+    shorter limit than the one that is stated has ended are to run again."""
     version = version_before(study, held, folder)
     if version is not None and _complete(folder, numbers):
-        return None, ""
-    warning = "" if version is None else adopt(study, held, folder, version, limits)
+        return None, ()
+    notes = () if version is None else (adopt(study, held, folder, version, limits),)
     ledger = _ledger(study, held, folder)
+    if limits.trial is not None and (late := ledger.forget_timeouts(limits.trial)):
+        shorter = f"{folder}: trials {missing(late)} had been ended by a shorter limit of wall time; they run again"
+        return ledger, (*notes, shorter)
     if sealed(folder, ledger, request):
         ledger.close()
-        return None, ""
-    return ledger, warning
+        return None, ()
+    return ledger, notes
 
 
 def _complete(folder: Path, numbers: Numbers) -> bool:

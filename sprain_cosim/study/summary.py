@@ -13,6 +13,7 @@ from typing import Any, Self
 
 from ..errors import InputError
 from ..files import read_json
+from ..fmu.messages import spoke
 from ..records import FORMAT, Record, Summary, known_format, optional
 
 FILE = "summary.json"
@@ -557,6 +558,30 @@ class SampleFit(Record):
     warnings: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True)
+class MessagesOfTrials(Record):
+    """What one FMU said in the trials of a study, see Messages.
+
+    trials           in how many it said something
+    count, warnings  of all of them
+    first            of the first trial in which it warned; else of the first in which it spoke
+    trial            the number of that one
+    grave            whether it warned in any
+    """
+
+    trials: int
+    count: int
+    warnings: int
+    first: str
+    trial: int
+    grave: bool
+
+    def text(self, of: int) -> str:
+        """One line, about `of` trials."""
+        first = f"; the first, in trial {self.trial}: {self.first}" if self.first else ""
+        return f"its FMU {spoke(self.count, self.warnings)} in {self.trials} of {of} trials{first}"
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StudySummary(Summary):
     """Content of a study's summary.json, and what a campaign's `summary` is.
@@ -576,6 +601,7 @@ class StudySummary(Summary):
     dropped                    parameters that the FMU put in a component's place does not have
     isolation                  sandbox or process: where the trials ran
     granted                    {component: what its mapping file allows it beyond the sandbox}
+    fmu_messages               {component: what its FMU said}, of those that said anything
     form, sobol, amv, design   what a search found; at most one of them is there
     grid                       of a grid
     stopping                   of a study that asks for a half width
@@ -605,6 +631,7 @@ class StudySummary(Summary):
     dropped: tuple[str, ...] = ()
     isolation: str = ""
     granted: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    fmu_messages: Mapping[str, MessagesOfTrials] = field(default_factory=dict)
     form: FormSearch | None = optional()
     sobol: SobolSearch | None = optional()
     amv: LevelSearch | None = optional()

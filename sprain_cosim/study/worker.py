@@ -5,8 +5,8 @@
     Outcome              <-- reply --     status, message, metrics, wall time, memory
 
 A child that crashes or overruns its time is killed with its whole process group and the trial repeated once on a fresh
-child. A child is replaced after `recycle` trials or when its memory has grown; the fresh one repeats the last trial and
-must agree to the bit."""
+child; not so a hang while the worker has not finished any trial yet, unless its limit is stated. A child is replaced
+after `recycle` trials or when its memory has grown; the fresh one repeats the last trial and must agree to the bit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from time import perf_counter
+from time import monotonic, perf_counter
 from typing import Any, Protocol
 
 from .. import processor
@@ -26,8 +26,9 @@ from ..cosim.result import HALVED_WITHIN, PEAK, Result, unconverged
 from ..errors import SimulationError, SprainError
 from ..fmu import archive
 from ..fmu.cache import cache_folder
+from ..fmu.messages import Messages
 from ..fmu.surroundings import Surroundings
-from ..process import Child, Handlers, Limits, ProcessEnded, allow_processor_time, resident, serve
+from ..process import Child, Handlers, Limits, Overrun, ProcessEnded, allow_processor_time, resident, serve
 from ..sandbox.confinement import Confinement
 from ..scenario import Scenario
 
@@ -38,8 +39,10 @@ AGAIN = 16  # of so many trials one is made again at half its step
 class Outcome:
     """How a trial ended: completed, failed (FMI error or a value that is not finite), crashed, timeout or lost (with
     the machine that ran it, several times); `message` says why, and of a completed trial that its coupling has not
-    converged. `log` the last lines printed. Where a record was asked for, and of a failed trial, `trajectory` is the
-    record as a gzipped signals.csv and `about` its scheme, scheme_reason, warning, coupling_error and status."""
+    converged. `wall` [s] that it took; of a timeout the limit that ended it. `log` the last lines printed. Where a
+    record was asked for, and of a failed trial, `trajectory` is the record as a gzipped signals.csv and `about` its
+    scheme, scheme_reason, warning, coupling_error and status. `messages` {component: what its FMU said}, of those that
+    said anything."""
 
     status: str
     message: str
@@ -47,6 +50,7 @@ class Outcome:
     wall: float = 0.0
     attempts: int = 1
     log: str = ""
+    messages: Mapping[str, Messages] = field(default_factory=dict)
     trajectory: bytes = b""
     about: Mapping[str, Any] = field(default_factory=dict)
 
@@ -77,43 +81,58 @@ class Worker:
         """`level`: of the processor, whose code the shipped FMUs take; empty: the processor's own."""
         self.level = level
         self.scenario, self.names, self.limits = scenario, tuple(names), limits or Limits()
+        self._trials, self._starts = self.limits.of_trials(), self.limits.of_starts()
         self._child: Child | None = None
-        self._stopped = self._opened = False
+        self._stopped = False
         self._last: tuple[Sequence[float], Mapping[str, float]] | None = None
 
     def run(self, values: Sequence[float], record: bool = False) -> Outcome:
         """One trial with `values` (d,) of the names, with its trajectory where `record`. Raises Stopped after `kill`,
         SimulationError when the system cannot be opened at all or a fresh child disagrees with the one it replaces."""
-        numbers = [float(v) for v in values]
+        numbers, limit = [float(v) for v in values], self._trials.seconds
         for attempt in (1, 2):
             try:
                 child = self._ready()
-                reply = child.call("run", numbers, record, limit=self.limits.trial)
+                reply = self._asked(child, numbers, record)
                 break
             except ProcessEnded as end:
                 log = self._child.log() if self._child else ""
                 self._drop()
                 if self._stopped:
                     raise Stopped from None
-                if attempt == 2:
-                    return Outcome(end.status, str(end), attempts=2, log=log)
+                hopeless = isinstance(end, Overrun) and self._trials.stated is None and not self._trials.finished
+                if attempt == 2 or hopeless:
+                    end = Overrun(limit, self._trials.origin) if isinstance(end, Overrun) else end
+                    wall = limit if end.status == "timeout" else 0.0
+                    return Outcome(end.status, str(end), wall=wall, attempts=attempt, log=log)
         child.note(reply["memory"])
         completed = reply["status"] == "completed"
         if completed:
             self._last = (numbers, reply["metrics"])
+            self._trials.note(reply["wall"])
         doubt = self._doubt(child, numbers, reply) if completed and made_again(numbers) else ""
         trajectory, about = base64.b64decode(reply.get("trajectory", "")), reply.get("about", {})
         log = "" if completed else child.log()
+        said = {name: Messages.from_json(found, name) for name, found in reply.get("messages", {}).items()}
         return Outcome(
-            reply["status"], reply["message"] or doubt, reply["metrics"], reply["wall"], attempt, log, trajectory, about
+            reply["status"],
+            reply["message"] or doubt,
+            reply["metrics"],
+            reply["wall"],
+            attempt,
+            log,
+            said,
+            trajectory,
+            about,
         )
 
     def _doubt(self, child: Child, numbers: Sequence[float], reply: Mapping[str, Any]) -> str:
         """What half the step says of a completed trial; a child that ends meanwhile costs nothing but itself."""
         if not isinstance(self.scenario, Scenario) or reply["wall"] > HALVED_WITHIN or PEAK not in reply["metrics"]:
             return ""
+        limit = self._trials.seconds
         try:
-            finer = child.call("halved", numbers, limit=self.limits.trial)
+            finer = child.call("halved", numbers, self.limits.processor_time(limit), limit=limit)
         except ProcessEnded:
             self._drop()
             if self._stopped:
@@ -126,6 +145,10 @@ class Worker:
         """Ends the child at once, grandchildren included."""
         self._stopped = True
         self._drop()
+
+    def _asked(self, child: Child, values: Sequence[float], record: bool) -> Any:
+        limit = self._trials.seconds
+        return child.call("run", values, record, self.limits.processor_time(limit), limit=limit)
 
     def _ready(self) -> Child:
         """The child for the next trial. Raises ProcessEnded when one that replaces another ends at the trial that
@@ -141,7 +164,7 @@ class Worker:
             self._child = self._fresh()
             if spent and self._last is not None:
                 values, before = self._last
-                if self._child.call("run", values, False, limit=self.limits.trial)["metrics"] != before:
+                if self._asked(self._child, values, False)["metrics"] != before:
                     raise SimulationError(
                         "a fresh process gives other numbers for the same trial: a component keeps something between "
                         "runs"
@@ -163,16 +186,17 @@ class Worker:
     def _open(self) -> Child:
         for again in (True, False):
             child = Child(__name__, self.limits)
-            problem = ""
+            problem, began = "", monotonic()
             try:
-                subject = self._placed(), self.names, self.limits, self.level
-                child.open(subject, self.limits.start, self._confinement())
+                subject = self._placed(), self.names, self.level
+                child.open(subject, self._starts.seconds, self._confinement())
                 if not self._stopped:
-                    self._opened = True
+                    self._starts.note(monotonic() - began)
                     return child
             except ProcessEnded as end:
-                problem = f"the system cannot be opened: {end}{child.last_words('; last words: ')}"
-                again = again and (self._opened or end.killed)  # the machine may have been short of something
+                more = f"; {end.cure}" if isinstance(end, Overrun) else ""
+                problem = f"the system cannot be opened: {end}{child.last_words('; last words: ')}{more}"
+                again = again and (self._starts.finished > 0 or end.killed)  # the machine may be short of something
             except SprainError as refusal:  # what a study cannot open is a failure of its simulations
                 problem, again = str(refusal), False
             child.close()
@@ -216,19 +240,21 @@ def _marks(scenario: Openable) -> list[Path]:
 
 
 @contextlib.contextmanager
-def _handlers(subject: tuple[Openable, tuple[str, ...], Limits, str]) -> Iterator[Handlers]:
+def _handlers(subject: tuple[Openable, tuple[str, ...], str]) -> Iterator[Handlers]:
     """The child: opens the scenario, then runs trials with values of `names`."""
-    scenario, names, limits, level = subject
+    scenario, names, level = subject
     processor.take(level)
 
-    def run(values: Sequence[float], record: bool) -> dict[str, Any]:
+    def run(values: Sequence[float], record: bool, cpu: float) -> dict[str, Any]:
         began = perf_counter()
-        allow_processor_time(limits.cpu)
+        allow_processor_time(cpu)
         surroundings = Surroundings()
         try:
             result = session.run(dict(zip(names, values, strict=True)))
             wall = perf_counter() - began
             reply = {"status": result.status, "message": result.message, "metrics": result.metrics}
+            if isinstance(result, Result) and result.messages:
+                reply["messages"] = {name: said.to_json() for name, said in result.messages.items()}
             if (record or result.status != "completed") and isinstance(result, Result):
                 reply |= _record(result)
         except SprainError as problem:
@@ -236,8 +262,8 @@ def _handlers(subject: tuple[Openable, tuple[str, ...], Limits, str]) -> Iterato
         surroundings.restore()
         return reply | {"wall": wall, "memory": resident()}
 
-    def halved(values: Sequence[float]) -> dict[str, float]:
-        allow_processor_time(limits.cpu)
+    def halved(values: Sequence[float], cpu: float) -> dict[str, float]:
+        allow_processor_time(cpu)
         surroundings = Surroundings()
         finer = session.at_half_the_step(dict(zip(names, values, strict=True)))
         surroundings.restore()

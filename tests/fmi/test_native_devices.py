@@ -20,11 +20,11 @@ from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 
-from sprain_cosim.fmu import fmi2
 from sprain_cosim.fmu.build.device import read_device
 from sprain_cosim.fmu.build.interpreter import Interpreted
 from sprain_cosim.fmu.component import Component
 from sprain_cosim.fmu.driver import Driver
+from sprain_cosim.fmu.messages import Log, loggers
 from sprain_cosim.fmu.reference import experiments
 from sprain_cosim.scenario import load_scenario
 from sprain_cosim.shipped import FMI3, FMUS, SOURCES
@@ -46,19 +46,18 @@ class Host:
             for c in ("parameter", "input", "output")
         }
         self.folder = extract(path, str(folder / f"unpacked{next(_count)}"))
-        self.messages: list[str] = []
-        label = f"tested{next(_count)}"
-        fmi2._instances[label] = self  # type: ignore[assignment]  # all instances of a process share one logger
+        self.log = Log("tested")  # all instances of a process share one logger
         self.fmu = FMU2Slave(
             guid=guid or self.description.guid,
             unzipDirectory=self.folder,
             modelIdentifier=self.description.coSimulation.modelIdentifier,
-            instanceName=label,
+            instanceName=self.log.label,
         )
-        self.fmu.instantiate(callbacks=fmi2.callbacks())
+        self.fmu.instantiate(callbacks=loggers()[1])
 
-    def log_message(self, message: bytes) -> None:
-        self.messages.append(message.decode())
+    @property
+    def messages(self) -> list[str]:
+        return [text for _, text in self.log._recent]
 
     def __getitem__(self, names: str | list[str]) -> Any:
         many = [names] if isinstance(names, str) else names

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from collections import deque
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ import sprain_cosim as sc
 from sprain_cosim.cli import cli
 from sprain_cosim.cosim.result import Result
 from sprain_cosim.errors import SimulationError
-from sprain_cosim.fmu.fmi_instance import FmiInstance
+from sprain_cosim.fmu.messages import Log
 from sprain_cosim.process import Child, Limits, ProcessEnded
 from sprain_cosim.study.study import Study
 from sprain_cosim.study.worker import Worker
@@ -172,14 +171,14 @@ def test_a_hang_is_ended_in_time_with_its_grandchildren(study: Study) -> None:
     names, limits = ("brace.fault",), Limits(trial=LIMIT)
     child = Child("sprain_cosim.study.worker", limits)
     try:
-        child.open((study.scenario, names, limits, ""), limits.start)
+        child.open((study.scenario, names, ""), limits.of_starts().seconds)
         for fault in ("none", "fork"):
-            assert child.call("run", [float(FAULTS.index(fault))], False, limit=60.0)["status"] == "completed"
+            assert child.call("run", [float(FAULTS.index(fault))], False, 60.0, limit=60.0)["status"] == "completed"
         group = child._process.pid
         assert len(alive_in(group)) == 2
         began = time.monotonic()
         with pytest.raises(ProcessEnded, match="wall time"):
-            child.call("run", [float(FAULTS.index("hang_step"))], False, limit=limits.trial)
+            child.call("run", [float(FAULTS.index("hang_step"))], False, 60.0, limit=LIMIT)
     finally:
         child.close()
     while left := alive_in(group):  # killed, and not yet buried by the system
@@ -207,6 +206,7 @@ def test_what_a_device_prints_last_is_kept(study: Study) -> None:
 )
 def test_a_failure_quotes_the_error_of_the_log(messages: list[tuple[int, str]], words: str) -> None:
     """By its status, else by its words; not what was said last."""
-    instance = FmiInstance.__new__(FmiInstance)
-    instance.messages = deque(messages)
-    assert instance.last_message() == words
+    log = Log("brace")
+    for status, text in messages:
+        log.add(text, status)
+    assert log.quote() == words

@@ -42,7 +42,7 @@ def test_overrunning_is_a_timeout_and_the_next_trial_runs() -> None:
     with Worker(load_scenario("incline30"), NAMES, Limits(trial=1e-4)) as worker:
         outcome = worker.run([0.3])
         assert (outcome.status, outcome.attempts) == ("timeout", 2)
-        worker.limits = Limits()
+        worker._trials = Limits().of_trials()
         assert worker.run([0.3]).status == "completed"
 
 

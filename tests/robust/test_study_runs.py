@@ -16,11 +16,13 @@ import pandas as pd
 import pytest
 
 import sprain_cosim as sc
-from sprain_cosim import processor
+from sprain_cosim import process, processor
 from sprain_cosim.errors import InputError, SimulationError
 from sprain_cosim.process import Limits
+from sprain_cosim.study.backends.backend import Job
 from sprain_cosim.study.campaign import Campaign
 from sprain_cosim.study.codec import encode
+from sprain_cosim.study.dispatch import Dispatch
 from sprain_cosim.study.ledger import Ledger, Row
 from sprain_cosim.study.manifest import read_manifest
 from sprain_cosim.study.merge import merge
@@ -156,6 +158,65 @@ def test_failed_trials_are_rows_and_bound_the_percentiles(tmp_path: Path) -> Non
     assert campaign.summary["n_failed"] == 2
     assert campaign.summary["failures"] == {"timeout": 2}
     assert campaign.summary["responses"] == {}
+
+
+def test_three_hangs_in_a_row_end_the_study_and_a_longer_limit_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before any trial has finished a hang is not repeated; a limit that is stated later runs again what a shorter one
+    has ended."""
+    study, out = sc.load_study("study2"), tmp_path / "s"
+    with monkeypatch.context() as patch:
+        patch.setattr(process, "FIRST_TRIAL", 1e-4)
+        with pytest.raises(SimulationError, match=r"hung three times in a row: trials 0, 1 and 2 each .* 0\.0001 s"):
+            study.run(trials=5, workers=1, out=out, max_failed=1.0, trajectories=0)
+    with Ledger.read(out) as ledger:
+        ended = [(row.trial, row.outcome.status, row.outcome.attempts) for row in ledger.rows()]
+        assert "0.0001 s: until 5 have finished" in next(ledger.failed()).outcome.message
+    assert ended == [(0, "timeout", 1), (1, "timeout", 1), (2, "timeout", 1)]
+    done = study.run(trials=5, workers=1, out=out, resume=True, limits=Limits(trial=60.0), trajectories=0)
+    assert (done.trials["status"] == "completed").all()
+    assert "trials 0, 1, 2 had been ended by a shorter limit of wall time; they run again" in done.warnings[0]
+
+
+class Standin:
+    """A backend whose trials end in any order, `hung` of them by their limit."""
+
+    batch = 0.0
+
+    def __init__(self, hung: set[int], seed: int) -> None:
+        self.hung, self.rng, self.jobs = hung, np.random.default_rng(seed), list[Job]()
+
+    def workers(self) -> int:
+        return 4
+
+    def send(self, jobs: list[Job]) -> None:
+        self.jobs += jobs
+
+    def receive(self) -> list[Row]:
+        job = self.jobs.pop(int(self.rng.integers(len(self.jobs))))
+        outcome = Outcome("timeout", "late", wall=10.0) if job.trial in self.hung else Outcome("completed", "")
+        return [Row(job.trial, job.values, outcome, "0")]
+
+    def close(self) -> list[Row]:
+        return []
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_whether_hangs_are_in_a_row_does_not_depend_on_the_order_in_which_trials_end(seed: int) -> None:
+    """Neighbours in the order in which trials begin; those that a resumed study skips are not among them."""
+    blocks = [(np.arange(k, k + 10), np.zeros((10, 1))) for k in (0, 10)]
+    for hung, found in (({2, 3, 5, 6, 8, 9}, ""), ({8, 9, 10}, "8, 9 and 10"), ({0, 1, 3}, "0, 1 and 3")):
+        with Ledger(None, "", {}) as ledger:
+            for number in () if found != "0, 1 and 3" else (2,):
+                ledger.add(Row(number, np.zeros(1), Outcome("completed", ""), "0"))
+            dispatch = Dispatch(ledger, Standin(hung, seed), suspects=["brace"])
+            if not found:
+                dispatch.finish(blocks, 20)
+                assert ledger.count() == 20
+                continue
+            with pytest.raises(SimulationError, match=rf'brace hung .*: trials {found} .* --trial-limit "50 s"'):
+                dispatch.finish(blocks, 20)
 
 
 def test_summary_is_json_and_says_what_happened(whole: Path) -> None:

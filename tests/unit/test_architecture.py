@@ -93,7 +93,7 @@ def test_every_floor_exists() -> None:
 
 # what lives as long as its module, beside constants and caches of pure functions, and who ends it
 OWNED = {
-    "fmu/fmi2.py": {"_instances"},  # the logger's senders, held weakly: each instance takes its entry with it
+    "fmu/messages.py": {"_logs"},  # the logger's senders, held weakly: each instance takes its entry with it
     "study/backends/dask.py": {"_workers"},  # the children of a Dask worker, by thread; `_release` ends them
 }
 

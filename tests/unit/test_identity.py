@@ -102,6 +102,7 @@ PLAN: dict[str, Callable[[Plan], Any]] = {
     "replicates": lambda _: 4,
     "half_width": lambda _: 0.5,
     "difference": lambda _: "central",
+    "trial_limit": lambda _: 20.0,
     "levels": lambda _: (0.1, 0.9),
     "table": lambda _: np.ones((2, 10)),
     "numbers": lambda _: (0, 2),

@@ -46,6 +46,41 @@ def handlers(subject: Any) -> Iterator[Handlers]:
     }
 
 
+def test_a_limit_is_learned_from_what_has_finished() -> None:
+    learned = Limits().of_trials()
+    assert (learned.seconds, learned.origin) == (60.0, "until 5 have finished")
+    for _ in range(5):
+        learned.note(0.03)
+    assert (learned.seconds, learned.origin) == (10.0, "20 times the median before it, at least 10 s")
+    for _ in range(5):
+        learned.note(4.0)
+    assert learned.seconds == 50.0  # 20 times the median of 0.03 and 4 s is 40.3 s
+    for _ in range(1000):
+        learned.note(0.03)
+    assert learned.seconds == 10.0
+    assert Limits().processor_time(learned.seconds) == 40.0
+    stated = Limits(trial=2.0).of_trials()
+    for _ in range(9):
+        stated.note(4.0)
+    assert (stated.seconds, stated.origin) == (2.0, "as stated")
+
+
+def test_opening_may_take_as_long_as_a_trial() -> None:
+    opening = Limits(trial=120.0).of_starts()
+    assert opening.seconds == 120.0
+    opening.note(0.4)
+    assert opening.seconds == 120.0
+    learned = Limits().of_starts()
+    assert (learned.seconds, learned.origin) == (60.0, "the first time")
+    learned.note(0.4)
+    assert learned.seconds == 10.0
+
+
+@pytest.mark.parametrize(("seconds", "up"), [(0.011, 0.02), (1.0, 1.0), (2.1, 5.0), (50.0, 50.0), (50.1, 100.0)])
+def test_limits_are_round(seconds: float, up: float) -> None:
+    assert process.round_up(seconds) == pytest.approx(up, rel=1e-12)
+
+
 @pytest.fixture
 def child() -> Iterator[Child]:
     opened = Child(__name__, Limits(memory=1 << 30))

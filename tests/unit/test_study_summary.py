@@ -20,7 +20,7 @@ def test_a_summary_of_the_previous_version_is_read_whole(kind: str) -> None:
     """Nothing but the format is added when it is written again."""
     before = json.loads((BEFORE / kind / "summary.json").read_text())
     summary = read_summary(BEFORE / kind)
-    assert summary.to_json() == before | {"format": FORMAT, "isolation": "", "granted": {}}
+    assert summary.to_json() == before | {"format": FORMAT, "isolation": "", "granted": {}, "fmu_messages": {}}
     assert StudySummary.from_json(summary.to_json(), "again") == summary
 
 
