@@ -362,7 +362,8 @@ def _motions(point: DesignPoint) -> list[str]:
 
 
 def _resisted(held: Mapping[str, float | None], motion: str) -> str:
-    return " / ".join(_number(held.get(f"{motion}_{d}deg"), ".2f") or "-" for d in (5, 10))
+    torques = (held.get(f"{motion}_{d}deg") for d in (5, 10))
+    return " / ".join("-" if t is None else f"{round(t, 2) + 0.0:.2f}" for t in torques)
 
 
 def _grid(grid: Grid) -> list[str]:
