@@ -9,7 +9,7 @@ METHODS = (*SAMPLED, *SEARCHES)
 LEVELLED = ("mean-value", "amv", "amv+", "hmv")  # searches for the response's value at levels of probability
 DRAWN = ("monte-carlo", "lhs", "sobol", "table")  # samples, of which shares are probabilities
 USED_BY = {  # settings that some methods alone look at
-    "trials": ("monte-carlo", "lhs", "sobol", "sobol-indices"),
+    "trials": ("monte-carlo", "lhs", "sobol", "sobol-indices", "design"),
     "half_width": DRAWN,
     "replicates": ("sobol", "sobol-indices"),
     "levels": (*DRAWN, *LEVELLED),

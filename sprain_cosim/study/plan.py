@@ -349,6 +349,7 @@ class Plan:
         written = parse_toml(self.text, self.source).get("study", {}) if self.text else {}
         lost = [f"study.{key}" for key, methods in USED_BY.items() if key in written and method not in methods]
         lost += ["grid"] if self.grid and method != "grid" else []
+        lost += ["questions"] if self.questions and method == "design" else []
         return tuple(f"{key}: method {method} does not look at it" for key in lost)
 
     def with_questions(self, *texts: str) -> Self:
