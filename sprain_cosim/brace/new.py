@@ -1,4 +1,4 @@
-"""A brace project from a template, and its FMU: Python through the exporter, C with the platform's compiler or
+"""A brace project from a template, and its FMU: Python through `fmu.build`, C with the compiler of each platform, or
 CMake."""
 
 from __future__ import annotations
