@@ -65,6 +65,7 @@ def check_brace(
     if unusable:
         raise InputError(f"{fmu}: {unusable}")
     report = FitReport(str(fmu), component.capabilities.interface, component.capabilities.tool)
+    report.sha256 = component.sha256
     _note_description(component, report)
     if inside is not None and mapping is not None:
         report.notes.append(f"the mapping inside the FMU is not used, but {mapping} in its place")

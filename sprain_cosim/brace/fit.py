@@ -21,6 +21,7 @@ class FitReport:
       expected value in its unit at time_s, difference and limit as shares of its largest value, fits
     - proposal: text of a mapping file to start from, "" where the names match
     - next_step: the command to type next
+    - sha256: of the file's content, as `expect_sha256` of a mapping file takes it
     """
 
     fmu: str
@@ -35,6 +36,7 @@ class FitReport:
     references: list[dict[str, Any]] = field(default_factory=list)
     proposal: str = ""
     next_step: str = ""
+    sha256: str = ""
 
     @property
     def fits(self) -> bool:
@@ -56,6 +58,7 @@ class FitReport:
             f"{self.fmu}: {self.verdict}",
             f"  {self.interface}{made}{f', profile {self.profile}' if self.profile else ''}",
         ]
+        lines += [f"  SHA-256 {self.sha256}"] if self.sha256 else []
         for title, entries in (("problem", self.problems), ("warning", self.warnings), ("note", self.notes)):
             lines += [f"  {title + ':':9}{entry}" for entry in entries]
         if self.next_step:

@@ -21,6 +21,7 @@ import pytest
 from sprain_cosim import check_brace
 from sprain_cosim.cli import _run
 from sprain_cosim.errors import SprainError
+from sprain_cosim.fmu.cache import file_sha256
 from sprain_cosim.sandbox.kernel import SIGNAL_ABI, offered
 from sprain_cosim.sandbox.syscalls import COLUMNS
 from tests.native import mischief
@@ -103,7 +104,8 @@ def test_check_prints_the_line(kind: str, folder: Path) -> None:
     word = NEEDS[kind][1].format(folder=folder)
     try:
         report = check_brace(folder / f"{kind}.fmu")
-        said = " ".join([*report.problems, *report.notes])
+        said = report.text()
+        assert file_sha256(folder / f"{kind}.fmu") in said
     except SprainError as problem:
         said = str(problem)
     assert f'allow = ["{word}"]' in said
