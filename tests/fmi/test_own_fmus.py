@@ -83,7 +83,7 @@ def test_rebuilding_gives_the_same_bytes(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_everything_has_unit_start_and_a_name_of_its_own(name: str) -> None:
     described = component(name)
-    assert described.warnings == ()
+    assert described.quirks == ()
     assert described.capabilities.state
     for c in described.connectors.values():
         assert c.unit is not None or c.items, c.name
