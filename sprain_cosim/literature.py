@@ -38,12 +38,13 @@ LI_SOURCE = "Li et al. 2018, 25° slope"
 # How strong braces are: thirteen commercial orthoses of carbon have 0.58 ... 3.66 N·m/deg in the sagittal plane, up to
 # 0.71 in the frontal one [N·m/rad]. Shuman & Russell Esposito 2022, J. Biomech. Eng. 144:011004, doi 10.1115/1.4051845.
 ORTHOSES, ORTHOSES_SOURCE = (33.0, 210.0), "Shuman & Russell Esposito 2022"
-# What is no brace any more: assumptions of this project, not measured. Least: a little more than the stiffest of them
-# gives at the 50 deg of a landing on the 30° slope where its degrees are taken for radians [N·m]; stiffest: four times
-# the stiffest [N·m/rad]; largest: about what that gives at 45 deg [N·m], nearly ten times the largest moment of the
-# 240 % brace of Yoder et al. 2021 in a landing.
-BRACE_TORQUE, BRACE_STIFFEST = (3.5, 600.0), 800.0
+# What is no brace any more: assumptions of this project, not measured. Softest: a little more than the stiffest of them
+# where its degrees are taken for radians [N·m/rad]; least: what that gives at the 50 deg of a landing on the 30° slope
+# [N·m]; stiffest: four times the stiffest [N·m/rad]; largest: about what that gives at 45 deg [N·m], nearly ten times
+# the largest moment of the 240 % brace of Yoder et al. 2021 in a landing. Too weak is what lies below both.
+BRACE_TORQUE, BRACE_STIFFNESS = (3.5, 600.0), (4.0, 800.0)
 BRACES_TEXT = (
-    f"assumed of braces: {BRACE_TORQUE[0]:g} to {BRACE_TORQUE[1]:g} N.m in a landing, at most {BRACE_STIFFEST:g} "
-    f"N.m/rad; measured orthoses have {ORTHOSES[0]:g} to {ORTHOSES[1]:g} N.m/rad ({ORTHOSES_SOURCE})"
+    f"assumed of braces: {BRACE_TORQUE[0]:g} to {BRACE_TORQUE[1]:g} N.m in a landing, {BRACE_STIFFNESS[0]:g} to "
+    f"{BRACE_STIFFNESS[1]:g} N.m/rad; measured orthoses have {ORTHOSES[0]:g} to {ORTHOSES[1]:g} N.m/rad "
+    f"({ORTHOSES_SOURCE})"
 )

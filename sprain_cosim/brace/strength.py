@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
-from ..literature import BRACE_STIFFEST, BRACE_TORQUE
+from ..literature import BRACE_STIFFNESS, BRACE_TORQUE
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,7 @@ class Strength:
     @property
     def doubt(self) -> str:
         """Why no brace is so: "too weak" or "too strong"; empty where one may be."""
-        if self.torque > BRACE_TORQUE[1] or self.stiffness > BRACE_STIFFEST:
+        if self.torque > BRACE_TORQUE[1] or self.stiffness > BRACE_STIFFNESS[1]:
             return "too strong for a brace"
-        return "too weak for a brace" if self.torque < BRACE_TORQUE[0] else ""
+        weak = self.torque < BRACE_TORQUE[0] and self.stiffness < BRACE_STIFFNESS[0]
+        return "too weak for a brace" if weak else ""

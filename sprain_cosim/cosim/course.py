@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..literature import BRACE_STIFFEST, BRACE_TORQUE, BRACES_TEXT
+from ..literature import BRACE_STIFFNESS, BRACE_TORQUE, BRACES_TEXT
 from .energy import Exchange
 from .stability import WRONG_SIGN
 
@@ -34,8 +34,9 @@ def course_doubts(passed: Exchange | None, axes: Sequence[str], pushing_known: b
         for axis, jump in turning_jumps(passed).items()
     ]
     largest, turned = float(np.abs(passed.torque).max()), float(np.abs(passed.angle).max())
-    weak = 0 < largest < BRACE_TORQUE[0] and turned > FAR
-    if weak or largest > BRACE_TORQUE[1] or _secant(passed) > BRACE_STIFFEST:
+    at_peak, highest = _secants(passed)
+    weak = 0 < largest < BRACE_TORQUE[0] and highest < BRACE_STIFFNESS[0] and turned > FAR
+    if weak or largest > BRACE_TORQUE[1] or at_peak > BRACE_STIFFNESS[1]:
         found.append(
             f"the device gave at most {largest:.3g} N.m while the foot turned by {math.degrees(turned):.0f} deg: "
             f"{BRACES_TEXT}; are its units right, those of its angles too?"
@@ -59,11 +60,13 @@ def turning_jumps(passed: Exchange) -> dict[int, float]:
     return out
 
 
-def _secant(passed: Exchange) -> float:
-    """Largest torque by the angle at which it came [N.m/rad]; 0 where that is less than NEAR."""
-    at = np.unravel_index(np.abs(passed.torque).argmax(), passed.torque.shape)
-    angle = abs(float(passed.angle[at]))
-    return abs(float(passed.torque[at])) / angle if angle > NEAR else 0.0
+def _secants(passed: Exchange) -> tuple[float, float]:
+    """Torque by angle [N.m/rad] where an angle is largest, at which a damper gives nothing, and the largest of all
+    points; angles of less than NEAR do not count."""
+    angle, torque = np.abs(passed.angle), np.abs(passed.torque)
+    secants = np.where(angle > NEAR, torque / np.maximum(angle, NEAR), 0.0)
+    at_peak = np.take_along_axis(secants, angle.argmax(axis=0)[None, :], axis=0)
+    return float(at_peak.max()), float(secants.max())
 
 
 def pushed(passed: Exchange | None) -> dict[int, float]:

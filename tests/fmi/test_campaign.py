@@ -67,7 +67,7 @@ def campaign(count: int, seed: int, compiled: Path, folder: Path) -> dict[str, l
 
 
 def test_a_few_devices(compiled: Path, tmp_path: Path) -> None:
-    found = campaign(6, 1, compiled, tmp_path)
+    found = campaign(4, 1, compiled, tmp_path)
     assert not found["silent"]
     assert not found["refused"]
     assert not found["warned"]
@@ -85,12 +85,11 @@ def test_the_campaign(compiled: Path, tmp_path: Path) -> None:
     assert len(found["warned"]) <= 0.05 * len(found["right declared"])
 
 
-@pytest.mark.parametrize("angle", ["rad", "deg"])
-def test_a_device_whose_units_are_open_is_asked_and_then_fits(angle: str, compiled: Path, tmp_path: Path) -> None:
-    device = Device(("subtalar",), 60.0, 0.2, 0.1, 0.005, angle, "N.m", "map", "")
+def test_a_device_whose_units_are_open_is_asked_and_then_fits(compiled: Path, tmp_path: Path) -> None:
+    """One in radians; tests/cli/test_tutorial.py has one in degrees."""
+    device = Device(("subtalar",), 60.0, 0.2, 0.1, 0.005, "rad", "N.m", "map", "")
     path = fmu(tmp_path / "device.fmu", device, compiled)
     asked = check_brace(path, mapping(tmp_path / "open.toml", device, ("?", "?")))
     assert not asked.fits
-    words = {"rad": "as radians", "deg": "as degrees"}[angle]
-    assert words in asked.problems[0].rpartition("plausible")[0].rpartition(";")[2], asked.problems[0]
+    assert "only as radians is plausible" in asked.problems[0]
     assert check_brace(path, mapping(tmp_path / "map.toml", device)).verdict == "fits"
