@@ -427,7 +427,7 @@ def design_command(
     if in_process:
         chosen = chosen.unconfined()
     for warning in (*chosen.warnings, *chosen.scenario.doubts(), *device_doubts(chosen.scenario)):
-        click.echo(f"warning: {warning}", err=True)
+        _show(f"warning: {warning}", err=True)
     folder = out or Path("runs") / f"design_{Path(study).stem}"
     again = f"sprain-cosim {' '.join(_without_resume(sys.argv[1:]))}"
     try:
@@ -443,12 +443,12 @@ def design_command(
             command=again,
         )
     except (signals.Interrupted, SimulationError):
-        click.echo(f"{chr(10) if sys.stderr.isatty() else ''}continue with: {again} --resume", err=True)
+        _show(f"{chr(10) if sys.stderr.isatty() else ''}continue with: {again} --resume", err=True)
         raise
     _warn_of_trials(done, folder)
     found = done.summary.design
     assert found is not None
-    click.echo(
+    _show(
         json.dumps(found.to_json(), allow_nan=False)
         if as_json
         else f"{study_listing(done.study, done.summary)}\n\nwritten: {folder}\nnext: sprain-cosim report {folder}"
