@@ -111,6 +111,12 @@ def _notes(search: DesignSearch) -> list[str]:
                 f"the goal ceases to hold again {beyond} {search.parameter} = {point.other_end:.3g}"
                 + (f" at {search.second} = {point.second:.3g}" if point.second is not None else "")
             )
+        low = (point.probability.sampling_ci or (None, None))[0]
+        if point.status == "nowhere" and low is not None and low <= search.at_most:
+            notes.append(
+                f"whether {search.parameter} = {point.value:.3g} meets the goal is open: the interval of the landings "
+                "reaches below it; more landings (--landings) or a wider range would tell"
+            )
         if point.status == "everywhere" and point.second is None:
             side = "low" if search.find == "least" else "high"
             notes.append(f"the goal holds in all of the range: the {search.find} value lies beyond its {side} end")
