@@ -136,7 +136,8 @@ def run_command(
     result = chosen.run(halve=True, limits=_limits(trial_limit))
     if result.warning:
         _show(f"warning: {result.warning}", err=True)
-    _print_messages({name: (said.grave, said.text) for name, said in result.messages.items()})
+    said = {name: m for name, m in result.messages.items() if not m.first or m.first not in result.message}
+    _print_messages({name: (m.grave, m.text) for name, m in said.items()})  # but what the error quotes anyway
     summary = RunSummary.of(chosen, result)
     if check_coupling and result.status == "completed":
         summary = replace(summary, coupling_check=result.halved or chosen.coupling_check(result))
