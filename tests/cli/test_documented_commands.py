@@ -3,6 +3,7 @@ of blocks that are not run or only in the long tests included; nothing is execut
 
 from __future__ import annotations
 
+import contextlib
 import re
 import shlex
 from itertools import takewhile
@@ -38,10 +39,8 @@ def parsed(words: list[str]) -> None:
             _, found, words = command.resolve_command(context, words)
             assert found is not None
             command = found
-        try:
+        with contextlib.suppress(click.exceptions.Exit):  # --help, --version
             command.make_context(command.name, list(words), parent=context)
-        except click.exceptions.Exit:  # --help, --version
-            pass
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if documented(p)], ids=lambda p: str(p.relative_to(ROOT)))
@@ -55,7 +54,11 @@ def test_what_a_page_types_is_understood(page: Path) -> None:
 
 
 def test_a_word_that_is_not_understood_is_seen() -> None:
-    for words in (["ran", "incline30"], ["run", "incline30", "--steps", "1 ms"], ["study", "study6", "--trials", "few"]):
+    for words in (
+        ["ran", "incline30"],
+        ["run", "incline30", "--steps", "1 ms"],
+        ["study", "study6", "--trials", "few"],
+    ):
         with pytest.raises(click.ClickException):
             parsed(words)
     parsed(["brace", "new", "my_brace", "--lang", "c"])
