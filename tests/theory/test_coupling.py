@@ -4,6 +4,7 @@ forms."""
 from __future__ import annotations
 
 import math
+import re
 from functools import lru_cache
 
 import numpy as np
@@ -410,6 +411,11 @@ def test_an_over_centre_device_is_never_refused_and_no_step_is_advised(scheme: s
     assert np.abs(result["plant.subtalar_angle"] - angle).max() < near * np.abs(angle).max()
 
 
+def of_guard(result: Result) -> str:
+    """The warning without the word on the strength of a device that no brace has."""
+    return re.sub(r"the device gave at most .*?angles too\?(; )?", "", result.warning)
+
+
 def test_what_pushes_away_hides_no_growth_by_the_coupling() -> None:
     """One axis over its centre, the other too stiff for the scheme: refused for the latter."""
     shapes = two_axes(np.diag([-30.0, 2000.0]), np.zeros((2, 2)), INERTIA)
@@ -431,7 +437,7 @@ def test_what_pushes_away_hides_no_growth_by_the_coupling() -> None:
         Master(1e-3, 0.15, scheme="gauss-seidel").run(system.open(), {})
     result = Master(1e-3, 0.05).run(system.open(), {})
     assert (result.status, result.scheme) == ("completed", "impedance")
-    assert result.warning.startswith("the device pushes away about talocrural")
+    assert of_guard(result).startswith("the device pushes away about talocrural")
 
 
 @pytest.mark.parametrize("scheme", ["jacobi", "gauss-seidel", "gauss-seidel-extrapolated"])
@@ -445,7 +451,7 @@ def test_every_scheme_and_step_that_is_advised_runs_calmly(scheme: str) -> None:
         word = option.split(" ", 1)[1].strip("'")
         other, step = (word, 1e-3) if option.startswith("--scheme") else (scheme, 1e-3 * float(word.split()[0]))
         result = guarded(other, step, brace)
-        assert (result.status, result.warning) == ("completed", "")
+        assert (result.status, of_guard(result)) == ("completed", "")
         assert np.abs(result["plant.subtalar_angle"]).max() < 10 * START[0]
 
 
@@ -467,16 +473,16 @@ def hopeless() -> Linearisation:
 )
 def test_what_is_never_refused_never_grows(scheme: str, stiffness: float, damping: float) -> None:
     result = guarded(scheme, 5e-4, device(stiffness, damping))
-    assert (result.status, result.warning) == ("completed", "")
+    assert (result.status, of_guard(result)) == ("completed", "")
     largest = math.hypot(START[0], math.sqrt(INERTIA / stiffness)) if stiffness else 0.1 + INERTIA / damping
     assert np.abs(result["plant.subtalar_angle"]).max() <= 1.05 * largest
 
 
 def test_a_warning_is_not_a_refusal_and_a_soft_device_passes() -> None:
     assert "may grow" in guarded("gauss-seidel", 5e-4, device(800.0, 0.0)).warning
-    assert guarded("gauss-seidel", 5e-4, device(50.0, 0.05)).warning == ""
+    assert of_guard(guarded("gauss-seidel", 5e-4, device(50.0, 0.05))) == ""
     for scheme in ("impedance", "iterative"):
-        assert guarded(scheme, 5e-4, device(2000.0, 0.0)).warning == ""
+        assert of_guard(guarded(scheme, 5e-4, device(2000.0, 0.0))) == ""
 
 
 LINEAR = """
