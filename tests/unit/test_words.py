@@ -7,7 +7,7 @@ import math
 import pytest
 
 from sprain_cosim.report.words import ends, interval, percent, percent_interval, rounded, signed
-from sprain_cosim.study.summary import Question
+from sprain_cosim.study.summary import Probability
 
 
 @pytest.mark.parametrize(
@@ -31,8 +31,8 @@ def test_probabilities(p: float | None, text: str) -> None:
 
 
 def test_the_interval_of_a_small_probability_is_as_fine_as_the_probability() -> None:
-    assert percent_interval(Question("e", 4.5e-7, 1e-8, 3e-3)) == " (95 % interval < 0.01 … 0.3 %)"
-    assert percent_interval(Question("e", 0.5)) == ""
+    assert percent_interval(Probability("e", 4.5e-7, 1e-8, 3e-3)) == " (95 % interval < 0.01 … 0.3 %)"
+    assert percent_interval(Probability("e", 0.5)) == ""
 
 
 def test_numbers() -> None:
@@ -42,4 +42,4 @@ def test_numbers() -> None:
     assert [signed(v, 2) for v in (0.001, -1.0, None)] == ["+0.00", "−1.00", "–"]
     assert ends(0.5, None) == ()
     assert ends(0.5, 0.75, 10) == ("5.00 … 7.50",)
-    assert interval(Question("e", 0.5, -0.2, -0.1), 10, "°", negate=True) == " (95 % interval 1.00 … 2.00°)"
+    assert interval(Probability("e", 0.5, -0.2, -0.1), 10, "°", negate=True) == " (95 % interval 1.00 … 2.00°)"
