@@ -19,6 +19,8 @@ _HOME = {
     "Study": "study.study",
     "check_brace": "brace.check",
     "compare_braces": "brace.compare",
+    "to_salib": "export.sample",
+    "to_openturns": "export.sample",
     "System": "cosim.system",
     "Component": "fmu.component",
     "Driver": "fmu.driver",
@@ -42,6 +44,8 @@ if TYPE_CHECKING:
     from .errors import InputError as InputError
     from .errors import SimulationError as SimulationError
     from .errors import SprainError as SprainError
+    from .export.sample import to_openturns as to_openturns
+    from .export.sample import to_salib as to_salib
     from .fmu.component import Component as Component
     from .fmu.driver import Driver as Driver
     from .fmu.python import PythonComponent as PythonComponent

@@ -822,7 +822,7 @@ def animate_command(folders: tuple[Path, ...], trial: str | None, slow: float, o
 @out_option("File to write.", required=True)
 def export_command(folder: Path, trial: str | None, kind: str | None, content: str | None, out: Path) -> None:
     """Write the landing in FOLDER for other tools: OpenSim .sto and .mot, CSV, Parquet."""
-    from .export import write_landing
+    from .export.landing import write_landing
     from .folders.landing import load_landing
 
     rows, columns = write_landing(load_landing(folder, trial), out, kind, content)

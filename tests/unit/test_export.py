@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 from sprain_cosim.errors import InputError
-from sprain_cosim.export import COORDINATES, forces, ground, states, write_landing
+from sprain_cosim.export.landing import COORDINATES, forces, ground, states, write_landing
 from sprain_cosim.folders.landing import Landing, choose_trial
 from sprain_cosim.scenario import load_scenario
 from sprain_cosim.shipped import fmu_path

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .errors import EnvironmentProblem, InputError, nearest
-from .files import whole_file
-from .folders.landing import Landing
+from ..errors import EnvironmentProblem, InputError, nearest
+from ..files import whole_file
+from ..folders.landing import Landing
 
 if TYPE_CHECKING:
     import pandas as pd
