@@ -47,7 +47,7 @@ PLAIN = "run it with method sobol or monte-carlo, whose sample serves SALib's de
 
 @dataclass(frozen=True)
 class SalibSample:
-    """What SALib's analyses take: `SALib.analyze.delta.analyze(s.problem, s.X, s.Y["peak_subtalar_angle_deg"])`.
+    """What SALib's analyses take: `SALib.analyze.pawn.analyze(s.problem, s.X, s.Y["peak_subtalar_angle_deg"])`.
 
     problem   num_vars, names ("component.parameter [unit]"), bounds and dists as SALib spells them
     X         (n, d) inputs in those units; of a sobol-indices study in the order of
@@ -226,7 +226,7 @@ class _Sample:
         elif plan is None:
             notes.append("its distributions are not recorded")
         else:
-            marginals, joint = _distributions(plan, names)
+            marginals, joint = _distributions(path, plan, names)
             correlated = not joint.is_independent
         size = _base_points(path, x, numbers, failed) if method == INDICES else 0
         units = {name: heading_of(name)[1] or "1" for name in names} | {name: unit_of(name) or "1" for name in y}
@@ -241,11 +241,11 @@ def _plan_of(folder: StudyFolder) -> Plan | None:
         return None if ledger.said("study") is None else recorded_plan(folder.path, ledger)
 
 
-def _distributions(plan: Plan, names: tuple[str, ...]) -> tuple[tuple[Marginal, ...], JointDistribution]:
+def _distributions(path: Path, plan: Plan, names: tuple[str, ...]) -> tuple[tuple[Marginal, ...], JointDistribution]:
     place = {heading: k for k, heading in enumerate(plan.headings)}
     strange = [name for name in names if name not in place]
     if strange:
-        raise InputError(f"trials.csv, column {strange[0]}: is no input of the study that the ledger records")
+        raise InputError(f"{path}: trials.csv, column {strange[0]}: is no input of the study that the ledger records")
     kept, all_marginals = [place[name] for name in names], list(plan.marginals.values())
     marginals = tuple(all_marginals[k] for k in kept)
     correlation = None if plan.correlation is None else plan.correlation[np.ix_(kept, kept)]

@@ -37,6 +37,7 @@ from sprain_cosim.uq.distributions import (
     Weibull,
 )
 from tests import light
+from tests.docs_commands import ROOT, blocks
 
 BEFORE = Path(__file__).parent.parent / "folders_0_1"
 PEAK = "peak_subtalar_angle_deg"
@@ -174,6 +175,21 @@ def test_a_sample_goes_over_with_its_columns_units_and_correlation(studies: Path
     assert theirs["median"][0] > theirs["median"][2]
 
 
+@pytest.mark.filterwarnings("ignore")
+def test_the_example_on_the_page(
+    studies: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("SALib")
+    (example,) = (b.text for b in blocks(ROOT / "docs" / "studies.md") if "to_salib" in b.text)
+    (tmp_path / "runs").mkdir()
+    shutil.copytree(studies / "random", tmp_path / "runs" / "s6")
+    monkeypatch.chdir(tmp_path)
+    exec(example, {})
+    printed = capsys.readouterr().out
+    assert "('delta', 'pawn')" in printed
+    assert all(name in printed for name in VARIED)
+
+
 def test_a_grid_has_no_distribution(studies: Path) -> None:
     sample = sc.to_salib(studies / "grid")
     assert sample.problem["dists"] == ["unif", "unif"]
@@ -214,6 +230,10 @@ def test_failed_trials_are_left_out_and_counted(studies: Path, tmp_path: Path) -
         sc.to_salib(edited(studies / "indices", tmp_path / "torn", status="crash"))
     with pytest.raises(InputError, match="not in the order of a study of Sobol' indices"):
         sc.to_openturns(edited(studies / "indices", tmp_path / "other", **{DROP: 0.3}))
+    renamed = edited(studies / "random", tmp_path / "renamed")
+    table(renamed).rename(columns={DROP: "plant.drop_height [cm]"}).to_csv(renamed / "trials.csv", index=False)
+    with pytest.raises(InputError, match=r"column plant\.drop_height \[cm\]: is no input of the study that the ledger"):
+        sc.to_openturns(renamed)
     with pytest.raises(InputError, match=r"column plant\.drop_height \[m\]: a completed trial has no value"):
         sc.to_salib(edited(studies / "random", tmp_path / "hole", **{DROP: np.nan}))
 
