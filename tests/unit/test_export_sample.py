@@ -260,7 +260,7 @@ def test_folders_that_hold_no_sample_say_so(studies: Path, tmp_path: Path) -> No
 def test_without_openturns_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "openturns", None)
     with pytest.raises(EnvironmentProblem, match=r"needs the extra \[reliability\]: pip install"):
-        sc.to_openturns(BEFORE / "light")
+        sc.to_openturns(BEFORE / "study")
 
 
 @pytest.mark.parametrize("law", LAWS, ids=repr)
