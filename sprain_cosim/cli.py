@@ -606,6 +606,11 @@ def check_command(fmu: Path, mapping: Path | None, settings: tuple[str, ...], as
 @STEP
 @STOP
 @click.option("--trials", type=click.IntRange(2), help="Landings of a study.")
+@click.option(
+    "--decide",
+    is_flag=True,
+    help="Stop a pair of braces when it is decided which has the lower peak, --trials landings at most (a study only).",
+)
 @click.option("--workers", type=click.IntRange(1), help="Worker processes of a study (default: one per core).")
 @click.option("--resume", is_flag=True, help="Continue what --out holds of a study.")
 @click.option("--max-failed", default="1%", show_default=True, help="Share of failed landings that is accepted.")
@@ -623,6 +628,7 @@ def compare_command(
     step: str | None,
     stop: str | None,
     trials: int | None,
+    decide: bool,
     workers: int | None,
     resume: bool,
     max_failed: str,
@@ -652,6 +658,7 @@ def compare_command(
             stop=stop,
             out=out or Path("runs") / f"compare_{Path(source).stem}",
             trials=trials,
+            decide=decide,
             workers=workers,
             resume=resume,
             command=again,

@@ -29,6 +29,7 @@ from ..study.methods import SAMPLED
 from ..study.study import Study
 from .bench import Bench
 from .comparison import PEAKS, Entry, Source, summarise_comparison, with_derived
+from .decision import check_decidable, land_until_decided
 from .doubts import device_doubts
 
 RESERVED = (NONE, "plant", "controller", "figures")
@@ -76,6 +77,7 @@ def compare_braces(
     stop: str | None = None,
     out: Path | str,
     trials: int | None = None,
+    decide: bool = False,
     workers: int | None = None,
     resume: bool = False,
     max_failed: float = 0.01,
@@ -93,7 +95,9 @@ def compare_braces(
     maps                         {name: mapping file}
     settings                     {"plant.drop_height": for all, "NAME.parameter": of that brace}
     scheme, step, stop           as in Scenario.with_master, for all
-    trials ... limits, progress  of a study, see `Study.run`
+    trials                       landings of a study
+    decide                       pairs of braces stop when it is decided which has the lower peak; `trials` at most
+    workers ... limits, progress of a study, see `Study.run`
     say                          is called with the name of each brace as it begins
     command                      what the manifests say was typed
     in_process                   foreign FMUs run without a sandbox; still in processes of their own
@@ -105,18 +109,36 @@ def compare_braces(
     folder, limits = Path(out), limits or Limits()
     if limits.trial is None and isinstance(source, Study):
         limits = replace(limits, trial=source.trial_limit)
+    if decide:
+        check_decidable(source, list(braces), trials)
     source, variants = _variants(source, braces, maps or {}, settings or {}, trials)
     _check(folder, list(variants), isinstance(source, Study), resume)
     options = {"workers": workers, "progress": progress, "command": command, "resume": resume, "max_failed": max_failed}
-    entries = []
     warnings = {name: _warnings(name, variant) for name, variant in variants.items()}
-    for name, variant in variants.items():
-        say(name)
+
+    def land(name: str, rows: int | None = None, before: Entry | None = None) -> Entry:
+        say(name if rows is None else f"{name}, the first {rows} landings")
         fmu = None if name == NONE else str(braces[name])
-        entries.append(_run(name, fmu, variant, folder / name, limits, options, warnings[name]))
-    comparison = Comparison(tuple(entries), summarise_comparison(source, entries), folder)
+        again = resume or before is not None
+        more = options | {"resume": again} | ({} if rows is None else {"rows": rows})
+        return _run(name, fmu, variants[name], folder / name, limits, more, warnings[name], before)
+
+    if decide:
+        entries, looks, decisions = land_until_decided(list(variants), _numbers(variants), land)
+        summary = summarise_comparison(source, entries, looks, decisions)
+    else:
+        entries = [land(name) for name in variants]
+        summary = summarise_comparison(source, entries)
+    comparison = Comparison(tuple(entries), summary, folder)
     _write(comparison)
     return comparison
+
+
+def _numbers(variants: Mapping[str, Source]) -> Sequence[int]:
+    """Of the trials that all variants of a study share."""
+    study = variants[NONE]
+    assert isinstance(study, Study)
+    return study.numbers
 
 
 def _warnings(name: str, variant: Source) -> tuple[str, ...]:
@@ -140,15 +162,21 @@ def _run(
     limits: Limits,
     options: Mapping[str, Any],
     warnings: tuple[str, ...],
+    before: Entry | None = None,
 ) -> Entry:
-    """The landings of one brace, left in `folder`; a failure of the device is the entry's status."""
+    """The landings of one brace, left in `folder`; a failure of the device is the entry's status. `before`: what it did
+    in fewer landings."""
     scenario = variant.scenario if isinstance(variant, Study) else variant
     entry = Entry(name, fmu, warnings=warnings)
+    held: Mapping[str, float] | None = None
     with Bench(scenario, limits) as bench:
         try:
             if isinstance(variant, Study):
                 means = {k: m.mean for k, m in variant.marginals.items() if k.startswith("brace.")}
-                held = bench.hold(means) if fmu is not None else None
+                if before is not None:
+                    held = before.resistance
+                elif fmu is not None:
+                    held = bench.hold(means)
                 bench.close()
                 entry = replace(entry, resistance=held)
                 done = variant.run(out=folder, limits=limits, **options)

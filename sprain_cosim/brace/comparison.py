@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from ..folders.comparison import NONE, BraceSummary, ComparisonSummary, Estimates, MeanEstimate
+from ..folders.comparison import NONE, BraceSummary, ComparisonSummary, Decisions, Estimates, MeanEstimate
 from ..literature import INJURY_INVERSION_TEXT
 from ..records import finite
 from ..scenario import Scenario
@@ -18,6 +19,7 @@ from ..scenario.postures import POSTURES
 from ..study.questions import QUESTIONS
 from ..study.study import Study
 from ..uq import statistics
+from ..uq.sequential import spent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,6 +50,7 @@ LINES: tuple[tuple[str, str, float], ...] = (  # label, metric, factor
     ("             borne by the anatomy [%]", SHARE, 100.0),
 )
 CHANGED = (*PEAKS[:2], INJURY)  # the raw angle changes as the one from neutral does
+RANDOM = ("monte-carlo", "table")  # methods whose landings are independent draws
 PAIRED = 6  # pairs that are printed; compare.json has all
 
 Source = Scenario | Study
@@ -93,14 +96,20 @@ def with_derived(landings: pd.DataFrame) -> pd.DataFrame:
     return landings.assign(**more)
 
 
-def summarise_comparison(source: Source, entries: Sequence[Entry]) -> ComparisonSummary:
+def summarise_comparison(
+    source: Source, entries: Sequence[Entry], looks: Sequence[int] = (), decisions: Decisions | None = None
+) -> ComparisonSummary:
     """Every estimate is the landing's value, or the mean over the landings that completed, with Student's 95 % interval
-    where they are a random sample. Differences are over the landings that completed with both."""
+    where they are a random sample. Differences are over the landings that completed with both. Where braces stopped at
+    one of several `looks` (numbers of landings), an interval is at the level of that look, so that it holds for all."""
     study = source if isinstance(source, Study) else None
     scenario = source.scenario if isinstance(source, Study) else source
     landed = _Landed(
         {e.name: e.completed.set_index("trial") for e in entries if e.landings is not None},
-        study is not None and study.method in ("monte-carlo", "table"),
+        study is not None and study.method in RANDOM,
+        {e.name: spent(bisect_left(looks, len(e.landings)) + 1) for e in entries if e.landings is not None}
+        if looks
+        else {},
     )
     names = [n for n in landed.completed if n != NONE]
     return ComparisonSummary(
@@ -114,6 +123,7 @@ def summarise_comparison(source: Source, entries: Sequence[Entry]) -> Comparison
         injury=f"inversion from neutral {QUESTIONS[INVERSION][0]}",
         braces={e.name: landed.summary(e) for e in entries},
         pairs={f"{b} - {a}": landed.difference(b, a) for i, a in enumerate(names) for b in names[i + 1 :]},
+        decisions=decisions,
     )
 
 
@@ -123,10 +133,12 @@ class _Landed:
 
     completed  {brace: one row a landing, indexed by trial}; only braces that did not fail
     random     they are a random sample
+    levels     {brace: error of its intervals}; 5 % for all where it is empty
     """
 
     completed: Mapping[str, pd.DataFrame]
     random: bool
+    levels: Mapping[str, float]
 
     def summary(self, entry: Entry) -> BraceSummary:
         rows = self.completed.get(entry.name)
@@ -138,7 +150,9 @@ class _Landed:
             folder=entry.name,
             n_completed=0 if rows is None else len(rows),
             n_failed=None if rows is None or entry.landings is None else len(entry.landings) - len(rows),
-            metrics={} if rows is None else {k: self._estimate(rows[k].to_numpy(float)) for k in KEYS if k in rows},
+            metrics={}
+            if rows is None
+            else {k: self._estimate(rows[k].to_numpy(float), entry.name) for k in KEYS if k in rows},
             difference_to_none=self.difference(entry.name, NONE),
             resistance_Nm=None if entry.resistance is None else dict(entry.resistance),
         )
@@ -150,15 +164,15 @@ class _Landed:
         one, other = self.completed[a], self.completed[b]
         both = one.index.intersection(other.index)
         keys = [k for k in KEYS if k in one and k in other]
-        return {k: self._estimate((one.loc[both, k] - other.loc[both, k]).to_numpy(float)) for k in keys}
+        return {k: self._estimate((one.loc[both, k] - other.loc[both, k]).to_numpy(float), a, b) for k in keys}
 
-    def _estimate(self, y: NDArray[np.float64]) -> MeanEstimate:
+    def _estimate(self, y: NDArray[np.float64], *names: str) -> MeanEstimate:
         y = y[np.isfinite(y)]
         if not len(y):
             return MeanEstimate()
         if not self.random or len(y) < 2:
             return MeanEstimate(float(np.mean(y)), n=len(y))
-        e = statistics.mean(y)
+        e = statistics.mean(y, 1.0 - max(self.levels.get(name, 0.05) for name in names))  # they share the fewer
         return MeanEstimate(finite(e.value), finite(e.low), finite(e.high), len(y))
 
 
@@ -186,9 +200,11 @@ def comparison_listing(summary: ComparisonSummary) -> str:
         row(f"resists {motion} of 5 / 10 deg [N·m]", [_held(b, motion) for b in braces.values()])
     row(
         "landings completed",
-        [f"{b.n_completed} of {summary.landings}" if b.completed else "failed" for b in braces.values()],
+        [summary.completion(b) for b in braces.values()],
     )
-    if 0 < len(summary.pairs) <= PAIRED:
+    if summary.decisions is not None:
+        lines += ["", *_decided(summary.decisions)]
+    elif 0 < len(summary.pairs) <= PAIRED:
         lines += ["", f"{'':44}{'peak supination [deg]':>{width + 8}}{'inversion [deg]':>{width}}"]
         for pair, d in summary.pairs.items():
             supination, inversion = (_cell(d.get(peak), 1.0, sign=True) for peak in PEAKS[:2])
@@ -197,12 +213,33 @@ def comparison_listing(summary: ComparisonSummary) -> str:
     return "\n".join(lines)
 
 
+def _decided(found: Decisions) -> list[str]:
+    """What was decided about each pair, and how many landings that saved."""
+    lines = [f"lower peak supination, decided with an error of {100 * found.error:g} % over all looks and pairs:"]
+    for pair, d in found.pairs.items():
+        if not d.looks:
+            continue
+        look = d.looks[-1]
+        ends = _ends(look.ci_low, look.ci_high)
+        if d.lower is None:
+            said = f"{pair}: undecided after {d.n} paired landings; difference {_number(look.value)} deg ({ends})"
+        else:
+            size = None if look.value is None else abs(look.value)
+            if look.value is not None and look.value < 0.0:
+                ends = _ends(look.ci_high, look.ci_low, -1.0)
+            said = f"{d.lower} below {d.higher}: decided after {d.n} paired landings; {_number(size)} deg ({ends})"
+        lines.append(f"  {said}")
+    made = found.landed + found.saved
+    return [*lines, f"{found.landed} landings made, {found.saved} of {made} saved"]
+
+
 def _heading(summary: ComparisonSummary) -> list[str]:
     pose = f"pose {summary.initial_pose}, " if summary.initial_pose else ""
-    count = f"{summary.landings} landings" if summary.is_study else "one landing"
-    lines = [f"{summary.source}  ·  {pose}{count}, the same for every brace"]
+    lines = [f"{summary.source}  ·  {pose}{summary.count}, the same for every brace"]
     if summary.has_intervals:
         lines.append("mean ± half of its 95 % interval; changes are paired")
+        if summary.decisions is not None:
+            lines[-1] += "; a column is over its own landings, its interval holds however often one looked"
     elif summary.is_study:
         lines.append("means; changes are paired")
     return lines
@@ -213,6 +250,14 @@ def _cell(estimate: MeanEstimate | None, factor: float, sign: bool = False) -> s
         return ""
     half = "" if estimate.half_width is None else f" ± {factor * estimate.half_width:.2f}"
     return f"{factor * estimate.value:{'+' if sign else ''}.2f}{half}"
+
+
+def _number(value: float | None) -> str:
+    return "?" if value is None else f"{value:.2f}"
+
+
+def _ends(low: float | None, high: float | None, factor: float = 1.0) -> str:
+    return " ... ".join(_number(None if v is None else factor * v) for v in (low, high))
 
 
 def _held(brace: BraceSummary, motion: str) -> str:

@@ -33,8 +33,7 @@ def comparison_figure(
     distribution of `peaks` {brace: (landings,) peak of supination [deg]}."""
     shown = list(summary.completed)
     braces = [n for n in shown if n != NONE]
-    count = f"{summary.landings} landings" if summary.is_study else "one landing"
-    note = f"{summary.source}: {count}, the same for every brace. "
+    note = f"{summary.source}: {summary.count}, the same for every brace. "
     note += f"Initial pose: {summary.initial_pose}. " if summary.initial_pose else ""
     note += f"Failed: {', '.join(summary.failed)}." if summary.failed else ""
     heights = [

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..errors import InputError
 from ..files import read_json
-from ..records import FORMAT, Record, Summary, known_format
+from ..records import FORMAT, Record, Summary, known_format, optional
 from .run import RunFolder
 from .study import StudyFolder
 
@@ -21,7 +21,8 @@ class MeanEstimate(Record):
     """The value of one landing, or the mean over several.
 
     value            in the unit of the metric's name
-    ci_low, ci_high  Student's 95 % interval; None where the landings are no random sample
+    ci_low, ci_high  Student's 95 % interval, wider where pairs stopped when they were decided: it holds however often
+                     one looked; None where the landings are no random sample
     n                landings that it is the mean of
     """
 
@@ -69,6 +70,66 @@ class BraceSummary(Record):
         return self.status == "completed"
 
 
+@dataclass(frozen=True)
+class PairLook(Record):
+    """One look at the paired differences of two braces.
+
+    n                paired landings seen
+    p_value          of Student's test that their mean difference is zero
+    level            what it was compared with
+    value            mean difference, in the unit of the response
+    ci_low, ci_high  its interval at that level, which holds for all looks and pairs together
+    """
+
+    n: int
+    p_value: float
+    level: float
+    value: float | None = None
+    ci_low: float | None = None
+    ci_high: float | None = None
+
+
+@dataclass(frozen=True)
+class DecidedPair(Record):
+    """Which of two braces has the lower peak.
+
+    lower, higher  names of braces; None while it is not decided
+    n              paired landings that it took, or has taken so far
+    looks          all that were made
+    """
+
+    lower: str | None = None
+    higher: str | None = None
+    n: int = 0
+    looks: tuple[PairLook, ...] = ()
+
+
+@dataclass(frozen=True)
+class Decisions(Record):
+    """What was decided about the pairs of braces, by a sequential test.
+
+    response  whose mean is compared
+    error     probability of any false decision, over all looks and pairs
+    at_most   landings of each brace, and of none
+    landed    landings that were made, those without a brace among them
+    saved     landings that were not needed
+    pairs     {"B - A": ...}
+    """
+
+    response: str
+    error: float
+    at_most: int
+    landed: int
+    saved: int
+    pairs: Mapping[str, DecidedPair] = field(default_factory=dict)
+
+    def lowest(self, names: Iterable[str]) -> str | None:
+        """The brace that is decided to be lower than all others of `names`."""
+        found = {(p.lower, p.higher) for p in self.pairs.values()}
+        names = list(names)
+        return next((a for a in names if all((a, b) in found for b in names if b != a)), None)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ComparisonSummary(Summary):
     """Several braces on the same landings: content of compare.json, and what `compare --json` prints.
@@ -78,10 +139,11 @@ class ComparisonSummary(Summary):
     source, title     where the landings come from, and what they are
     initial_pose      of every landing; None for a plant that has no such choice
     method, seed      of a study's sample
-    landings          for each brace
+    landings          for each brace; where pairs stopped when they were decided, at most
     injury            the event whose probability is the metric probability_of_injury, in words
     braces            {name: what it did}, "none" first
     pairs             {"B - A": the metrics of B minus those of A, over the landings that completed with both}
+    decisions         absent unless pairs stopped when they were decided
     """
 
     format: int = FORMAT
@@ -95,6 +157,21 @@ class ComparisonSummary(Summary):
     injury: str = ""
     braces: Mapping[str, BraceSummary]
     pairs: Mapping[str, Estimates] = field(default_factory=dict)
+    decisions: Decisions | None = optional()
+
+    @property
+    def count(self) -> str:
+        """How many landings each brace made, in words."""
+        if not self.is_study:
+            return "one landing"
+        return f"{'at most ' if self.decisions else ''}{self.landings} landings"
+
+    def completion(self, brace: BraceSummary) -> str:
+        """ "20 of 20": landings that completed, of those that were made."""
+        if not brace.completed:
+            return "failed"
+        made = (brace.n_completed or 0) + (brace.n_failed or 0) if self.decisions else self.landings
+        return f"{brace.n_completed} of {made}"
 
     @property
     def is_study(self) -> bool:

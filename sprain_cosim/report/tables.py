@@ -131,9 +131,7 @@ def _comparison(folder: ComparisonFolder) -> PageTable:
         held = [_held(b, motion) for b in braces.values()]
         if any(held):
             rows.append([f"resists {motion} of 5 / 10° [N·m]", *held])
-    total = folder.summary.landings
-    counts = [f"{b.n_completed} of {total}" if b.completed else "failed" for b in braces.values()]
-    rows.append(["landings completed", *counts])
+    rows.append(["landings completed", *map(folder.summary.completion, braces.values())])
     return PageTable(["", *("no brace" if name == NONE else name for name in braces)], rows)
 
 

@@ -10,7 +10,7 @@ from markupsafe import Markup
 from .. import figures as plots
 from ..brace.comparison import INJURY, INVERSION
 from ..figures.selection import Named, response_label, same_question
-from ..folders.comparison import NONE, ComparisonFolder
+from ..folders.comparison import NONE, ComparisonFolder, Decisions, PairLook
 from ..folders.read import Folder
 from ..folders.run import RunFolder
 from ..folders.study import PEAK, StudyFolder
@@ -18,7 +18,7 @@ from ..literature import INJURY_INVERSION
 from ..study.summary import FormSearch, Level, LevelSearch, LevelTest, Percentile, Probability, Threshold
 from .blocks import Block, Paragraph, Verdict, rich
 from .design import design_verdict
-from .words import fine_ends, interval, percent, percent_interval, percentage_ends, rounded, signed, unit_after
+from .words import ends, fine_ends, interval, percent, percent_interval, percentage_ends, rounded, signed, unit_after
 
 MEAN, SD = INJURY_INVERSION
 EXCEEDS = f"Probability that inversion exceeds the injury range ({MEAN:g} ± {SD:g}° from neutral)"
@@ -86,23 +86,56 @@ def _of_comparison(folder: ComparisonFolder) -> Verdict | None:
         if change is not None and change.value is not None:
             rows.append((change.value, name, change))
     text = Markup("")
+    decisions = folder.summary.decisions
     if rows:
-        rows.sort(key=lambda row: row[0])
+        lowest = None if decisions is None else decisions.lowest(name for _, name, _ in rows)
+        rows.sort(key=lambda row: (row[1] != lowest, row[0]))
         value, best, change = rows[0]
         text += rich(
             "Over the same landings, <b>{best}</b> {moved} the peak of supination{alone}: by {by}.",
             best=best,
             moved="lowered" if value < 0 else "raised",
-            alone="" if len(rows) == 1 else " most of all",
+            alone="" if len(rows) == 1 or (decisions and not lowest) else " most of all",
             by=f"{abs(value):.1f}° on average{interval(change, 1, '°', value < 0)}",
         )
         if rows[1:]:
             text += f" The others: {', '.join(f'{n} {signed(v)}°' for v, n, _ in rows[1:])}."
+        text += _decided(decisions) if decisions is not None else Markup("")
         text += _injuries(folder, best)
     failed = "; ".join(f"{name}: {brace.message}" for name, brace in folder.summary.failed.items())
     if failed:
         text += rich(" <b>Failed:</b> {failed}.", failed=failed)
     return Verdict(text, warn=bool(failed)) if text else None
+
+
+def _decided(found: Decisions) -> Markup:
+    """Which brace of each pair has the lower peak, and what it took to know."""
+    text = Markup("")
+    for pair, d in found.pairs.items():
+        if d.lower is not None:
+            text += rich(
+                " <b>{lower}</b> keeps the peak lower than {higher}: decided after {n} paired landings{by}.",
+                lower=d.lower,
+                higher=d.higher,
+                n=d.n,
+                by="".join(f", by {size}°" for look in d.looks[-1:] for size in ends(*_size(look), 1)),
+            )
+        else:
+            text += rich(
+                " Which of {pair} is the lower stays undecided after {n} paired landings{by}.",
+                pair=pair.replace(" - ", " and "),
+                n=d.n,
+                by="".join(f" (difference {e}°)" for k in d.looks[-1:] for e in ends(k.ci_low, k.ci_high)),
+            )
+    return text + f" {found.saved} of {found.landed + found.saved} landings were saved."
+
+
+def _size(look: PairLook) -> tuple[float | None, float | None]:
+    """The ends of a difference that excludes zero, without its sign."""
+    if look.ci_low is None or look.ci_high is None:
+        return None, None
+    low, high = sorted((abs(look.ci_low), abs(look.ci_high)))
+    return low, high
 
 
 def _injuries(folder: ComparisonFolder, best: str) -> Markup:

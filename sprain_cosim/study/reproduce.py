@@ -24,6 +24,7 @@ from .manifest import FILE, FmuFile, Manifest, level_then, read_manifest, whole_
 from .plan import Plan
 from .previous import identity_then, is_previous
 from .runner import run
+from .summary import read_summary
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -101,6 +102,7 @@ def reproduce(
     done = run(
         study,
         out=target,
+        rows=_rows(folder, study),
         workers=workers,
         max_failed=1.0,
         progress=progress,
@@ -116,6 +118,14 @@ def reproduce(
     other_level = bool(then.processor and now.processor) and then.processor != now.processor
     rounding = (first is not None and other_level and _same_but_rounding(before, after)) or None
     return Reproduction(first is None, len(before), different, first, differences, str(done.out), rounding)
+
+
+def _rows(folder: Path, study: Plan) -> int | None:
+    """How many rows of a table were run: a comparison stops a brace when its pairs are decided."""
+    try:
+        return read_summary(folder).n_requested if study.method == "table" else None
+    except InputError:
+        return None
 
 
 def _same_but_rounding(before: pd.DataFrame, now: pd.DataFrame) -> bool:

@@ -64,6 +64,7 @@ def run(
     workers: int | None = None,
     scheduler: str | None = None,
     shard: Shard | None = None,
+    rows: int | None = None,
     resume: bool = False,
     max_failed: float = 0.01,
     limits: Limits | None = None,
@@ -80,6 +81,7 @@ def run(
     workers       processes; None: one per core
     scheduler     address of a Dask scheduler, or local-cluster; None: processes of this machine
     shard         (k, n): the k-th of n parts, from 1; None: all trials
+    rows          the first so many trials of a sample alone; `resume` goes on with more; None: all
     resume        the folder may hold the study already
     max_failed    share of failed trials that is accepted
     limits        of a trial and of its process; a limit of wall time that they leave open is the study's own
@@ -100,7 +102,7 @@ def run(
     began = perf_counter()
     held = replace(study, scenario=originals.with_kept_files(study.scenario))
     first = ALL if study.method in SEARCHES and study.method not in ("sobol-indices", "design") else trajectories
-    numbers = None if study.method in SEARCHES else trial_numbers(study, shard)
+    numbers = None if study.method in SEARCHES else trial_numbers(study, shard, rows)
     ledger: Ledger | None = None
     notes: tuple[str, ...] = ()
     try:
@@ -120,7 +122,7 @@ def run(
         except BaseException:
             backend.close()
             raise
-        tables, summary, recorded = _finished(study, held, dispatch, folder, numbers, shard, command)
+        tables, summary, recorded = _finished(study, held, dispatch, folder, numbers, shard, rows, command)
         summary = replace(summary, wall_s=round(perf_counter() - began, 3))
         if folder is not None:
             finish_folder(folder, *tables, summary, parquet)
@@ -170,6 +172,7 @@ def _finished(
     folder: Path | None,
     numbers: Numbers,
     shard: Shard | None,
+    rows: int | None,
     command: str,
 ) -> tuple[Tables, StudySummary, list[int]]:
     """Runs what is missing; the tables, the summary, and the trials that have a trajectory. `held` is the study from
@@ -182,7 +185,7 @@ def _finished(
         if numbers is None:
             found = run_search(study, dispatch)
         else:
-            dispatch.finish(trial_blocks(study, shard), len(numbers))
+            dispatch.finish(trial_blocks(study, shard, rows), len(numbers))
         tables = table, _ = trial_tables(study, ledger, numbers)
         summary = replace(summarise(held, table, found), fmu_messages=trial_messages(ledger, numbers))
         if folder is not None:
@@ -198,7 +201,7 @@ def _finished(
         dispatch.close()
         if folder is not None:
             write_failures(folder, study, ledger)
-    if shard is not None:
+    if shard is not None or rows is not None:
         summary = replace(summary, shard=shard, n_requested=len(table))
     return tables, summary, sorted({*recorded} - {*recorder.lacks(recorded)})
 

@@ -1,4 +1,4 @@
-"""Which trials a run of a study is about: all of them, or the k-th of n parts."""
+"""Which trials a run of a study is about: all of them, the k-th of n parts, or the first of them."""
 
 from __future__ import annotations
 
@@ -22,14 +22,20 @@ def shard(text: str) -> Shard:
     return int(k), int(n)
 
 
-def trial_numbers(study: Plan, shard: Shard | None = None) -> NDArray[np.int64]:
-    """(n,) numbers of the trials, ascending as far as the study numbers them so."""
+def trial_numbers(study: Plan, shard: Shard | None = None, rows: int | None = None) -> NDArray[np.int64]:
+    """(n,) numbers of the trials, ascending as far as the study numbers them so; the first `rows` of them."""
     count = int(np.prod([len(levels) for levels in study.grid.values()])) if study.method == "grid" else study.trials
     numbers = np.array(study.numbers or range(count), np.int64)
-    return numbers if shard is None else numbers[numbers % shard[1] == shard[0] - 1]
+    return (numbers if shard is None else numbers[numbers % shard[1] == shard[0] - 1])[:rows]
 
 
-def trial_blocks(study: Plan, shard: Shard | None) -> Iterator[tuple[NDArray[np.int64], Array]]:
+def trial_blocks(
+    study: Plan, shard: Shard | None, rows: int | None = None
+) -> Iterator[tuple[NDArray[np.int64], Array]]:
     for numbers, x in study.blocks():
         mine = slice(None) if shard is None else numbers % shard[1] == shard[0] - 1
-        yield numbers[mine], x[mine]
+        numbers, x = numbers[mine][:rows], x[mine][:rows]
+        yield numbers, x
+        rows = None if rows is None else rows - len(numbers)
+        if rows == 0:
+            return

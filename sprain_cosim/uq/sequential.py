@@ -39,8 +39,8 @@ def spent(look: int, alpha: float = 0.05) -> float:
 class Look:
     """One look at one pair.
 
-    n           differences seen
-    p_value     of Student's test that their mean is zero
+    n           differences seen that are numbers
+    p_value     of Student's test that their mean is zero; 1 of fewer than 5
     level       what it was compared with
     difference  mean with its interval at that level, which holds for all looks together
     """
@@ -71,8 +71,9 @@ class PairDecision:
 def decide(differences: Mapping[str, ArrayLike], looks: Sequence[int], alpha: float = 0.05) -> dict[str, PairDecision]:
     """Replay the looks at paired differences and say which pairs are decided, and when.
 
-    differences  {pair: (n,) differences in the order of the trials}; all pairs have been looked at alike
-    looks        numbers of differences at which one looked, ascending, the first at least 5. They must not depend on
+    differences  {pair: (n,) differences in the order of the trials}, NaN where a trial failed; all pairs have been
+                 looked at alike
+    looks        numbers of trials at which one looked, ascending, the first at least 5. They must not depend on
                  what was seen; add looks at the end as trials come in, and earlier decisions stand
 
     Raises ValueError for looks out of order, too early, or beyond the differences of a pair that is undecided.
@@ -88,19 +89,27 @@ def decide(differences: Mapping[str, ArrayLike], looks: Sequence[int], alpha: fl
         short = [name for name in open_pairs if len(values[name]) < n]
         if short:
             raise ValueError(f"{short[0]}: a look at {n} differences, of which there are {len(values[short[0]])}")
-        p_values = {name: _p_value(values[name][:n]) for name in open_pairs}
-        rejecting = True
+        samples = {name: _numbers(values[name][:n]) for name in open_pairs}
+        p_values = {name: _p_value(sample) for name, sample in samples.items()}
+        rejecting, level = True, 0.0
         for rank, name in enumerate(sorted(open_pairs, key=lambda k: p_values[k])):
-            level = spent(number, alpha) / (len(open_pairs) - rank)
-            sample = values[name][:n]
+            if rejecting:  # those behind the first that is not rejected are held against its level
+                level = spent(number, alpha) / (len(open_pairs) - rank)
+            sample = samples[name]
             rejecting = rejecting and p_values[name] <= level
-            history[name].append(Look(n, p_values[name], level, _interval(sample, level)))
+            history[name].append(Look(len(sample), p_values[name], level, _interval(sample, level)))
             if rejecting:
                 signs[name] = int(np.sign(sample.mean()))
     return {name: PairDecision(signs[name], tuple(history[name])) for name in values}
 
 
+def _numbers(d: Array) -> Array:
+    return d[np.isfinite(d)]
+
+
 def _p_value(d: Array) -> float:
+    if len(d) < MIN_PAIRS:
+        return 1.0
     deviation = float(np.std(d, ddof=1))
     if deviation == 0.0:
         return 1.0 if float(np.mean(d)) == 0.0 else 0.0
@@ -109,5 +118,7 @@ def _p_value(d: Array) -> float:
 
 
 def _interval(d: Array, level: float) -> Estimate:
+    if len(d) < MIN_PAIRS:
+        return Estimate(math.nan, math.nan, math.nan)
     half = float(stdtrit(len(d) - 1, 1.0 - 0.5 * level)) * float(np.std(d, ddof=1)) / math.sqrt(len(d))
     return Estimate(float(np.mean(d)), float(np.mean(d)) - half, float(np.mean(d)) + half)

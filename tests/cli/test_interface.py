@@ -22,7 +22,7 @@ COMMANDS = {
     "trial": "",
     "reproduce": "",
     "check": "--map --json",
-    "compare": "--brace --map",
+    "compare": "--brace --map --decide",
     "plot": "--out",
     "report": "--out",
     "animate": "--trial --out",

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,14 @@ from fmus.brace_bushing.device import POLYNOMIALS
 from sprain_cosim import InputError, SimulationError, load_scenario, load_study
 from sprain_cosim.brace.bench import Bench
 from sprain_cosim.brace.compare import compare_braces, load_source
-from sprain_cosim.brace.comparison import LINES, comparison_listing
+from sprain_cosim.brace.comparison import LINES, Entry, comparison_listing, summarise_comparison
+from sprain_cosim.brace.decision import land_until_decided, looks
+from sprain_cosim.folders.comparison import ComparisonSummary
+from sprain_cosim.folders.read import read_folder
 from sprain_cosim.process import Limits
+from sprain_cosim.report.verdict import verdicts
+from sprain_cosim.study.reproduce import reproduce
+from sprain_cosim.uq.sequential import spent
 from tests.docs_commands import ROOT
 from tests.native import compile_fmu
 
@@ -290,3 +297,160 @@ def test_scenario_or_study_by_what_the_file_says(tmp_path: Path) -> None:
     assert type(load_source(str(tmp_path / "a.toml"))).__name__ == "Scenario"
     assert type(load_source(str(tmp_path / "b.toml"))).__name__ == "Study"
     assert type(load_source("study2")).__name__ == "Study"
+
+
+# ---- pairs that stop when they are decided
+
+PEAK = "peak_subtalar_angle_deg"
+
+
+def _noise(seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).standard_normal(200)
+
+
+def _entry(name: str, peaks: np.ndarray, rows: int) -> Entry:
+    """A brace whose landing i peaks at peaks[i]; NaN for one that failed."""
+    status = np.where(np.isnan(peaks[:rows]), "failed", "completed")
+    return Entry(name, name, landings=pd.DataFrame({"trial": range(rows), "status": status, PEAK: peaks[:rows]}))
+
+
+def _decided(peaks: dict[str, np.ndarray], trials: int, failing: tuple[str, int] | None = None):
+    """`failing`: a brace and the landings at which it fails."""
+
+    def land(name: str, rows: int, before: Entry | None) -> Entry:
+        if failing is not None and name == failing[0] and rows >= failing[1]:
+            return Entry(name, name, "failed", "the strap broke")
+        return _entry(name, peaks[name], rows)
+
+    return land_until_decided(["none", *(n for n in peaks if n != "none")], range(trials), land)
+
+
+def test_looks_depend_on_the_number_of_landings_alone() -> None:
+    assert looks(1000) == [10, 20, 30, 50, 80, 120, 180, 270, 410, 620, 930, 1000]
+    assert looks(10) == [10]
+    assert looks(24) == [10, 20, 24]
+
+
+def test_a_brace_stops_when_its_last_pair_is_decided() -> None:
+    peaks = {"none": _noise(0) + 5, "a": _noise(1), "b": _noise(2) - 9, "c": _noise(3)}
+    entries, made, found = _decided(peaks, 100)
+    assert made == [10, 20, 30, 50, 80, 100]
+    assert {e.name: len(e.landings) for e in entries} == {"none": 100, "a": 100, "b": 10, "c": 100}
+    assert (found.at_most, found.landed, found.saved) == (100, 310, 90)
+    assert {pair: (d.lower, d.higher, d.n, len(d.looks)) for pair, d in found.pairs.items()} == {
+        "b - a": ("b", "a", 10, 1),
+        "c - a": (None, None, 100, 6),
+        "c - b": ("b", "c", 10, 1),
+    }
+    assert found.lowest("abc") == "b"
+    for d in found.pairs.values():
+        for look in d.looks:
+            assert (look.p_value <= look.level) == (look.ci_low * look.ci_high > 0.0)
+    assert found.pairs["c - a"].looks[1].level == pytest.approx(spent(2))  # the only pair that is left
+    assert found.pairs["b - a"].looks[0].value == pytest.approx((peaks["b"] - peaks["a"])[:10].mean())
+
+
+def test_the_intervals_of_braces_that_stopped_are_those_of_their_looks() -> None:
+    """At a level that holds for all looks: those of a difference at the look of the brace that stopped first."""
+    peaks = {"none": _noise(0) + 5, "a": _noise(1), "b": _noise(2) - 9, "c": _noise(3)}
+    entries, made, found = _decided(peaks, 30)
+    summary = summarise_comparison(replace(load_study("study6"), trials=30), entries, made, found)
+    for estimate, values, look in (
+        (summary.braces["b"].metrics[PEAK], peaks["b"][:10], 1),
+        (summary.braces["b"].difference_to_none[PEAK], (peaks["b"] - peaks["none"])[:10], 1),
+        (summary.pairs["c - a"][PEAK], (peaks["c"] - peaks["a"])[:30], 3),
+    ):
+        interval = stats.ttest_1samp(values, 0).confidence_interval(1 - spent(look))
+        assert (estimate.ci_low, estimate.ci_high) == (pytest.approx(interval.low), pytest.approx(interval.high))
+    printed = comparison_listing(summary)
+    assert "at most 30 landings" in printed
+    assert "10 of 10" in printed
+    assert "b below a: decided after 10 paired landings; " in printed
+    assert "c - a: undecided after 30 paired landings; difference " in printed
+    assert f"{found.landed} landings made, {found.saved} of 120 saved" in printed
+    assert ComparisonSummary.from_json(json.loads(json.dumps(summary.to_json())), "compare.json").decisions == found
+
+
+def test_a_failed_brace_leaves_the_comparison_and_failed_landings_the_differences() -> None:
+    peaks = {"none": _noise(0), "a": _noise(1), "b": _noise(2) - 9, "c": _noise(3)}
+    entries, made, found = _decided(peaks, 50, ("c", 20))
+    assert [e.status for e in entries] == ["completed", "completed", "completed", "failed"]
+    assert made == [10, 20]
+    assert {pair: d.n for pair, d in found.pairs.items()} == {"b - a": 10}
+    assert found.saved == 150 - found.landed == 150 - 50
+    peaks["b"][[2, 5]] = np.nan
+    assert _decided({n: peaks[n] for n in ("none", "a", "b")}, 50)[2].pairs["b - a"].n == 8
+    peaks["b"][:] = np.nan
+    dead = _decided({n: peaks[n] for n in ("none", "a", "b")}, 50)[2].pairs["b - a"]
+    assert (dead.lower, dead.n, dead.looks[-1].p_value, dead.looks[-1].ci_low) == (None, 0, 1.0, None)
+
+
+@pytest.fixture(scope="module")
+def scales(tmp_path_factory: pytest.TempPathFactory):
+    return _scales(tmp_path_factory.mktemp("decided") / "out", workers=1)
+
+
+def _scales(out: Path, **options):
+    """The bushing with its angle scaled by 1.5 and by 1.6."""
+    braces = {"a": "brace_bushing", "b": "brace_bushing"}
+    values = {"a.angle_scale": 1.5, "b.angle_scale": 1.6}
+    return compare_braces("study6", braces, settings=values, decide=True, out=out, **options)
+
+
+def test_scale_1_5_against_1_6_is_decided_in_twenty_pairs(scales) -> None:
+    """On the model that ships; 1000 landings were allowed."""
+    found = scales.summary.decisions
+    pair = found.pairs["b - a"]
+    assert (pair.lower, pair.higher) == ("b", "a")
+    assert pair.n <= 20
+    assert found.saved >= 3000 - 3 * 20
+    table = pd.read_csv(scales.out / "b" / "trials.csv")
+    assert len(table) == pair.n
+    difference = table[PEAK] - pd.read_csv(scales.out / "a" / "trials.csv")[PEAK]
+    assert pair.looks[-1].value == pytest.approx(difference.mean(), rel=1e-9)
+    assert pair.looks[-1].ci_high < 0.0
+    assert json.loads((scales.out / "a" / "summary.json").read_text())["n_requested"] == pair.n
+    said = verdicts([read_folder(scales.out)], [])[0].text
+    assert f"<b>b</b> keeps the peak lower than a: decided after {pair.n} paired landings, by 0." in said
+    assert f"{found.saved} of 3000 landings were saved" in said
+    assert "<b>b</b> lowered the peak of supination most of all" in said
+
+
+@pytest.mark.long
+def test_what_is_decided_is_the_same_for_any_workers_and_after_an_interruption(scales, tmp_path: Path) -> None:
+    def stop(text: str) -> None:
+        if text.startswith("none"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        _scales(tmp_path / "out", workers=2, say=stop)
+    with pytest.raises(InputError, match="--resume"):
+        _scales(tmp_path / "out")
+    assert _scales(tmp_path / "out", workers=2, resume=True).summary == scales.summary
+    assert _scales(tmp_path / "out", workers=1, resume=True).summary == scales.summary
+    again = reproduce(scales.out / "b", tmp_path / "again", workers=1)
+    assert (again.identical, again.trials) == (True, scales.summary.decisions.pairs["b - a"].n)
+    more = tmp_path / "more"  # one pair that is never decided
+    same = {"a": "brace_linear", "b": "brace_linear"}
+    first = compare_braces("study6", same, decide=True, trials=12, out=more, workers=2)
+    assert [k.n for k in first.summary.decisions.pairs["b - a"].looks] == [10, 12]
+    assert first.summary.decisions.saved == 0
+
+
+@pytest.mark.parametrize(
+    ("source", "braces", "trials", "message"),
+    [
+        ("incline30", "ab", None, "--decide: incline30 is one landing; name a study"),
+        ("study6", "a", None, "--decide: compares braces with each other; name a second"),
+        ("study6", "ab", 9, "--decide: 9 landings are fewer than the 10 of the first look"),
+        ("demers2017", "ab", None, "--decide: demers2017: method grid fills its sample as a whole"),
+        ("amv6", "ab", None, "method amv chooses its landings.*study6"),
+    ],
+)
+def test_what_cannot_be_decided_is_refused(
+    source: str, braces: str, trials: int | None, message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        compare_braces(source, dict.fromkeys(braces, "brace_linear"), decide=True, trials=trials, out=tmp_path / "out")
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "out").exists()

@@ -67,6 +67,25 @@ def test_differences_that_do_not_vary() -> None:
     assert found["always"].sign == 1
 
 
+def test_trials_that_failed_are_no_differences() -> None:
+    d = np.where(np.arange(40) % 2, np.nan, 3.0 + np.random.default_rng(4).standard_normal(40))
+    found = decide({"half": d, "all": np.full(40, np.nan)}, [8, 20])
+    assert [look.n for look in found["half"].looks] == [4, 10]
+    assert found["half"].looks[0].p_value == 1.0
+    assert found["half"].sign == 1
+    assert not found["all"].decided
+
+
+def test_an_interval_excludes_zero_where_its_pair_is_decided_and_nowhere_else() -> None:
+    """Three pairs of about the same evidence: those behind the first that is not rejected keep its level."""
+    rng = np.random.default_rng(5)
+    for _ in range(50):
+        found = decide({k: 0.9 + rng.standard_normal(10) for k in "abc"}, [10])
+        for pair in found.values():
+            (look,) = pair.looks
+            assert pair.decided == (look.difference.low * look.difference.high > 0.0)
+
+
 def test_looks_out_of_order_are_refused() -> None:
     for looks, message in (([10, 10], "must ascend"), ([3], "at 5 pairs or later"), ([30], "of which there are 20")):
         with pytest.raises(ValueError, match=message):
