@@ -397,6 +397,7 @@ def _scales(out: Path, **options):
     return compare_braces("study6", braces, settings=values, decide=True, out=out, **options)
 
 
+@pytest.mark.long
 def test_scale_1_5_against_1_6_is_decided_in_twenty_pairs(scales) -> None:
     """On the model that ships; 1000 landings were allowed."""
     found = scales.summary.decisions
