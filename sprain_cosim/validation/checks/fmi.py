@@ -11,6 +11,7 @@ import numpy as np
 
 from ...brace.check import check_brace
 from ...brace.new import build_brace, new_brace
+from ...cosim.schedule import RECORD
 from ...fmu.build import build_fmu
 from ...fmu.component import Component
 from ...fmu.driver import Driver
@@ -122,11 +123,10 @@ def honoured_steps(laboratory: Laboratory) -> list[CheckRow]:
                 "deg",
             )
         )
-        rows.append(
-            CheckRow(
-                f"communication points, steps of {step}", float(len(run.time)), round(0.15 / _seconds(step)) + 1, 0
-            )
-        )
+        size = _seconds(step)
+        rows.append(CheckRow(f"exchanges, steps of {step}", float(run.exchanges), round(0.15 / size), 0))
+        record = round(0.15 / min(size, RECORD)) + 1
+        rows.append(CheckRow(f"points on record, steps of {step}", float(len(run.time)), record, 0))
     return rows
 
 
