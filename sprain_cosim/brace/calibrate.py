@@ -34,7 +34,7 @@ AT_AN_END = 1e-3  # of the range
 
 
 @dataclass(frozen=True)
-class Fitted:
+class FittedParameter:
     """A parameter in its own unit: start value, fitted value, 95 % interval (None: the table does not determine it)."""
 
     name: str
@@ -60,7 +60,7 @@ class Calibration:
     notes             what a reader must know
     """
 
-    parameters: tuple[Fitted, ...]
+    parameters: tuple[FittedParameter, ...]
     rms_before: float
     rms: float
     curves: Mapping[str, Array]
@@ -190,7 +190,7 @@ def _fit(
         curves[axis] = np.column_stack([held.angles[axis], torque, before[span], fitted[span]])
         at += len(torque)
     parameters = tuple(
-        Fitted(
+        FittedParameter(
             name,
             _unit(component, name),
             float(stated[k]),

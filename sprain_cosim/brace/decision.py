@@ -25,7 +25,7 @@ Pair = tuple[str, str]
 Land = Callable[[str, int, Entry | None], Entry]  # the first so many landings of a brace, after what it did before
 
 
-def looks(trials: int) -> list[int]:
+def planned_looks(trials: int) -> list[int]:
     """Numbers of landings at which one looks: 10, 20, 30, 50, 80, ... in whole tens, each half as many again, and
     `trials` at last."""
     found, n = list[int](), FIRST
@@ -61,7 +61,7 @@ def land_until_decided(
     entries, made = dict[str, Entry](), list[int]()
     found = dict[Pair, PairDecision]()
     waiting = {name for name in names if name != NONE}
-    for n in looks(len(numbers)):
+    for n in planned_looks(len(numbers)):
         for name in (name for name in names if name in waiting):
             entries[name] = land(name, n, entries.get(name))
         made.append(n)

@@ -28,7 +28,7 @@ from .assembly import Assembly
 from .coupling import Coupling, begin
 from .native_steps import NativeSteps
 from .recorder import Recorder
-from .result import Result
+from .result import Held, Result
 from .schedule import Schedule, schedule
 
 
@@ -116,7 +116,6 @@ class Master:
         warning = coupling.warning if coupling else ""
         if coupling and recorder and not message:
             warning = coupling.said(assembly, recorder.passed, plan)
-        held = {name: held for name, own in assembly.own_rate.items() if (held := own.held()) is not None}
         return Result(
             time=plan.record[: len(values)],
             values=values,
@@ -128,7 +127,7 @@ class Master:
             scheme_reason=coupling.reason if coupling else "",
             warning=warning,
             coupling_error=error,
-            held=held,
+            held=_held(assembly),
             messages={m.name: said for m in assembly.members if (said := m.instance.messages()) is not None},
             exchanges=exchanges,
             smallest_step=smallest,
@@ -143,3 +142,7 @@ def _points(coupling: Coupling, assembly: Assembly, recorder: Recorder, plan: Sc
         coupling.step(assembly, time, step, plan.due.get(k + 1, ()))
         recorder.write(k + 1)
         yield k + 1
+
+
+def _held(assembly: Assembly) -> dict[str, Held]:
+    return {name: held for name, own in assembly.own_rate.items() if (held := own.held()) is not None}

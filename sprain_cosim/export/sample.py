@@ -6,10 +6,10 @@ with what they are handed."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -37,6 +37,9 @@ from ..uq.distributions import (
     Uniform,
     Weibull,
 )
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 RANDOM = ("monte-carlo", "lhs", "sobol")
 INDICES = "sobol-indices"
@@ -184,16 +187,8 @@ class _Sample:
 
     @classmethod
     def read(cls, path: Path) -> _Sample:
-        if not (path / SUMMARY).is_file():
-            begun = (path / LEDGER).is_file()
-            text = "the study is not finished; continue it with" if begun else "no study in it; make one with"
-            raise InputError(f"{path}: {text} `sprain-cosim study STUDY --out {path}{' --resume' if begun else ''}`")
-        folder = read_study(path)
+        folder = _study_with_sample(path)
         method, done = folder.summary.method, folder.done
-        if method not in (*RANDOM, *GIVEN, INDICES):
-            raise InputError(f"{path}: method {method} chooses its trials, they are no sample of the inputs; {PLAIN}")
-        if done.empty:
-            raise InputError(f"{path}: no trial completed; there is nothing to hand over")
         failed, notes = len(folder.trials) - len(done), list(folder.summary.notes)
         if failed:
             notes.append(f"{failed} of {len(folder.trials)} trials failed and are left out")
@@ -209,12 +204,7 @@ class _Sample:
             raise InputError(f"{path}: no input varies over its completed trials ({len(done)})")
         if still:
             notes.append(f"does not vary, left out: {', '.join(still)}")
-        responses = [str(c) for c in done.columns if c not in ("trial", *WORDS, *inputs)]
-        found = [name for name in responses if done[name].notna().any()]
-        gaps = [name for name in found if done[name].isna().any()]
-        if gaps:
-            notes.append(f"not known of every completed trial, left out: {', '.join(gaps)}")
-        y = {name: done[name].to_numpy(float) for name in found if name not in gaps}
+        y = _responses(done, inputs, notes)
         if not y:
             raise InputError(f"{path}: its completed trials have no response in common")
         x, numbers = done[list(names)].to_numpy(float), done["trial"].to_numpy()
@@ -231,6 +221,31 @@ class _Sample:
         size = _base_points(path, x, numbers, failed) if method == INDICES else 0
         units = {name: heading_of(name)[1] or "1" for name in names} | {name: unit_of(name) or "1" for name in y}
         return cls(method, names, x, y, units, numbers, failed, marginals, joint, correlated, size, tuple(notes))
+
+
+def _study_with_sample(path: Path) -> StudyFolder:
+    """Raises InputError for a folder without a finished sample."""
+    if not (path / SUMMARY).is_file():
+        begun = (path / LEDGER).is_file()
+        text = "the study is not finished; continue it with" if begun else "no study in it; make one with"
+        raise InputError(f"{path}: {text} `sprain-cosim study STUDY --out {path}{' --resume' if begun else ''}`")
+    folder = read_study(path)
+    method = folder.summary.method
+    if method not in (*RANDOM, *GIVEN, INDICES):
+        raise InputError(f"{path}: method {method} chooses its trials, they are no sample of the inputs; {PLAIN}")
+    if folder.done.empty:
+        raise InputError(f"{path}: no trial completed; there is nothing to hand over")
+    return folder
+
+
+def _responses(done: pd.DataFrame, inputs: Sequence[str], notes: list[str]) -> dict[str, np.ndarray]:
+    """{response: values} of those that every completed trial has; the others are noted."""
+    named = [str(c) for c in done.columns if c not in ("trial", *WORDS, *inputs)]
+    found = [name for name in named if done[name].notna().any()]
+    gaps = [name for name in found if done[name].isna().any()]
+    if gaps:
+        notes.append(f"not known of every completed trial, left out: {', '.join(gaps)}")
+    return {name: done[name].to_numpy(float) for name in found if name not in gaps}
 
 
 def _plan_of(folder: StudyFolder) -> Plan | None:

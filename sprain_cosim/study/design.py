@@ -60,7 +60,7 @@ def design_summary(summary: StudySummary, study: Plan, found: uq.DesignResult) -
     return replace(summary, design=search, notes=tuple(notes))
 
 
-def _point(found: uq.DesignPoint) -> DesignPoint:
+def _point(found: uq.GoalPoint) -> DesignPoint:
     curve = (found.curve.parameter, found.curve.probability, found.curve.low, found.curve.high)
     return DesignPoint(
         found.status,

@@ -425,6 +425,12 @@ class Plan:
         steps = [name for name, m in self.marginals.items() if m.is_discrete]
         if steps and self.method in SEARCHES and self.method != "sobol-indices":
             yield f"marginals.{steps[0]}: choices have no slope that method {self.method} could follow; take a sample"
+        yield from self._design_problems()
+        for name in self.responses:
+            if name not in NAMES:
+                yield f"response {name!r}: no such metric{nearest(name, NAMES)}"
+
+    def _design_problems(self) -> Iterator[str]:
         if self.method == "design":
             yield from goal_problems(self.goal, self.vary, self.trials)
         elif self.goal is not None:
@@ -435,9 +441,6 @@ class Plan:
                 yield f"design.vary {name}: {gone}; a design question varies it"
         if self.vary and all(m.is_fixed for name, m in self.marginals.items() if name not in self.vary):
             yield "design: no marginals besides the varied parameter: nothing is uncertain, so no probability is asked"
-        for name in self.responses:
-            if name not in NAMES:
-                yield f"response {name!r}: no such metric{nearest(name, NAMES)}"
 
     def _size_problems(self) -> Iterator[str]:
         if self.trials < 1:

@@ -30,7 +30,7 @@ from .measured import Measured
 from .sampling import Stream, generator, sobol
 from .statistics import Estimate, skewed_interval
 
-__all__ = ["FEWEST", "DesignPoint", "DesignResult", "design"]
+__all__ = ["FEWEST", "DesignResult", "GoalPoint", "design"]
 
 Find = Literal["least", "largest"]
 Status = Literal["met", "everywhere", "nowhere"]
@@ -51,7 +51,7 @@ Below = Callable[[ArrayLike], Array]
 
 
 @dataclass(frozen=True)
-class DesignCurve:
+class GoalCurve:
     """P(parameter): (m,) values, the corrected probability at each and its band, the 95 % of each value by itself."""
 
     parameter: Array
@@ -61,7 +61,7 @@ class DesignCurve:
 
 
 @dataclass(frozen=True)
-class DesignPoint:
+class GoalPoint:
     """What was found at one value of the second parameter, or at all where there is none.
 
     second        that value, or None
@@ -83,7 +83,7 @@ class DesignPoint:
     value_95: float
     probability: Exceedance
     other_end: float | None
-    curve: DesignCurve
+    curve: GoalCurve
     fresh: int
     failed: int
 
@@ -99,7 +99,7 @@ class DesignResult:
     """
 
     find: Find
-    points: tuple[DesignPoint, ...]
+    points: tuple[GoalPoint, ...]
     evaluations: int
     failed: int
     q2: float
@@ -336,7 +336,7 @@ class _Search:
 
     # ---- the answer
 
-    def point(self, second: tuple[float, ...], n: int, find: Find, item: int) -> DesignPoint:
+    def point(self, second: tuple[float, ...], n: int, find: Find, item: int) -> GoalPoint:
         """Fresh rows at the root of the surface; the root of the corrected curve."""
         log_goal = math.log(self.at_most)
         curve = self.logarithms(second, self.pool)
@@ -356,7 +356,7 @@ class _Search:
         low, high = sorted(self._end(curve + s, log_goal, find, at) for s in (down, up))
         fits = _divide(self.grid, curve + safe, log_goal, find, at)
         measure = self._measure(value, at, second, chosen[done], y[done], weights[done] / n)
-        return DesignPoint(
+        return GoalPoint(
             second[0] if second else None,
             status,
             value,
@@ -397,7 +397,7 @@ class _Search:
 
     def _curve(
         self, second: tuple[float, ...], curve: Array, at: float, shift: float, ends: tuple[float, float]
-    ) -> DesignCurve:
+    ) -> GoalCurve:
         """The corrected curve; its band joins the interval of the remainder with the spread of polynomials through rows
         drawn again."""
         rng, pool = generator(self.seed, Stream.DESIGN, 99), _Pool(self.training.u[:1024])
@@ -414,7 +414,7 @@ class _Search:
         down, up = np.hypot(shift - ends[0], spread), np.hypot(ends[1] - shift, spread)
         middle = curve + shift
         p, low, high = (as_array(np.exp(np.minimum(c, 0.0))) for c in (middle, middle - down, middle + up))
-        return DesignCurve(self.grid, p, as_array(np.where(p < self.at_most / FAR, 0.0, low)), high)
+        return GoalCurve(self.grid, p, as_array(np.where(p < self.at_most / FAR, 0.0, low)), high)
 
 
 def _smoothed(threshold: Threshold, residual: float) -> Below:

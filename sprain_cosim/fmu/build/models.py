@@ -32,11 +32,7 @@ def build_all(names: Iterable[str] = (), platforms: Sequence[str] = ()) -> list[
     FMUs ship with the package.
 
     Raises InputError for a name that is no model, EnvironmentProblem where something to build with is missing."""
-    models = {
-        p.parent.name: p.parent
-        for p in sorted(SOURCES.glob("*/interface.py"))
-        if not p.parent.name.startswith("brace_template_")
-    }
+    models = _models()
     known = models or shipped_fmus()
     for name in names:
         if name not in known:
@@ -62,6 +58,15 @@ def build_all(names: Iterable[str] = (), platforms: Sequence[str] = ()) -> list[
         built[folder] = record.add(folder, digested[folder], places, own.guid, files)
         record.write()
     return [fmu for folder in chosen for fmu in built[folder]]
+
+
+def _models() -> dict[str, Path]:
+    """{name: folder} of the clone; none in an installed package."""
+    return {
+        p.parent.name: p.parent
+        for p in sorted(SOURCES.glob("*/interface.py"))
+        if not p.parent.name.startswith("brace_template_")
+    }
 
 
 def build_fmu(folder: Path, target: Path, platforms: Sequence[str] = ()) -> str:
