@@ -59,18 +59,16 @@ class Coupling:
             if self.identification is not None and self.identification.update_called(due, time + step):
                 assembly.refresh_feedback(carry_on=False)
 
-    def error(self, assembly: Assembly, passed: Values, schedule: Schedule) -> float | None:
-        """The coupling error of a run whose values at the schedule's points were `passed` (n + 1, slots)."""
-        if isinstance(self.scheme, Adaptive) and all(own.rate.sampled for own in assembly.own_rate.values()):
-            return self.scheme.error
-        return residual(self.scheme, exchange(assembly, passed, schedule.step, schedule.due))
-
-    def said(self, assembly: Assembly, passed: Values, schedule: Schedule) -> str:
-        """The warning of a run whose values at the schedule's points were `passed`: what was known at its start, and
-        what its course showed."""
+    def judgement(self, assembly: Assembly, passed: Values, schedule: Schedule) -> tuple[float | None, str]:
+        """The coupling error and the warning of a run whose values at the schedule's points were `passed` (n + 1,
+        slots): what was known at its start, and what its course showed."""
         found = exchange(assembly, passed, schedule.step, schedule.due)
+        if isinstance(self.scheme, Adaptive) and all(own.rate.sampled for own in assembly.own_rate.values()):
+            error = self.scheme.error
+        else:
+            error = residual(self.scheme, found)
         doubts = course_doubts(found, list(assembly.system.torques), WRONG_SIGN in self.warning)
-        return "; ".join([*doubts, *([self.warning] if self.warning else [])])
+        return error, "; ".join([*doubts, *([self.warning] if self.warning else [])])
 
     def effort(self, schedule: Schedule, points: int) -> tuple[int, float]:
         """Exchanges up to this point of the schedule, and the smallest step [s] between two of them."""

@@ -112,10 +112,9 @@ class Master:
             status, message = "failed", str(problem)
         values = recorder.values() if recorder else np.empty((0, len(assembly.names)))
         exchanges, smallest = coupling.effort(plan, points) if coupling else (0, self.communication_step)
-        error = coupling.error(assembly, recorder.passed, plan) if coupling and recorder and not message else None
-        warning = coupling.warning if coupling else ""
+        error, warning = None, coupling.warning if coupling else ""
         if coupling and recorder and not message:
-            warning = coupling.said(assembly, recorder.passed, plan)
+            error, warning = coupling.judgement(assembly, recorder.passed, plan)
         return Result(
             time=plan.record[: len(values)],
             values=values,

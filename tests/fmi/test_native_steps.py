@@ -16,13 +16,6 @@ from tests.native import compile_fmu, mischief
 SHIPPED = ("level", "incline30", "incline30_brace", "incline30_reflex", "incline30_mixed")
 
 
-@pytest.fixture(params=["native", "python"])
-def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    if request.param == "python":
-        monkeypatch.setattr(native_steps, "_take_steps", lambda: None)
-    return str(request.param)
-
-
 @pytest.fixture
 def taken(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     """Of each run: whether its steps were taken in C."""
@@ -44,6 +37,16 @@ def both(monkeypatch: pytest.MonkeyPatch, run: object) -> Iterator[sc.Result]:
     with monkeypatch.context() as patch:
         patch.setattr(native_steps, "_take_steps", lambda: None)
         yield run()
+
+
+def with_brace(fmu: Path) -> sc.Result:
+    """30 ms of the braced landing by Gauss-Seidel."""
+    parts = sc.load_scenario("incline30_brace").replace_fmu("brace", fmu).components()
+    system = sc.System(parts, connect(parts, {})[0]).open()
+    try:
+        return sc.Master(scheme="gauss-seidel", stop=0.03).run(system, {})
+    finally:
+        system.close()
 
 
 def same(one: sc.Result, other: sc.Result) -> None:
@@ -93,15 +96,7 @@ def test_faults_end_a_run_in_the_same_words(
 ) -> None:
     fmu = compile_fmu(tmp_path / "device.fmu", fault=fault)
 
-    def run() -> sc.Result:
-        parts = sc.load_scenario("incline30_brace").replace_fmu("brace", fmu).components()
-        system = sc.System(parts, connect(parts, {})[0]).open()
-        try:
-            return sc.Master(scheme="gauss-seidel", stop=0.03).run(system, {})
-        finally:
-            system.close()
-
-    one, other = both(monkeypatch, run)
+    one, other = both(monkeypatch, lambda: with_brace(fmu))
     assert taken == [True, False]
     assert (one.status == "completed") == (fault == "none")
     same(one, other)
@@ -113,15 +108,7 @@ def test_a_foreign_library_changes_no_arithmetic_but_its_own(
 ) -> None:
     fmu = mischief(tmp_path / "device.fmu", kind)
 
-    def run() -> sc.Result:
-        parts = sc.load_scenario("incline30_brace").replace_fmu("brace", fmu).components()
-        system = sc.System(parts, connect(parts, {})[0]).open()
-        try:
-            return sc.Master(scheme="gauss-seidel", stop=0.03).run(system, {})
-        finally:
-            system.close()
-
-    one, other = both(monkeypatch, run)
+    one, other = both(monkeypatch, lambda: with_brace(fmu))
     assert taken == [True, False]
     same(one, other)
 
