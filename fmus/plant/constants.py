@@ -64,7 +64,7 @@ def record() -> np.ndarray:
     _springs(model)
     model["pivot"] = PLATFORM_PIVOT
     model["jcs_zero"] = neutral_jcs(model["talocrural_axis"])
-    model["q_start"], model["u_start"] = skeleton.initial()
+    model["published_height"] = skeleton.initial()[0][1]
     return out
 
 

@@ -1,10 +1,12 @@
 """The plant as a device: its functions move values between the FMU's variables and the kernels' state."""
 
 from . import kernels
-from .interface import ANKLE_MUSCLES, AXES, FIBRE_STARTS, LOCALS, OUTPUTS, POSES, variables
+from .interface import ANKLE_MUSCLES, AXES, FIBRE_STARTS, LOCALS, MOVING, OUTPUTS, PLACED, variables
 
 NAMES = [v["name"] for v in variables()]
 GROUPS = {
+    "placed": list(PLACED.values()),
+    "moving": list(MOVING.values()),
     "inputs": NAMES[NAMES.index(f"{ANKLE_MUSCLES[0]}_excitation") : NAMES.index(OUTPUTS[0])],
     "outputs": OUTPUTS,
     "moments": [f"brace_{axis}_moment" for axis in AXES],
@@ -12,13 +14,15 @@ GROUPS = {
 }
 STATE, SAVED_BEFORE = kernels.STATE, kernels.SAVED_BEFORE
 EXPERIMENT = {"step": 0.0005, "steps": 20}  # what plain Python computes in seconds
-TOUCHING, AS_PUBLISHED = POSES["touching"], FIBRE_STARTS["as_published"]
+AS_PUBLISHED = FIBRE_STARTS["as_published"]
 REASONS = (
     "",
     "the integration stopped at {time:.6f} s: the state is no longer finite",
     "the integration stopped at {time:.6f} s: the step fell below 1e-11 s",
     f"the integration stopped at {{time:.6f}} s: {kernels.MAX_STEPS} steps were not enough; the parameters make the "
     "model too stiff",
+    "initial_pose = given: the foot is {depth_mm:.1f} mm inside the platform; raise pelvis_ty_at_contact, or let "
+    "initial_pose = touching find the height",
 )
 
 
@@ -32,13 +36,15 @@ def constants(resources):
 
 
 def initialise(values, state, constants, time):
-    touching, as_published = values.initial_pose == TOUCHING, values.fibre_start == AS_PUBLISHED
     kernels.take(state, values.inputs)  # the excitations give the first activations
     kernels.prepare(constants, state, values)
-    kernels.initialise(constants, state, constants.facets, constants.blocks, touching, as_published)
+    as_published = values.fibre_start == AS_PUBLISHED
+    status = kernels.initialise(constants, state, constants.facets, constants.blocks, values.initial_pose, as_published)
     state.time = time
-    kernels.respond(constants, state, values.inputs, values.moments)
-    kernels.observe(constants, state, constants.facets, constants.blocks, values.outputs)
+    if status == kernels.DONE:
+        kernels.respond(constants, state, values.inputs, values.moments)
+        kernels.observe(constants, state, constants.facets, constants.blocks, values.outputs)
+    return status
 
 
 def step(values, state, constants, time, step):

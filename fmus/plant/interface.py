@@ -30,8 +30,13 @@ MEANING = {
     "rotation_z": "body-fixed X-Y-Z Euler angle z of the calcaneus in the tibia",
 }
 
-with open(Path(__file__).parent / "data" / "muscles.csv", newline="", encoding="utf-8") as _table:
-    MUSCLES = tuple(row["muscle"] for row in csv.DictReader(line for line in _table if not line.startswith("#")))
+
+def _rows(name: str) -> list[dict[str, str]]:
+    with open(Path(__file__).parent / "data" / f"{name}.csv", newline="", encoding="utf-8") as table:
+        return list(csv.DictReader(line for line in table if not line.startswith("#")))
+
+
+MUSCLES = tuple(row["muscle"] for row in _rows("muscles"))
 TRANSLATIONS = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
 COORDINATES = (
     *(*TRANSLATIONS, "pelvis_tilt", "pelvis_list", "pelvis_rotation"),
@@ -39,8 +44,29 @@ COORDINATES = (
     *("lumbar_extension", "lumbar_bending", "lumbar_rotation"),
 )
 
-POSES = {"touching": 0, "published": 1}
+POSES = {"touching": 0, "published": 1, "given": 2}
 FIBRE_STARTS = {"equilibrium": 0, "as_published": 1}
+
+# the state at contact: {coordinate: parameter}; talocrural, subtalar and the pelvis' vertical speed have their own names
+OWN_NAMES = {"ankle_angle_r": "talocrural", "subtalar_angle_r": "subtalar"}
+PLACED = {c: f"{c}_at_contact" for c in COORDINATES if c not in OWN_NAMES}
+MOVING = {c: f"{c}_speed_at_contact" for c in COORDINATES if c not in OWN_NAMES and c != "pelvis_ty"}
+_MEASURED = {row["coordinate"]: row for row in _rows("joints")}
+_SIGNS = {
+    "pelvis_tx": "+ anterior",
+    "pelvis_ty": "+ up; counts where initial_pose = given",
+    "pelvis_tz": "+ right (lateral)",
+    "knee_angle_r": "+ extension",
+}
+
+
+def _at_contact(c: str, name: str, speed: bool) -> tuple[str, str, float, float, float, str]:
+    start = float(_MEASURED[c]["initial_speed_rad_s_or_m_s" if speed else "initial_value_rad_or_m"])
+    unit, most = ("m", 20.0 if speed else 1000.0) if c in TRANSLATIONS else ("rad", 100.0 if speed else 6.3)
+    sign = _SIGNS.get(c, "sign of the OpenSim model")
+    what = f"rate of {c} at contact; {sign.partition(';')[0]}" if speed else f"coordinate {c} at contact; {sign}"
+    return name, f"{unit}/s" if speed else unit, start, -most, most, what
+
 
 # name, unit, start, least, greatest, description
 PARAMETERS = (
@@ -61,6 +87,8 @@ PARAMETERS = (
     ("initial_ankle_activation", "1", 0.0, 0.0, 1.0, "of the eight ankle-controlled muscles; 0: the controller's co-activation (floor 0.01)"),
     ("internal_brace_angle_scale", "1", 0.0, 0.0, 100.0, "bushing brace inside the plant, for tests of the coupling; 0: none"),
     ("tolerance", "1", 0.0025, 1e-9, 1.0, "of the integrator's step control"),
+    *(_at_contact(c, name, False) for c, name in PLACED.items()),
+    *(_at_contact(c, name, True) for c, name in MOVING.items()),
 )  # fmt: skip
 
 
@@ -86,7 +114,8 @@ def variables() -> list[dict]:
         (
             "initial_pose",
             POSES,
-            "touching: pelvis moved along the vertical until the foot just touches; published: as in the measured state",
+            "touching: pelvis moved along the vertical until the foot just touches; published: its height as in the "
+            "measured state; given: its height as pelvis_ty_at_contact, refused where the foot is inside the platform",
         ),
         (
             "fibre_start",

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
-from .interface import AXES, IMPEDANCES
+from .interface import AXES, COORDINATES, IMPEDANCES, MOVING, PLACED, POSES
 
 NQ, NB, NM, NP = 15, 8, 49, 175
 GROUND = 0
@@ -39,7 +39,7 @@ MODEL = np.dtype(
         # of the bodies of the compiled MuJoCo model; a joint's anchor in the parent's and in the body's own frame
         ("gravity", f8), ("body_mass", f8, (NB,)), ("body_com", f8, (NB, 3)), ("body_inertia", f8, (NB, 9)),
         ("anchor_in_parent", f8, (NB, 3)), ("anchor", f8, (NB, 3)), ("talocrural_axis", f8, (3,)), ("subtalar_axis", f8, (3,)),
-        ("q_start", f8, (NQ,)), ("u_start", f8, (NQ,)),
+        ("published_height", f8),
         ("spline_size", i8, (5,)), ("spline_scale", f8, (5,)), ("spline_knot", f8, (5, N_KNOTS)),
         ("spline_coefficient", f8, (5, N_KNOTS, 4)),
         ("max_force", f8, (NM,)), ("l_opt", f8, (NM,)), ("l_slack", f8, (NM,)), ("height", f8, (NM,)), ("l_min", f8, (NM,)),
@@ -79,7 +79,7 @@ STATE = np.dtype(
         ("facet_place", f8, (3, 3)), ("facet_origin", f8, (3,)), ("facet_twist", f8, (6,)), ("facet_sum", f8, (16,)),
         ("back_axis", f8, (3, 3)), ("back_dual", f8, (3, 3)),
         # work space that a saved state leaves out (SAVED_BEFORE)
-        ("unit", f8, (NQ,)), ("column", f8, (NQ,)),
+        ("unit", f8, (NQ,)), ("depth_mm", f8), ("column", f8, (NQ,)),
         ("block_low", f8, (MAX_FACETS // BLOCK,)), ("facet_x", f8, (MAX_FACETS,)), ("facet_y", f8, (MAX_FACETS,)), ("facet_force", f8, (MAX_FACETS,)),
         ("factor", f8, (NQ, NQ)), ("right", f8, (NQ,)),
         ("k1q", f8, (NQ,)), ("k1u", f8, (NQ,)), ("k1a", f8, (NM,)), ("k1l", f8, (NM,)), ("k2q", f8, (NQ,)), ("k2u", f8, (NQ,)), ("k2a", f8, (NM,)), ("k2l", f8, (NM,)),
@@ -93,7 +93,11 @@ N_IMPEDANCES = len(IMPEDANCES)
 IMPEDANCE_ROW = np.array([AXES.index(a) for a, _ in IMPEDANCES])
 IMPEDANCE_COLUMN = np.array([AXES.index(b) for _, b in IMPEDANCES])
 N_OUTPUTS = 2 * N_AXES + N_ANKLE + N_AXES + 1 + 2 * N_AXES + 5 + 3
-DONE, NOT_FINITE, STEP_TOO_SMALL, TOO_MANY_STEPS = 0, 1, 2, 3
+PLACED_AT = np.array([COORDINATES.index(c) for c in PLACED])
+MOVING_AT = np.array([COORDINATES.index(c) for c in MOVING])
+DONE, NOT_FINITE, STEP_TOO_SMALL, TOO_MANY_STEPS, FOOT_INSIDE = 0, 1, 2, 3, 4
+TOUCHING, PUBLISHED, GIVEN = POSES["touching"], POSES["published"], POSES["given"]
+FORGIVEN_MM = 0.1  # depth of a given foot in the platform that its numbers' rounding explains
 EQUILIBRIUM_START, AS_PUBLISHED = 0, 1
 SLIP_TRANSITION = 0.1  # m/s, below which friction grows linearly with slip
 OTHER_ACTIVATION = 0.05  # of the muscles that the controller does not reach, at contact
@@ -1260,8 +1264,8 @@ def fibre_equilibrium(m, k, mtu, mtu_rate, a, as_published):
 
 @entry
 def prepare(m, s, p):
-    """Parameters of the landing `p` (any record with the names of interface.PARAMETERS, and `fibre_start`), coordinates, speeds and
-    activations at contact. The excitations that stand in the state give the ankle muscles their first activation (floor
+    """Parameters of the landing `p` (any record with the names of interface.PARAMETERS, `initial_pose`, `fibre_start`, and the
+    arrays `placed` and `moving` of interface.PLACED and MOVING), coordinates, speeds and activations at contact. The excitations that stand in the state give the ankle muscles their first activation (floor
     0.01) unless `initial_ankle_activation` is set."""
     sine, cosine = math.sin(p.platform_incline), math.cos(p.platform_incline)
     for i in range(3):
@@ -1281,8 +1285,12 @@ def prepare(m, s, p):
         j = m.ankle_muscle[k]
         first = p.initial_ankle_activation if p.initial_ankle_activation != 0.0 else s.excitation[k]
         s.strength[j], s.a[j] = p.ankle_strength_scale, min(max(first, MIN_ACTIVATION), 1.0)
-    for k in range(NQ):
-        s.q[k], s.u[k] = m.q_start[k], m.u_start[k]
+    for k in range(len(PLACED_AT)):
+        s.q[PLACED_AT[k]] = p.placed[k]
+    for k in range(len(MOVING_AT)):
+        s.u[MOVING_AT[k]] = p.moving[k]
+    if p.initial_pose != GIVEN:
+        s.q[1] = m.published_height
     s.q[TALOCRURAL], s.q[SUBTALAR] = p.talocrural_angle_at_contact, p.subtalar_angle_at_contact
     s.u[TALOCRURAL], s.u[SUBTALAR] = p.talocrural_velocity_at_contact, p.subtalar_velocity_at_contact
     fall = math.sqrt(2.0 * m.gravity * p.drop_height)
@@ -1295,10 +1303,10 @@ def prepare(m, s, p):
 
 
 @entry
-def initialise(m, s, facets, blocks, touching, as_published):
+def initialise(m, s, facets, blocks, pose, as_published):
     """From coordinates, speeds and activations to a consistent start: the pose (pelvis moved along the vertical until
-    the deepest facet lies in the plane, if `touching`) and the fibres in equilibrium. Returns the depth of the deepest
-    facet before that [m]."""
+    the deepest facet lies in the plane, if TOUCHING) and the fibres in equilibrium. Leaves the depth of the deepest
+    facet before that in the state. Returns DONE, or FOOT_INSIDE for a given pose whose foot is inside the platform."""
     s.known = 0
     s.time, s.h = 0.0, 2e-6
     s.evaluations = s.steps = s.rejected = 0
@@ -1316,13 +1324,16 @@ def initialise(m, s, facets, blocks, touching, as_published):
                 x += xmat[CALCN, 3 * c + j] * facet[j]
             height += s.plane[2, c] * x
         depth = max(depth, -height)
-    if touching:
+    s.depth_mm = 1e3 * depth
+    if pose == GIVEN and s.depth_mm > FORGIVEN_MM:
+        return FOOT_INSIDE
+    if pose == TOUCHING:
         s.q[1] += depth / s.plane[2, 1]
     for k in range(NM):
         s.l[k] = fibre_equilibrium(m, k, s.mtu[0, k], s.mtu_rate[0, k], s.a[k], as_published)
     s.valid = 0
     refresh(m, s, facets, blocks)
-    return depth
+    return DONE
 
 
 @entry

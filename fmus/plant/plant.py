@@ -9,6 +9,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from . import constants, kernels
+from .interface import MOVING, PLACED
+from .interface import PARAMETERS as OF_FMU
+
+STARTS = {name: start for name, _, start, *_ in OF_FMU}
 
 
 class SimulationError(RuntimeError):
@@ -17,7 +21,8 @@ class SimulationError(RuntimeError):
 
 @dataclass
 class Landing:
-    """The parameters of one landing; names, units, signs and zeros as in interface.py."""
+    """The parameters of one landing; names, units, signs and zeros as in interface.py; `placed` and `moving` hold those
+    of PLACED and MOVING, in their order."""
 
     platform_incline: float = math.radians(30.0)
     drop_height: float = 0.30
@@ -38,8 +43,10 @@ class Landing:
     tolerance: float = 0.0025
     initial_pose: int = 0
     fibre_start: int = 0
+    placed: tuple[float, ...] = tuple(STARTS[name] for name in PLACED.values())
+    moving: tuple[float, ...] = tuple(STARTS[name] for name in MOVING.values())
 
-    TOUCHING, PUBLISHED = 0, 1
+    TOUCHING, PUBLISHED, GIVEN = kernels.TOUCHING, kernels.PUBLISHED, kernels.GIVEN
     EQUILIBRIUM, AS_PUBLISHED = 0, 1
 
 
@@ -68,19 +75,23 @@ class Plant:
 
     def start(self, landing: Landing) -> None:
         """Sets the state at contact. Excitations present in `state` give the ankle muscles their initial activation
-        (floor 0.01) unless `initial_ankle_activation` is set."""
-        chosen = np.zeros((), [(name, "f8") for name in PARAMETERS])
+        (floor 0.01) unless `initial_ankle_activation` is set. Raises SimulationError for a given pose whose foot is
+        inside the platform."""
+        chosen = np.zeros((), [(name, "f8", np.shape(getattr(landing, name))) for name in PARAMETERS])
         for name in PARAMETERS:
             chosen[name] = getattr(landing, name)
         kernels.prepare(self._model[0], self.state, chosen[()])
-        self.penetration = kernels.initialise(
+        status = kernels.initialise(
             self._model[0],
             self.state,
             self._facets,
             self._blocks,
-            landing.initial_pose == Landing.TOUCHING,
+            landing.initial_pose,
             landing.fibre_start == Landing.AS_PUBLISHED,
         )
+        self.penetration = 1e-3 * self.state["depth_mm"]
+        if status == kernels.FOOT_INSIDE:
+            raise SimulationError(f"plant: the foot is {self.state['depth_mm']:.1f} mm inside the platform")
 
     def advance(self, to: float, fixed_step: float = 0.0) -> None:
         """Integrates to time `to` [s] with inputs held. `fixed_step` [s] > 0 switches the step control off (for

@@ -53,8 +53,8 @@ def files():
 
 def initialise(values, state, constants, time):
     state.failed = 0
-    plant.initialise(values, state, constants, time)
-    return FAILED if state.failed else 0
+    status = plant.initialise(values, state, constants, time)
+    return FAILED if state.failed else status
 
 
 def step(values, state, constants, time, step):

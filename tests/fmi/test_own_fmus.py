@@ -118,6 +118,36 @@ def test_contract_signals_of_the_plant() -> None:
     )
 
 
+@pytest.mark.parametrize("model", ["plant", "plant_mujoco"])
+def test_a_landing_given_the_state_at_contact_of_another_is_that_landing(model: str) -> None:
+    described = component(model)
+    named = {"ankle_angle_r": "talocrural_angle", "subtalar_angle_r": "subtalar_angle"}
+    rates = {"ankle_angle_r": "talocrural_velocity", "subtalar_angle_r": "subtalar_velocity"}
+    local = [n for n, c in described.connectors.items() if c.causality == "local"]
+    coordinates = [n.removesuffix("_speed") for n in local if n.endswith("_speed")]
+    scenario = load_scenario("incline30_mixed").replace_fmu("plant", model).recording("plant.*")
+    other = {
+        "plant.talocrural_angle_at_contact": -0.3,
+        "plant.knee_angle_r_at_contact": -0.5,
+        "plant.hip_rotation_r_speed_at_contact": 1.0,
+        "plant.pelvis_list_at_contact": 0.2,
+    }
+    with scenario.open() as session:
+        first = session.run(other)
+        state = {"plant.initial_pose": 2.0}
+        for c in coordinates:
+            speed = "pelvis_vertical_velocity" if c == "pelvis_ty" else f"{rates.get(c, f'{c}_speed')}_at_contact"
+            state[f"plant.{named.get(c, c)}_at_contact"] = first[f"plant.{c}"][0]
+            state[f"plant.{speed}"] = first[f"plant.{c}_speed"][0]
+        assert len(state) == 31
+        assert abs(first["plant.pelvis_ty"][0] - described.connectors["pelvis_ty_at_contact"].start) > 1e-3
+        again = session.run(state)
+        usual = session.run()
+    scale = np.abs(first.values).max(axis=0)
+    assert (np.abs(again.values - first.values) <= 1e-9 * scale).all()
+    assert np.abs(usual.values - first.values).max() > 0.1
+
+
 def test_reset_equals_a_fresh_instance() -> None:
     for name in ("incline30_mixed", "incline30"):
         scenario = load_scenario(name)

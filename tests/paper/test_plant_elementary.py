@@ -480,7 +480,7 @@ def fly(case: str) -> tuple[np.ndarray, pd.DataFrame, Plant]:
         table[[f"{n}_speed" for n in names]].iloc[0],
         0.05,
     )
-    kernels.initialise(p._model[0], p.state, p._facets, p._blocks, False, False)
+    kernels.initialise(p._model[0], p.state, p._facets, p._blocks, Landing.PUBLISHED, False)
     history = [p.state["q"].copy()]
     for t in table.time_s.to_numpy()[1:]:
         p.advance(t)
