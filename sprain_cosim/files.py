@@ -14,7 +14,6 @@ import gzip
 import io
 import json
 import math
-import os
 import re
 import secrets
 import tomllib
@@ -23,6 +22,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from .errors import EnvironmentProblem, InputError, problems_to_error
+from .machine.here import SYSTEM
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -46,6 +46,8 @@ def whole_file(path: Path, advice: str = "", parents: bool = False) -> Iterator[
 
     `advice` follows the cause in the message of an EnvironmentProblem ("; continue with --resume"); with `parents`
     missing folders are made. Any OSError of the block is taken for one of writing."""
+    if why := SYSTEM.refusal(path):
+        raise InputError(f"{path}: {why}")
     partial = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.partial{path.suffix}")
     try:
         if parents:
@@ -54,7 +56,7 @@ def whole_file(path: Path, advice: str = "", parents: bool = False) -> Iterator[
             yield path
             return
         yield partial
-        os.replace(partial, path)
+        SYSTEM.rename(partial, path)
     except OSError as problem:
         raise EnvironmentProblem(f"{path}: cannot be written: {problem.strerror or problem}{advice}") from None
     finally:

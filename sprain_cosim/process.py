@@ -5,7 +5,7 @@
     child.open(subject)       -- pickle -->    handlers(subject) opens it, gives functions by name
     child.call(name, ...)     -- JSON   -->    handlers[name](...)
                               <-- JSON --      {"value": ...} or {"error": message, "kind": class}
-    child.close()             -- SIGKILL to the whole group
+    child.close()             -- ends it with all that it has started
 
 An error travels by class: a SprainError that a handler raises is raised by `call` as the same class with the same
 message. What a child prints goes elsewhere than its replies: the last lines are kept for the record.
@@ -24,9 +24,6 @@ import json
 import math
 import os
 import pickle
-import select
-import shutil
-import signal
 import socket
 import struct
 import subprocess
@@ -43,6 +40,7 @@ from time import monotonic
 from typing import IO, Any, NoReturn
 
 from .errors import EnvironmentProblem, SprainError, visible
+from .machine.here import SYSTEM
 from .sandbox.confinement import Confinement, enter
 from .sandbox.watch import Watch
 
@@ -178,9 +176,7 @@ class Line:
 
     def __init__(self, source: int, sink: int) -> None:
         """`source`, `sink`: descriptors to read from and to write to."""
-        self._source, self._sink = source, sink
-        self._poll = select.poll()
-        self._poll.register(source, select.POLLIN)
+        self._source, self._sink = SYSTEM.pipe(source), sink
 
     def send(self, frame: Frame) -> None:
         """In the name of this process. Raises OSError when the other end is closed."""
@@ -204,16 +200,13 @@ class Line:
 
     def close(self) -> None:
         os.close(self._sink)
-        os.close(self._source)
+        self._source.close()
 
     def _read(self, count: int, deadline: float) -> bytes:
         data = b""
         while len(data) < count:
-            if deadline < math.inf:
-                left = deadline - monotonic()
-                if left <= 0 or not self._poll.poll(1e3 * left):
-                    raise TimeoutError
-            piece = os.read(self._source, count - len(data))
+            left = deadline - monotonic() if deadline < math.inf else math.inf
+            piece = self._source.read(count - len(data), left)
             if not piece:
                 raise EOFError
             data += piece
@@ -237,20 +230,21 @@ class Child:
         self._scratch, self._watch = _Scratch(), watch
         requests, sink = os.pipe()
         source, replies = os.pipe()
-        report = -1 if watch is None else watch.far.fileno()
-        arguments = [requests, replies, limits.memory, os.getpid(), report]
+        report = -1 if watch is None or watch.far is None else watch.far.fileno()
+        names = [SYSTEM.name_of(requests), SYSTEM.name_of(replies)]
+        arguments = [*names, limits.memory, os.getpid(), report]
         self._process = subprocess.Popen(
             [*python_command(module), *(str(argument) for argument in arguments)],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            pass_fds=(requests, replies, *(() if report < 0 else (report,))),
-            start_new_session=True,
             cwd=self._scratch,
             env=_environment()
-            | {name: str(self._scratch) for name in ("TMPDIR", "NUMBA_CACHE_DIR")}
-            | {PARENTS_TEMPORARY: tempfile.gettempdir()},
+            | SYSTEM.variables(str(self._scratch))
+            | {"NUMBA_CACHE_DIR": str(self._scratch), PARENTS_TEMPORARY: tempfile.gettempdir()},
+            **SYSTEM.options((requests, replies, *(() if report < 0 else (report,)))),
         )
+        self._end = SYSTEM.group(self._process, limits.memory)
         os.close(requests)
         os.close(replies)
         self._line = Line(source, sink)
@@ -300,7 +294,7 @@ class Child:
             if self._closed:
                 return
             self._closed = True
-            _end_group(self._process)
+            self._end()
             self._line.close()
             self._scratch.remove()
 
@@ -335,12 +329,8 @@ class Child:
             code = self._process.wait(1.0)
         except subprocess.TimeoutExpired:
             return ProcessEnded("crashed", "closed the line to its parent")
-        if code == -signal.SIGXCPU:
-            return ProcessEnded("timeout", "overran its limit of processor time and was ended")
-        if code < 0:
-            name = signal.Signals(-code).name
-            return ProcessEnded("crashed", f"ended by signal {name}", killed=code == -signal.SIGKILL)
-        return ProcessEnded("crashed", f"ended its process with exit code {code}")
+        status, words, killed = SYSTEM.ending(code)
+        return ProcessEnded(status, words, killed)
 
     def _drain(self, stream: IO[bytes]) -> None:
         with stream, contextlib.suppress(OSError, ValueError):
@@ -368,9 +358,9 @@ def serve(handlers: Callable[[Any], AbstractContextManager[Handlers]]) -> NoRetu
     global _serving
     _serving = True
     requests, replies, memory, parent, report = (int(argument) for argument in sys.argv[1:6])
-    _die_with_parent(parent)
-    _confine(memory)
-    line = Line(requests, replies)
+    SYSTEM.die_with(parent)
+    SYSTEM.confine(memory)
+    line = Line(SYSTEM.opened(requests, writes=False), SYSTEM.opened(replies, writes=True))
     with contextlib.suppress(EOFError):
         first = line.receive()
         confinement, subject = pickle.loads(first.content)
@@ -414,24 +404,6 @@ def _refusal(problem: SprainError) -> bytes:
     return json.dumps({"error": str(problem), "kind": type(problem).__name__}).encode()
 
 
-def _confine(memory: int) -> None:
-    """What this process may use from here on: `memory` [B] of address space, no core file."""
-    import resource
-
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    with contextlib.suppress(ValueError, OSError):
-        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
-
-
-def _die_with_parent(parent: int) -> None:
-    if sys.platform == "linux":
-        import ctypes
-
-        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
-    if os.getppid() != parent:
-        os._exit(1)
-
-
 def tell_parent(text: str) -> None:
     """A line among what this child prints, of which its parent keeps the last; nothing in a process that is no
     child."""
@@ -442,20 +414,12 @@ def tell_parent(text: str) -> None:
 
 def resident() -> int:
     """Resident memory of this process [B]; 0 where the system does not say."""
-    try:
-        with open("/proc/self/statm", "rb") as file:
-            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-    except OSError:
-        return 0
+    return SYSTEM.resident()
 
 
 def allow_processor_time(seconds: float) -> None:
-    """Processor time from here on, after which the kernel ends this process."""
-    import resource
-
-    used = sum(os.times()[:2])
-    with contextlib.suppress(ValueError, OSError):
-        resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(used + seconds), resource.getrlimit(resource.RLIMIT_CPU)[1]))
+    """Processor time from here on, after which this process is ended."""
+    SYSTEM.allow_processor_time(seconds)
 
 
 # ---- other programs
@@ -472,12 +436,13 @@ class Program:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             env=os.environ | environment,
-            start_new_session=True,
+            **SYSTEM.options(),
         )
+        self._end = SYSTEM.group(self._process)
 
     def end(self) -> None:
         """At once, with its whole group."""
-        _end_group(self._process)
+        self._end()
 
 
 def run_program(
@@ -496,6 +461,7 @@ def run_program(
             cwd=folder,
             capture_output=True,
             text=True,
+            errors="replace",
             timeout=limit,
             check=False,
             env=os.environ | environment if environment else None,
@@ -533,10 +499,4 @@ class _Scratch(os.PathLike[str]):
         return self._path
 
     def remove(self) -> None:
-        shutil.rmtree(self._path, ignore_errors=True)
-
-
-def _end_group(process: subprocess.Popen[bytes]) -> None:
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
+        SYSTEM.remove_tree(self._path)

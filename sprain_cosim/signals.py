@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import queue
 import signal
 import threading
 from collections.abc import Iterator
 from typing import Any
+
+from .machine.here import SYSTEM
 
 REPEAT = 0.2  # s after which an interruption comes again, should native code swallow the exception
 
@@ -16,8 +19,8 @@ class Interrupted(BaseException):
 
 
 def interrupt() -> list[int]:
-    """From here on SIGINT and SIGTERM raise Interrupted in the main thread, again and again until `settle`. The numbers
-    of the signals that arrived, in a list that grows."""
+    """From here on the signals that ask to stop raise Interrupted in the main thread, again and again until `settle`.
+    The numbers of the signals that arrived, in a list that grows."""
     received: list[int] = []
 
     def stop(number: int, _: Any) -> None:
@@ -26,7 +29,7 @@ def interrupt() -> list[int]:
             signal.setitimer(signal.ITIMER_REAL, REPEAT)
         raise Interrupted
 
-    for name in ("SIGINT", "SIGTERM", "SIGALRM"):
+    for name in (*SYSTEM.stops, "SIGALRM"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), stop)
     return received
@@ -38,6 +41,14 @@ def settle() -> None:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
+def taken(waiting: queue.SimpleQueue[Any]) -> Any:
+    """The next of a queue, for the main thread, which signals interrupt meanwhile."""
+    while SYSTEM.patience is not None:
+        with contextlib.suppress(queue.Empty):
+            return waiting.get(timeout=SYSTEM.patience)
+    return waiting.get()
+
+
 @contextlib.contextmanager
 def held() -> Iterator[None]:
     """Signals that ask to stop wait until this is done. Only the main thread gets signals."""
@@ -46,9 +57,8 @@ def held() -> Iterator[None]:
         return
     waiting: list[int] = []
     settle()
-    before = {
-        number: signal.signal(number, lambda n, _: waiting.append(n)) for number in (signal.SIGINT, signal.SIGTERM)
-    }
+    numbers = [getattr(signal, name) for name in SYSTEM.stops]
+    before = {number: signal.signal(number, lambda n, _: waiting.append(n)) for number in numbers}
     try:
         yield
     finally:

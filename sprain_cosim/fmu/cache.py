@@ -15,7 +15,6 @@ import contextlib
 import hashlib
 import logging
 import os
-import shutil
 import stat
 import tempfile
 import zipfile
@@ -26,6 +25,7 @@ from typing import IO
 
 from ..errors import EnvironmentProblem, InputError
 from ..files import read_json, write, write_json
+from ..machine.here import SYSTEM
 from ..process import PARENTS_TEMPORARY
 from . import archive
 from .archive import Archive
@@ -39,14 +39,15 @@ log = logging.getLogger("sprain_cosim")
 
 
 def cache_folder() -> Path:
-    """$SPRAIN_COSIM_CACHE, else sprain-cosim below $XDG_CACHE_HOME or ~/.cache, else among the temporary folders."""
+    """$SPRAIN_COSIM_CACHE, else sprain-cosim below $XDG_CACHE_HOME or the user's folder of caches (~/.cache; Windows:
+    %LOCALAPPDATA%), else among the temporary folders."""
     own = os.environ.get("SPRAIN_COSIM_CACHE")
     if own:
         return Path(own)
     above = os.environ.get("XDG_CACHE_HOME")
     if not above:
         try:
-            above = str(Path.home() / ".cache")
+            above = str(SYSTEM.caches())
         except RuntimeError:  # no HOME, and no account to take it from
             return temporary_folder()
     return Path(above) / NAME
@@ -95,7 +96,7 @@ def keep(name: str, content: bytes, sha256: str) -> Path:
     if copy is None:
         copy = writable() / "files" / sha256[:LENGTH] / name
         with contextlib.suppress(OSError):
-            copy.unlink()  # a damaged one may be protected from writing
+            SYSTEM.remove(copy)  # a damaged one may be protected from writing
         write(copy, content, "; set SPRAIN_COSIM_CACHE to a folder that can", parents=True)
         with contextlib.suppress(OSError):
             copy.chmod(0o444)
@@ -273,7 +274,7 @@ def _put(fresh: Path, target: Path, sha256: str) -> None:
     """Takes the place, unless another process has put the same there meanwhile."""
     for _ in range(10):
         try:
-            fresh.rename(target)
+            SYSTEM.rename(fresh, target)
             return
         except OSError:
             if not target.exists():
@@ -282,7 +283,7 @@ def _put(fresh: Path, target: Path, sha256: str) -> None:
             return
         aside = Path(tempfile.mkdtemp(dir=target.parent, prefix=".old-"))
         with contextlib.suppress(OSError):
-            target.rename(aside / "entry")
+            SYSTEM.rename(target, aside / "entry")
         _remove(aside)
     raise OSError(0, "another process keeps changing it")
 
@@ -307,7 +308,7 @@ def _sound(entry: Path, sha256: str) -> bool:
                     return False
                 changed[name] = digest
         for name in there:
-            (entry / CONTENT / name).unlink()
+            SYSTEM.remove(entry / CONTENT / name)
     except (OSError, InputError, KeyError, TypeError, ValueError, AttributeError):
         return False
     if changed:  # copied or restored: the next opening need not read them again
@@ -331,8 +332,8 @@ def _files(folder: Path) -> Iterator[tuple[str, os.stat_result]]:
                 if found.is_dir(follow_symlinks=False):
                     waiting.append(f"{name}/")
                 else:
-                    yield name, found.stat(follow_symlinks=False)
+                    yield name, os.lstat(found)  # what `found` holds itself lacks the number on Windows
 
 
 def _remove(folder: Path) -> None:
-    shutil.rmtree(folder, ignore_errors=True)
+    SYSTEM.remove_tree(folder)

@@ -10,7 +10,6 @@ again."""
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import hashlib
 import json
 import os
@@ -26,6 +25,7 @@ import numpy as np
 from ..errors import EnvironmentProblem, InputError
 from ..files import whole_file
 from ..fmu.messages import Messages
+from ..machine.here import SYSTEM
 from ..uq.distributions import Array
 from .identity import changes
 from .previous import facts_today
@@ -421,17 +421,15 @@ class Ledger:
         self.close()
 
     def _hold(self, folder: Path) -> None:
-        lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            holder = os.pread(lock, 64, 0).decode("ascii", "replace").strip()
+        lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)  # Python keeps it from children
+        if not SYSTEM.lock(lock):
+            holder = os.read(lock, 64).decode("ascii", "replace").strip()
             os.close(lock)
             raise InputError(
                 f"{folder}: in use by process {holder or 'unknown'}; wait for it, or name another folder with --out"
-            ) from None
+            )
         os.ftruncate(lock, 0)
-        os.pwrite(lock, f"{os.getpid()}\n".encode(), 0)
+        os.write(lock, f"{os.getpid()}\n".encode())
         self._lock = lock
 
     def _release(self) -> None:

@@ -14,6 +14,7 @@ import importlib
 import logging
 import os
 import pickle
+import platform
 import queue
 import tempfile
 import threading
@@ -26,6 +27,7 @@ from typing import Any
 from ... import __version__, processor
 from ...errors import EnvironmentProblem, InputError
 from ...fmu import cache
+from ...machine.here import SYSTEM
 from ...process import Program, python_command
 from ...scenario import Scenario
 from ..ledger import Row
@@ -72,7 +74,7 @@ class Dask:
         )  # else the last 1000 messages, batches with all their inputs, stay in memory
         try:
             if address == "local-cluster":
-                self._expected = workers or len(os.sched_getaffinity(0))
+                self._expected = workers or SYSTEM.cores()
                 self._cluster = distributed.LocalCluster(
                     n_workers=0, processes=True, dashboard_address=None, silence_logs=logging.CRITICAL
                 )
@@ -299,7 +301,7 @@ def _batch(key: str, pickled: bytes, version: str, jobs: bytes, content: Mapping
         held = key, Worker(task.scenario, task.names, task.limits, task.level)
         with _guard:
             _workers[me] = held
-    label = f"{os.uname().nodename}:{os.getpid()}"
+    label = f"{platform.node()}:{os.getpid()}"
     return pickle.dumps(
         [Row(job.trial, job.values, held[1].run(job.values.tolist(), job.record), label) for job in pickle.loads(jobs)]
     )

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import queue
 import threading
 from collections.abc import Sequence
 
 import numpy as np
 
-from ... import processor
+from ... import processor, signals
+from ...machine.here import SYSTEM
 from ..ledger import Row
 from ..worker import Stopped, Worker
 from .backend import Job, Task
@@ -22,7 +22,7 @@ class Local:
 
     def __init__(self, task: Task, workers: int | None) -> None:
         self.level = task.level or processor.level()
-        self._task, self._count = task, workers or len(os.sched_getaffinity(0))
+        self._task, self._count = task, workers or SYSTEM.cores()
         self._workers: list[Worker] = []
         self._threads: list[threading.Thread] = []
         self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
@@ -38,7 +38,7 @@ class Local:
             self._hire()
 
     def receive(self) -> list[Row]:
-        found = [self._done.get()]
+        found: list[Row | BaseException] = [signals.taken(self._done)]
         while not self._done.empty():
             found.append(self._done.get())
         rows = [row for row in found if isinstance(row, Row)]

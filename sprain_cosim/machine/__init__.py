@@ -1,0 +1,1 @@
+"""What systems do differently, behind one face (`here.SYSTEM`)."""

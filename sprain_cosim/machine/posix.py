@@ -1,0 +1,129 @@
+"""Linux, macOS and their like. What only some of them have is imported where it is used."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import select
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from . import here
+
+SET_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG
+
+
+class Posix:
+    """Implements System: a child leads a session and a process group, which is killed as a whole."""
+
+    stops = ("SIGINT", "SIGTERM")
+    patience = None
+
+    def options(self, passed: Sequence[int] = ()) -> dict[str, Any]:
+        return {"pass_fds": tuple(passed), "start_new_session": True}
+
+    def variables(self, scratch: str) -> dict[str, str]:
+        return {"TMPDIR": scratch}
+
+    def name_of(self, descriptor: int) -> int:
+        return descriptor
+
+    def group(self, process: subprocess.Popen[bytes], memory: int = 0) -> Callable[[], None]:
+        def end() -> None:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+        return end
+
+    def ending(self, code: int) -> here.Ending:
+        if code == -signal.SIGXCPU:
+            return here.Ending("timeout", "overran its limit of processor time and was ended")
+        if code < 0:
+            words = f"ended by signal {signal.Signals(-code).name}"
+            return here.Ending("crashed", words, killed=code == -signal.SIGKILL)
+        return here.Ending("crashed", f"ended its process with exit code {code}")
+
+    def pipe(self, descriptor: int) -> here.Pipe:
+        return _Pipe(descriptor)
+
+    def opened(self, name: int, writes: bool) -> int:
+        return name
+
+    def confine(self, memory: int) -> None:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        with contextlib.suppress(ValueError, OSError):
+            resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+
+    def die_with(self, parent: int) -> None:
+        if sys.platform == "linux":
+            import ctypes
+
+            ctypes.CDLL(None).prctl(SET_DEATH_SIGNAL, signal.SIGKILL)
+        if os.getppid() != parent:
+            os._exit(1)
+
+    def allow_processor_time(self, seconds: float) -> None:
+        import resource
+
+        used = sum(os.times()[:2])
+        with contextlib.suppress(ValueError, OSError):
+            hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
+            resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(used + seconds), hard))
+
+    def resident(self) -> int:
+        try:
+            with open("/proc/self/statm", "rb") as file:
+                return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+        except OSError:
+            return 0
+
+    def cores(self) -> int:
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+    def lock(self, descriptor: int) -> bool:
+        import fcntl
+
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        return True
+
+    def refusal(self, path: Path) -> str:
+        return ""
+
+    def rename(self, source: Path, target: Path) -> None:
+        os.replace(source, target)
+
+    def remove(self, file: Path) -> None:
+        file.unlink()
+
+    def remove_tree(self, folder: Path | str) -> None:
+        shutil.rmtree(folder, ignore_errors=True)
+
+    def caches(self) -> Path:
+        return Path.home() / ".cache"
+
+
+class _Pipe:
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._poll = select.poll()
+        self._poll.register(descriptor, select.POLLIN)
+
+    def read(self, count: int, seconds: float) -> bytes:
+        if seconds < math.inf and (seconds <= 0 or not self._poll.poll(1e3 * seconds)):
+            raise TimeoutError
+        return os.read(self._descriptor, count)
+
+    def close(self) -> None:
+        os.close(self._descriptor)
