@@ -3,14 +3,16 @@ the commands."""
 
 from __future__ import annotations
 
+import functools
 import json
 import logging
 import os
+import shlex
 import sys
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import click
 
@@ -20,6 +22,7 @@ from .errors import InputError, SimulationError, SprainError, visible
 if TYPE_CHECKING:
     from .cosim.result import Result
     from .study.campaign import Campaign
+    from .study.study import Study
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 RENAMED = {"--output": "--out"}  # spellings of version 0.1, which this version still takes
@@ -36,7 +39,12 @@ FMUS = click.option("--fmu", "fmus", multiple=True, metavar="NAME=FILE", help="P
 MAPS = click.option(
     "--map", "maps", multiple=True, metavar="NAME=FILE", help="Mapping file of the FMU given with --fmu."
 )
+SET = click.option(
+    "--set", "settings", multiple=True, metavar="COMPONENT.PARAMETER=VALUE", help='Such as plant.drop_height="0.35 m".'
+)
 WORKERS = click.option("--workers", type=click.IntRange(1), help="Worker processes (default: one per core).")
+SCHEDULER = click.option("--scheduler", metavar="ADDRESS", help="Run on Dask: tcp://host:8786, or local-cluster.")
+RESUME = click.option("--resume", is_flag=True, help="Continue what --out holds.")
 PARQUET = click.option("--parquet", is_flag=True, help="Write trials.parquet beside trials.csv.")
 PROGRESS = click.option(
     "--progress", type=click.Choice(["auto", "plain", "json", "none"]), default="auto", show_default=True
@@ -71,9 +79,7 @@ def cli() -> None:
 @click.argument("scenario")
 @FMUS
 @MAPS
-@click.option(
-    "--set", "settings", multiple=True, metavar="COMPONENT.PARAMETER=VALUE", help='Such as plant.drop_height="0.35 m".'
-)
+@SET
 @SCHEME
 @STEP
 @STOP
@@ -201,6 +207,113 @@ def _print_table(title: str, pose: str | None, result: Result) -> None:
         )
 
 
+@dataclass(frozen=True)
+class CampaignOptions:
+    """What every command that lands many times takes: another device, the master, where the landings run, what becomes
+    of failures, where the results go."""
+
+    fmus: tuple[str, ...]
+    maps: tuple[str, ...]
+    settings: tuple[str, ...]
+    scheme: str | None
+    step: str | None
+    stop: str | None
+    workers: int | None
+    scheduler: str | None
+    isolate: bool
+    in_process: bool
+    trial_limit: str | None
+    resume: bool
+    max_failed: str
+    parquet: bool
+    progress: str
+    out: Path | None
+    as_json: bool
+
+    def read(self, name: str) -> Study:
+        """The study of that file or name, with what these options change."""
+        from .study.file import load_study
+
+        chosen: Study = _changed(load_study(name), self.fmus, self.maps, self.settings)
+        chosen = chosen.with_master(self.scheme, self.step, self.stop)
+        chosen = chosen.isolated() if self.isolate else chosen
+        return chosen.unconfined() if self.in_process else chosen
+
+    def land(self, study: Study, folder: Path, warnings: Sequence[str] = (), **options: Any) -> Campaign:
+        """Runs it, in `folder` unless --out names another; what a reader must know goes to stderr, and when it ends
+        early the command that continues it."""
+        from .brace.doubts import device_doubts
+        from .study.progress import reporter
+
+        doubts = (*warnings, *study.scenario.doubts(), *device_doubts(study.scenario))
+        for warning in (*study.warnings, *doubts):
+            _show(f"warning: {warning}", err=True)
+        again, out = _again(), self.out or folder
+        share, limits = _share(self.max_failed), _limits(self.trial_limit)
+        try:
+            done = study.run(
+                workers=self.workers,
+                scheduler=self.scheduler,
+                resume=self.resume,
+                max_failed=share,
+                limits=limits,
+                out=out,
+                progress=reporter(self.progress),
+                parquet=self.parquet,
+                command=again,
+                **options,
+            )
+        except (signals.Interrupted, SimulationError):
+            _show(f"{chr(10) if sys.stderr.isatty() else ''}continue with: {again} --resume", err=True)
+            raise
+        _warn_of_trials(done, out)
+        return done
+
+
+def campaign_options(failures: str, out: str) -> Callable[[Command], Command]:
+    """The options of a command that lands many times, handed to it as `how`; `failures` and `out` are its defaults."""
+
+    def decorate(command: Command) -> Command:
+        @functools.wraps(command)
+        def called(**given: Any) -> Any:
+            shared = {field.name: given.pop(field.name) for field in fields(CampaignOptions)}
+            return command(**given, how=CampaignOptions(**shared))
+
+        wrapped: Any = called
+        for option in reversed(
+            (
+                FMUS,
+                MAPS,
+                SET,
+                SCHEME,
+                STEP,
+                STOP,
+                WORKERS,
+                SCHEDULER,
+                ISOLATE,
+                IN_PROCESS,
+                TRIAL_LIMIT,
+                RESUME,
+                click.option(
+                    "--max-failed", default=failures, show_default=True, help="Share of failed trials that is accepted."
+                ),
+                PARQUET,
+                PROGRESS,
+                out_option(out),
+                JSON,
+            )
+        ):
+            wrapped = option(wrapped)
+        return cast("Command", wrapped)
+
+    return decorate
+
+
+def _again() -> str:
+    """The command that was typed, without --resume."""
+    return f"sprain-cosim {' '.join(shlex.quote(a) for a in sys.argv[1:] if a != '--resume')}"
+
+
 @cli.command("study")
 @click.argument("study")
 @click.option("--method", help="monte-carlo, lhs, sobol, grid, table, mean-value, amv, amv+, hmv, form, sobol-indices.")
@@ -224,20 +337,8 @@ def _print_table(title: str, pose: str | None, result: Result) -> None:
     metavar="TABLE.csv",
     help="Run these rows: header component.parameter [unit].",
 )
-@FMUS
-@MAPS
-@click.option("--set", "settings", multiple=True, metavar="COMPONENT.PARAMETER=VALUE", help="Fix a parameter.")
-@SCHEME
-@STEP
-@STOP
-@WORKERS
-@click.option("--scheduler", metavar="ADDRESS", help="Run on Dask: tcp://host:8786, or local-cluster.")
+@campaign_options("1%", "Folder of the study (default: runs/STUDY).")
 @click.option("--shard", metavar="K/N", help="Run the K-th of N parts; `merge` joins them.")
-@ISOLATE
-@IN_PROCESS
-@TRIAL_LIMIT
-@click.option("--resume", is_flag=True, help="Continue what --out holds.")
-@click.option("--max-failed", default="1%", show_default=True, help="Share of failed trials that is accepted.")
 @click.option(
     "--trajectories",
     default="100",
@@ -245,10 +346,6 @@ def _print_table(title: str, pose: str | None, result: Result) -> None:
     metavar="N|all|none",
     help="Record the first N trials besides percentile and failed ones.",
 )
-@PARQUET
-@PROGRESS
-@out_option("Folder of the study (default: runs/STUDY).")
-@JSON
 def study_command(
     study: str,
     method: str | None,
@@ -257,78 +354,38 @@ def study_command(
     questions: tuple[str, ...],
     no_check: bool,
     inputs: Path | None,
-    fmus: tuple[str, ...],
-    maps: tuple[str, ...],
-    settings: tuple[str, ...],
-    scheme: str | None,
-    step: str | None,
-    stop: str | None,
-    workers: int | None,
-    scheduler: str | None,
     shard: str | None,
-    isolate: bool,
-    in_process: bool,
-    trial_limit: str | None,
-    resume: bool,
-    max_failed: str,
     trajectories: str,
-    parquet: bool,
-    progress: str,
-    out: Path | None,
-    as_json: bool,
+    how: CampaignOptions,
 ) -> None:
     """Run many landings: STUDY is a file, or the name of one that ships."""
-    from .brace.doubts import device_doubts
-    from .study.file import load_study
     from .study.listing import study_listing
-    from .study.progress import reporter
     from .study.shards import shard as part
     from .study.trajectories import first_trajectories
 
-    chosen = _changed(load_study(study), fmus, maps, settings).with_master(scheme, step, stop)
-    chosen = chosen.with_questions(*questions)
+    chosen = how.read(study).with_questions(*questions)
     if no_check:
         chosen = replace(chosen, check=False)
-    if isolate:
-        chosen = chosen.isolated()
-    if in_process:
-        chosen = chosen.unconfined()
     if inputs is not None:
         if method not in (None, "table") or trials is not None:
             raise InputError("--inputs: its rows are the trials; leave --method and --trials out")
         chosen = chosen.with_inputs(inputs)
-    doubts = (*chosen.passed_over(method), *chosen.scenario.doubts(), *device_doubts(chosen.scenario))
-    for warning in (*chosen.warnings, *doubts):
-        _show(f"warning: {warning}", err=True)
-    share = _share(max_failed)
     portion = part(shard) if shard else None
-    folder = out or Path("runs") / (Path(study).stem + (f"-{portion[0]}of{portion[1]}" if portion else ""))
-    again = f"sprain-cosim {' '.join(_without_resume(sys.argv[1:]))}"
-    try:
-        done = chosen.run(
-            method=method,
-            trials=trials,
-            seed=seed,
-            workers=workers,
-            scheduler=scheduler,
-            shard=portion,
-            resume=resume,
-            max_failed=share,
-            limits=_limits(trial_limit),
-            out=folder,
-            progress=reporter(progress),
-            trajectories=first_trajectories(trajectories),
-            parquet=parquet,
-            command=again,
-        )
-    except (signals.Interrupted, SimulationError):
-        _show(f"{chr(10) if sys.stderr.isatty() else ''}continue with: {again} --resume", err=True)
-        raise
-    _warn_of_trials(done, folder)
+    name = Path(study).stem + (f"-{portion[0]}of{portion[1]}" if portion else "")
+    done = how.land(
+        chosen,
+        Path("runs") / name,
+        chosen.passed_over(method),
+        method=method,
+        trials=trials,
+        seed=seed,
+        shard=portion,
+        trajectories=first_trajectories(trajectories),
+    )
     _show(
         json.dumps(done.summary.to_json(), allow_nan=False)
-        if as_json
-        else f"{study_listing(done.study, done.summary)}\n\nwritten: {folder}"
+        if how.as_json
+        else f"{study_listing(done.study, done.summary)}\n\nwritten: {done.out}"
     )
 
 
@@ -374,22 +431,7 @@ def _warn_of_trials(done: Campaign, folder: Path) -> None:
 )
 @click.option("--landings", type=click.IntRange(1), help="Landings in all (default: 300).")
 @click.option("--seed", type=click.IntRange(0), help="Seed of the sample.")
-@FMUS
-@MAPS
-@click.option("--set", "settings", multiple=True, metavar="COMPONENT.PARAMETER=VALUE", help="Fix a parameter.")
-@SCHEME
-@STEP
-@STOP
-@WORKERS
-@click.option("--scheduler", metavar="ADDRESS", help="Run on Dask: tcp://host:8786, or local-cluster.")
-@ISOLATE
-@IN_PROCESS
-@click.option("--resume", is_flag=True, help="Continue what --out holds.")
-@click.option("--max-failed", default="5%", show_default=True, help="Share of failed landings that is accepted.")
-@PARQUET
-@PROGRESS
-@out_option("Folder of the design (default: runs/design_STUDY).")
-@JSON
+@campaign_options("5%", "Folder of the design (default: runs/design_STUDY).")
 def design_command(
     study: str,
     varied: tuple[str, ...],
@@ -397,62 +439,20 @@ def design_command(
     find: Literal["least", "largest"] | None,
     landings: int | None,
     seed: int | None,
-    fmus: tuple[str, ...],
-    maps: tuple[str, ...],
-    settings: tuple[str, ...],
-    scheme: str | None,
-    step: str | None,
-    stop: str | None,
-    workers: int | None,
-    scheduler: str | None,
-    isolate: bool,
-    in_process: bool,
-    resume: bool,
-    max_failed: str,
-    parquet: bool,
-    progress: str,
-    out: Path | None,
-    as_json: bool,
+    how: CampaignOptions,
 ) -> int:
     """Find the least (or largest) value of a parameter for which a goal holds, with confidence: STUDY is a file or the
     name of one that ships; what varies in it is uncertain. Exit code 1 when no value in the range meets the goal."""
-    from .brace.doubts import device_doubts
-    from .study.file import load_study
     from .study.listing import study_listing
-    from .study.progress import reporter
 
-    chosen = _changed(load_study(study), fmus, maps, settings).with_master(scheme, step, stop)
-    chosen = chosen.asking(goal, varied, find, landings)
-    if isolate:
-        chosen = chosen.isolated()
-    if in_process:
-        chosen = chosen.unconfined()
-    for warning in (*chosen.warnings, *chosen.scenario.doubts(), *device_doubts(chosen.scenario)):
-        _show(f"warning: {warning}", err=True)
-    folder = out or Path("runs") / f"design_{Path(study).stem}"
-    again = f"sprain-cosim {' '.join(_without_resume(sys.argv[1:]))}"
-    try:
-        done = chosen.run(
-            seed=seed,
-            workers=workers,
-            scheduler=scheduler,
-            resume=resume,
-            max_failed=_share(max_failed),
-            out=folder,
-            progress=reporter(progress),
-            parquet=parquet,
-            command=again,
-        )
-    except (signals.Interrupted, SimulationError):
-        _show(f"{chr(10) if sys.stderr.isatty() else ''}continue with: {again} --resume", err=True)
-        raise
-    _warn_of_trials(done, folder)
+    chosen = how.read(study).asking(goal, varied, find, landings)
+    done = how.land(chosen, Path("runs") / f"design_{Path(study).stem}", seed=seed)
     found = done.summary.design
     assert found is not None
     _show(
         json.dumps(found.to_json(), allow_nan=False)
-        if as_json
-        else f"{study_listing(done.study, done.summary)}\n\nwritten: {folder}\nnext: sprain-cosim report {folder}"
+        if how.as_json
+        else f"{study_listing(done.study, done.summary)}\n\nwritten: {done.out}\nnext: sprain-cosim report {done.out}"
     )
     return 0 if found.met else 1
 
@@ -538,12 +538,6 @@ def reproduce_command(manifest: Path, workers: int | None, progress: str, out: P
     return 0 if done.identical or done.rounding else 1
 
 
-def _without_resume(arguments: list[str]) -> list[str]:
-    import shlex
-
-    return [shlex.quote(a) for a in arguments if a != "--resume"]
-
-
 @cli.command("check")
 @click.argument("fmu", type=click.Path(path_type=Path))
 @click.option(
@@ -558,8 +552,6 @@ def _without_resume(arguments: list[str]) -> list[str]:
 @JSON
 def check_command(fmu: Path, mapping: Path | None, settings: tuple[str, ...], as_json: bool) -> int:
     """Does the device FMU fit the brace contract? Exit code 0 fits, 1 does not, 2 not a usable FMU."""
-    import shlex
-
     from .brace.check import check_brace, set_options
     from .scenario import parse_value
 
@@ -646,7 +638,7 @@ def compare_command(
 
     devices = _devices(braces, maps, "--brace")
     pairs = [_pair(s, "--set", "NAME.PARAMETER=VALUE") for s in settings]
-    again = f"sprain-cosim {' '.join(_without_resume(sys.argv[1:]))}"
+    again = _again()
     try:
         done = compare_braces(
             source,
