@@ -327,6 +327,13 @@ def _again() -> str:
     help='Such as "P(peak_inversion_from_neutral_deg > 35 +- 6 deg, n = 10)"; several.',
 )
 @click.option(
+    "--until",
+    multiple=True,
+    metavar='"p95 0.5 deg"',
+    help='Stop when it is known so narrowly, after --trials at most; also "mean 0.2 deg", "P(RESPONSE > 35 +- 6 deg) 1 '
+    '%"; several.',
+)
+@click.option(
     "--no-check",
     is_flag=True,
     help="Of amv and its relatives: no random landings that test the levels; of form: first order alone.",
@@ -352,6 +359,7 @@ def study_command(
     trials: int | None,
     seed: int | None,
     questions: tuple[str, ...],
+    until: tuple[str, ...],
     no_check: bool,
     inputs: Path | None,
     shard: str | None,
@@ -379,6 +387,7 @@ def study_command(
         method=method,
         trials=trials,
         seed=seed,
+        until=until,
         shard=portion,
         trajectories=first_trajectories(trajectories),
     )

@@ -11,6 +11,7 @@ OUT/figures/compare.*  the figure
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,6 +33,7 @@ from .comparison import PEAKS, Entry, Source, summarise_comparison, with_derived
 from .decision import check_decidable, land_until_decided
 from .doubts import device_doubts
 
+log = logging.getLogger("sprain_cosim")
 RESERVED = (NONE, "plant", "controller", "figures")
 BESIDE = (FILE, "figures", "report.html", "animation.webp")  # what stands in the folder besides those of the braces
 
@@ -254,7 +256,11 @@ def _sampled(study: Study) -> Study:
             f"{study.source}: method {study.method} chooses its landings one after another; compare over a sampled "
             "study, such as study6"
         )
-    return replace(study.checked(), published={})
+    if study.watched:
+        log.warning(
+            "%s: until is not asked here: braces are compared over all landings, or stop with --decide", study.source
+        )
+    return replace(study.checked(), published={}, until=())
 
 
 def _variant(

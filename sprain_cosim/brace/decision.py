@@ -5,7 +5,6 @@ is the same for any number of workers, and after an interruption."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
 
@@ -16,23 +15,13 @@ from ..errors import InputError
 from ..folders.comparison import NONE, DecidedPair, Decisions, PairLook
 from ..records import finite
 from ..study.study import Study
-from ..uq.sequential import PairDecision, decide
+from ..uq.sequential import PairDecision, decide, planned_looks
 from .comparison import PEAKS, Entry, Source
 
 FIRST = 10  # landings before the first look, which spends most of the error
 ERROR = 0.05
 Pair = tuple[str, str]
 Land = Callable[[str, int, Entry | None], Entry]  # the first so many landings of a brace, after what it did before
-
-
-def planned_looks(trials: int) -> list[int]:
-    """Numbers of landings at which one looks: 10, 20, 30, 50, 80, ... in whole tens, each half as many again, and
-    `trials` at last."""
-    found, n = list[int](), FIRST
-    while n < trials:
-        found.append(n)
-        n = max(n + 10, 10 * math.ceil(0.15 * n))
-    return [*found, trials]
 
 
 def check_decidable(source: Source, braces: Sequence[str], trials: int | None) -> None:
@@ -61,7 +50,7 @@ def land_until_decided(
     entries, made = dict[str, Entry](), list[int]()
     found = dict[Pair, PairDecision]()
     waiting = {name for name in names if name != NONE}
-    for n in planned_looks(len(numbers)):
+    for n in planned_looks(len(numbers), FIRST):
         for name in (name for name in names if name in waiting):
             entries[name] = land(name, n, entries.get(name))
         made.append(n)

@@ -15,7 +15,7 @@ from ..folders.read import Folder
 from ..folders.run import RunFolder
 from ..folders.study import PEAK, StudyFolder
 from ..literature import INJURY_INVERSION
-from ..study.summary import FormSearch, Level, LevelSearch, LevelTest, Percentile, Probability, Threshold
+from ..study.summary import FormSearch, Level, LevelSearch, LevelTest, Percentile, Probability, Threshold, UntilRule
 from .blocks import Block, Paragraph, Verdict, rich
 from .design import design_verdict
 from .words import ends, fine_ends, interval, percent, percent_interval, percentage_ends, rounded, signed, unit_after
@@ -186,6 +186,8 @@ def _of_study(study: StudyFolder) -> Markup:
     question = summary.questions.get(INVERSION)
     if question is not None:
         text += _answer(EXCEEDS, question)
+    if summary.until is not None:
+        text += until_words(summary.until)
     if failed:
         kinds = ", ".join(f"{count} {status}" for status, count in summary.failures.items())
         text += rich(
@@ -197,6 +199,23 @@ def _of_study(study: StudyFolder) -> Markup:
     else:
         text += " No landing failed." if done == n else f" {n - done} landings are missing."
     return text + "".join(f" {note[:1].upper()}{note[1:]}." for note in summary.notes)
+
+
+def until_words(rule: UntilRule) -> Markup:
+    """What was to be known, whether it is, and what stopping saved."""
+    found = "; ".join(w.text(name) for name, w in rule.watched.items())
+    looks = len([n for n in rule.planned if n <= rule.trials])
+    if not rule.known:
+        return rich(
+            " What was to be known is <b>not known</b> after all {n} landings: {found}.", n=rule.trials, found=found
+        )
+    return rich(
+        " It stopped when it knew enough, after {looks} looks: {found}. <b>{saved} of {most} landings saved.</b>",
+        looks=looks,
+        found=found,
+        saved=rule.saved,
+        most=rule.at_most,
+    )
 
 
 def _answer(event: str, q: Probability) -> Markup:

@@ -20,11 +20,12 @@ from .goal import Goal
 from .marginals import Fitted
 from .plan import Plan
 from .questions import Question
+from .until import Until
 
 STUDY = "Study"  # the name under which a plan stands in a file
 CLASSES: dict[str, Any] = (
     {STUDY: Plan}
-    | {kind.__name__: kind for kind in (Scenario, Master, Question, Goal, Measured, Bounds, Fitted)}
+    | {kind.__name__: kind for kind in (Scenario, Master, Question, Goal, Until, Measured, Bounds, Fitted)}
     | {
         kind.__name__: kind
         for kind in vars(distributions).values()

@@ -46,11 +46,12 @@ class Dispatch:
         self.trajectories = trajectories or Trajectories(None)
         self._suspect = suspects[0] if len(suspects) == 1 else "an FMU"
 
-    def finish(self, blocks: Blocks, total: int) -> None:
-        """Runs those of `total` trials that the ledger lacks. Raises SimulationError when too many failed, or HANGS of
-        them that are neighbours overran their limit."""
+    def finish(self, blocks: Blocks, total: int, most: int | None = None) -> None:
+        """Runs those of `total` trials that the ledger lacks; `most` that may follow in all, of which the share of
+        failed trials counts. Raises SimulationError when too many failed, or HANGS of them that are neighbours overran
+        their limit."""
         known, bad = self.ledger.finished()
-        finished, failed, allowed = 0, 0, max(self.max_failed * total, 0.0)
+        finished, failed, allowed = 0, 0, max(self.max_failed * (most or total), 0.0)
         hangs = _Hangs()
 
         def todo() -> Iterator[Job]:

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from ..cosim.result import CONVERGED, UNCONVERGED
-from ..errors import InputError, nearest
-from ..metrics import OF_BRACE, THROWN_TEXT, pose_artefacts, unit_of
+from ..metrics import THROWN_TEXT, pose_artefacts, unit_of
 from ..records import finite
 from ..uq import sensitivity, statistics
 from ..uq.design import DesignResult
@@ -21,9 +20,10 @@ from ..uq.measured import Measured
 from ..uq.reliability import FormResult, LevelCheck, LevelResult, RareEvent, Status
 from ..uq.sensitivity import SobolIndices
 from .design import design_summary
+from .looks import confidence_of, until_rule
 from .marginals import Fitted
 from .plan import Plan
-from .questions import LITERATURE, Question, threshold_text
+from .questions import LITERATURE, Question, computed_response, threshold_text
 from .summary import (
     Axis,
     ChaosFit,
@@ -92,10 +92,8 @@ def summarise(study: Plan, trials: pd.DataFrame, found: Found | None) -> StudySu
     What they cannot say is left out or None, and `notes` says why."""
     done = trials[trials["status"] == "completed"]
     metrics = list(trials.columns[3 + len(study.names) :])
-    for name in dict.fromkeys((*study.responses, *(q.response for q in study.questions))):
-        if len(done) and name not in metrics:
-            without = "; it needs a brace on the plant" if name in OF_BRACE else ""
-            raise InputError(f"response {name!r}: no such metric{nearest(name, metrics)}{without}")
+    for name in dict.fromkeys((*study.responses, *(q.response for q in study.questions))) if len(done) else ():
+        computed_response(name, metrics)
     apart = study.scenario.isolation(of_trials=True)
     summary = StudySummary(
         study=study.source,
@@ -103,7 +101,7 @@ def summarise(study: Plan, trials: pd.DataFrame, found: Found | None) -> StudySu
         method=study.method,
         seed=study.seed,
         initial_pose=study.scenario.initial_pose(),
-        n_requested=study.trials if found is None and study.method != "grid" else len(trials),
+        n_requested=study.trials if found is None and study.method != "grid" and not study.watched else len(trials),
         n_completed=len(done),
         n_failed=len(trials) - len(done),
         failures={
@@ -211,6 +209,7 @@ def _with_sample(
         notes=tuple(notes),
         grid=_grid(study, trials) if study.method == "grid" else None,
         stopping=_stopping(study, sample, values[study.responses[0]]) if responses else None,
+        until=until_rule(study, trials),
     )
 
 
@@ -259,11 +258,13 @@ class _Sample:
     failed       number of trials that did not complete
     independent  rows are independent draws
     replicates   of a complete Sobol' study, else None
+    confidence   of each interval; where one looks several times, so that all looks hold together with 95 %
     """
 
     failed: int
     independent: bool
     replicates: int | None
+    confidence: float = 0.95
 
     @classmethod
     def of(cls, study: Plan, done: pd.DataFrame, failed: int, notes: list[str]) -> Self:
@@ -292,18 +293,24 @@ class _Sample:
             notes.append("intervals hold if the given rows are independent draws")
         elif study.method == "grid":
             notes.append("a grid is no sample: moments and percentiles describe its points, no probability is theirs")
-        return cls(failed, study.method in ("monte-carlo", "table"), replicates)
+        confidence = confidence_of(study)
+        if study.watched:
+            notes.append(
+                f"intervals of percentiles, moments and probabilities are {100 * confidence:.3g} % each, so that they "
+                "hold with 95 % however often one looked"
+            )
+        return cls(failed, study.method in ("monte-carlo", "table"), replicates, confidence)
 
     def percentile(self, y: Array, p: float) -> statistics.Estimate:
         if self.replicates:
             return statistics.replicated_percentile(y, self.replicates, p)
-        e = statistics.percentile(y, p)
+        e = statistics.percentile(y, p, self.confidence)
         return e if self.independent else statistics.Estimate(e.value, math.nan, math.nan)
 
     def exceedance(self, y: Array, threshold: float | Marginal) -> statistics.Estimate:
         if self.replicates:
             return statistics.replicated_exceedance(y, self.replicates, threshold)
-        return statistics.exceedance(y, threshold, failed=self.failed)
+        return statistics.exceedance(y, threshold, self.confidence, self.failed)
 
     def question(self, question: Question, y: Array) -> Probability:
         assert question.threshold is not None
@@ -327,7 +334,10 @@ class _Sample:
             mean = statistics.replicated(y, self.replicates, np.mean)
             sd = statistics.replicated(y, self.replicates, lambda v: np.std(v, ddof=1))
         else:
-            mean, sd = statistics.mean(y), statistics.standard_deviation(y)
+            mean, sd = (
+                statistics.mean(y, self.confidence, skewed=True),
+                statistics.standard_deviation(y, self.confidence),
+            )
         percentiles = {}
         for p in sorted({*PERCENTILES, *levels}):
             e = self.percentile(y, p)

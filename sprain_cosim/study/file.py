@@ -31,6 +31,8 @@ from .methods import METHODS
 from .plan import BEFORE_SAMPLING, TOLERANCE
 from .questions import THRESHOLD, questions_of, threshold_of, unit_of_response
 from .study import Study
+from .until import GRAMMAR as UNTIL
+from .until import parse_untils
 
 LEVELS = keys.simple(
     "probabilities",
@@ -82,6 +84,16 @@ SETTINGS = keys.Table(
             "half_width",
             keys.raw("quantity", NUMBER, "that of the first response"),
             "stopping rule: half width that the widest of the levels' intervals may have",
+        ),
+        keys.Key(
+            "until",
+            keys.simple(
+                "text, or several",
+                {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}]},
+                lambda value: isinstance(value, str) or _names(value),
+                f"{{at}}: must be text, or a list of texts, such as {UNTIL}",
+            ),
+            f"stops when a number is known so narrowly, after `trials` at most: {UNTIL}; several have all to be known",
         ),
         keys.Key(
             "replicates",
@@ -392,7 +404,7 @@ def _pearson(marginals: Mapping[str, Marginal], pair: Sequence[str], spearman: f
 
 
 def _of_responses(options: Mapping[str, Any], problems: list[str], measured: Measurements) -> dict[str, Any]:
-    """The settings that are values of the first response: threshold and half_width."""
+    """The settings that are values of responses: threshold, half_width, until."""
     own, found = unit_of_response(options.get("responses", (RESPONSE,))[0]), dict[str, Any]()
     for key in ("threshold", "half_width"):
         if key not in options:
@@ -402,6 +414,11 @@ def _of_responses(options: Mapping[str, Any], problems: list[str], measured: Mea
             found[key] = threshold_of(spec, own, place, measured) if key == "threshold" else quantity(spec, own, place)
         except (InputError, ValueError) as problem:
             problems.append(str(problem) if place in str(problem) else f"{place}: {problem}")
+    try:
+        if "until" in options:
+            found["until"] = parse_untils(options["until"], options.get("responses", (RESPONSE,))[0], "study.until")
+    except InputError as problem:
+        problems.append(str(problem))
     if not found.get("half_width", 1.0) > 0:
         problems.append("study.half_width: must be a positive value of the first response")
     return found

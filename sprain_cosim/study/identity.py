@@ -29,6 +29,7 @@ CHANGES_NO_ROW = {
     "Plan.fits": "where a marginal comes from, which counts itself",
     "Plan.questions": "answered from the rows when they are done; what method form searches counts as its threshold",
     "Plan.half_width": "a stopping rule is judged when the trials are done",
+    "Plan.until": "likewise; trials beyond those that it needs are kept",
     "Plan.trial_limit": "a trial that it ends is a row that says so, and runs again under a longer one",
     "Plan.published": "printed beside the results",
     "Plan.source": "where the description came from",

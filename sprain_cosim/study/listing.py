@@ -27,6 +27,7 @@ from .summary import (
     SobolSearch,
     StoppingRule,
     StudySummary,
+    UntilRule,
 )
 
 
@@ -58,6 +59,8 @@ def study_listing(study: Plan, summary: StudySummary) -> str:
         lines += _question(name, q)
     if summary.stopping is not None:
         lines.append(_stopping(summary.stopping))
+    if summary.until is not None:
+        lines += _until(summary.until)
     lines += [f"note: {note}" for note in summary.notes]
     if study.published:
         lines += ["", f"published: {study.published['source']}"]
@@ -96,6 +99,13 @@ def _stopping(rule: StoppingRule) -> str:
         needed = f"; about {rule.trials_needed} trials needed: --trials {rule.trials_needed} --resume"
     met = "met" if rule.met else "not met"
     return f"stopping rule, half-width {rule.wanted:g}: {met}, widest level {widest:.2g}{needed}"
+
+
+def _until(rule: UntilRule) -> list[str]:
+    looks = ", ".join(str(n) for n in rule.planned if n <= rule.trials)
+    needed = max((w.trials_needed or 0 for w in rule.watched.values()), default=0)
+    more = f"; more trials: --trials {needed} --resume" if needed else ""
+    return ["", rule.sentence, f"  looks after {looks} trials, each at {100 * rule.each:.3g} %{more}"]
 
 
 def _sample(study: Plan, summary: StudySummary) -> list[str]:

@@ -11,6 +11,7 @@ DRAWN = ("monte-carlo", "lhs", "sobol", "table")  # samples, of which shares are
 USED_BY = {  # settings that some methods alone look at
     "trials": ("monte-carlo", "lhs", "sobol", "sobol-indices", "design"),
     "half_width": DRAWN,
+    "until": ("monte-carlo", "table"),  # whose first rows are independent draws
     "replicates": ("sobol", "sobol-indices"),
     "levels": (*DRAWN, *LEVELLED),
     "threshold": (*DRAWN, *LEVELLED, "form"),

@@ -29,6 +29,7 @@ from .inputs import read_table
 from .marginals import Fitted
 from .methods import METHODS, SEARCHES, USED_BY
 from .questions import LITERATURE, Question, parse_question
+from .until import Until, parse_untils
 
 if TYPE_CHECKING:
     from ..uq.design import DesignResult, Find
@@ -64,6 +65,7 @@ class Plan:
                  uniform there, after the inputs
     half_width   stopping rule: the half width that the widest of the levels' intervals may have, in the first
                  response's unit
+    until        what is to be known before a sample stops; `trials` are then the most that it may take
     replicates   scrambled sequences that the trials of method sobol or sobol-indices are divided into; None: 8, and 1
                  for sobol-indices, whose error is least then
     space        of amv and its kin: "x", inputs as they are, or "u", the standard normal space
@@ -100,6 +102,7 @@ class Plan:
     goal: Goal | None = None
     vary: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     half_width: float | None = None
+    until: tuple[Until, ...] = ()
     replicates: int | None = None
     space: Space = "x"
     step: float = 0.1
@@ -282,7 +285,7 @@ class Plan:
                 ]
             )
         response = goal.question.response
-        left = [name for name in ("threshold", "questions", "half_width") if getattr(self, name)]
+        left = [name for name in ("threshold", "questions", "half_width", "until") if getattr(self, name)]
         return replace(
             self,
             method="design",
@@ -299,6 +302,7 @@ class Plan:
             threshold=None,
             questions=(),
             half_width=None,
+            until=(),
             warnings=(
                 *self.warnings,
                 *(f"{self.source}: its {name} is not asked: a design asks its goal" for name in left),
@@ -335,12 +339,19 @@ class Plan:
         """The questions about thresholds: the study's own, then the literature's."""
         own = () if self.threshold is None else (Question(self.responses[0], self.threshold),)
         asked = [*own, *(q for q in self.questions if q.threshold is not None)]
+        asked += [Question(u.response, u.threshold) for u in self.until if u.threshold is not None]
         return (*dict.fromkeys(asked), *LITERATURE)
 
     def levels_of(self, response: str) -> tuple[float, ...]:
         """Probabilities whose percentiles are asked for, ascending."""
         more = (level for q in self.questions if q.response == response for level in q.levels)
-        return tuple(sorted({*self.levels, *more}))
+        known = (u.level for u in self.until if u.response == response and u.level is not None)
+        return tuple(sorted({*self.levels, *more, *known}))
+
+    @property
+    def watched(self) -> tuple[Until, ...]:
+        """What `until` asks, of a method whose first rows are independent draws."""
+        return self.until if self.method in USED_BY["until"] else ()
 
     def passed_over(self, method: str | None = None) -> tuple[str, ...]:
         """What its file states and `method` (its own by default) does not look at, a line each: a file may serve
@@ -356,6 +367,18 @@ class Plan:
         """The same study with more questions, as "P(peak_inversion_from_neutral_deg > 35 +- 6 deg, n = 10)". Raises
         InputError."""
         return replace(self, questions=(*self.questions, *(parse_question(text) for text in texts)))
+
+    def with_until(self, texts: Sequence[str], method: str | None = None) -> Self:
+        """The same study that stops when these numbers are known, such as "p95 0.5 deg"; none: as its file says.
+        Raises InputError."""
+        if not texts:
+            return self
+        if (method := method or self.method) not in USED_BY["until"]:
+            raise InputError(
+                f"--until: the first trials of method {method} are no random sample that one could stop; take "
+                "--method monte-carlo"
+            )
+        return replace(self, until=parse_untils(texts, self.responses[0]))
 
     @property
     def identity(self) -> dict[str, Any]:

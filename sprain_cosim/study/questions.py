@@ -13,7 +13,7 @@ from typing import Any
 from .. import keys
 from ..errors import InputError, nearest
 from ..literature import INJURY_INVERSION, INJURY_INVERSION_TEXT, INJURY_MOMENT, INJURY_MOMENT_TEXT
-from ..metrics import NAMES, unit_of
+from ..metrics import NAMES, OF_BRACE, unit_of
 from ..units import Unit, quantity, split, unit
 from ..uq.distributions import LogNormal, Marginal, Normal, Truncated, Uniform, Weibull
 from ..uq.exceedance import SHAPES, Bounds, Threshold
@@ -111,6 +111,14 @@ def known_response(name: str, place: str) -> str:
     """Itself. Raises InputError for what is no metric of a landing."""
     if name not in NAMES:
         raise InputError(f"{place}: no such metric {name!r}{nearest(name, NAMES)}")
+    return name
+
+
+def computed_response(name: str, metrics: Sequence[str]) -> str:
+    """Itself. Raises InputError for what is not among the `metrics` of the landings."""
+    if name not in metrics:
+        without = "; it needs a brace on the plant" if name in OF_BRACE else ""
+        raise InputError(f"response {name!r}: no such metric{nearest(name, metrics)}{without}")
     return name
 
 

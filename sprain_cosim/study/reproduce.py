@@ -121,9 +121,9 @@ def reproduce(
 
 
 def _rows(folder: Path, study: Plan) -> int | None:
-    """How many rows of a table were run: a comparison stops a brace when its pairs are decided."""
+    """How many rows were run of what may stop early: the table of a decided comparison, a study that knew enough."""
     try:
-        return read_summary(folder).n_requested if study.method == "table" else None
+        return read_summary(folder).n_requested if study.method == "table" or study.watched else None
     except InputError:
         return None
 

@@ -42,6 +42,7 @@ from .folder import (
 )
 from .ledger import FILE as LEDGER
 from .ledger import Ledger
+from .looks import land_until_known
 from .manifest import level_then, read_manifest
 from .methods import SEARCHES
 from .plan import Plan
@@ -159,6 +160,8 @@ def _check_options(study: Plan, folder: Path | None, resume: bool, shard: Shard 
     """Raises InputError, EnvironmentProblem for what cannot be done, before anything is."""
     if shard is not None and study.method in SEARCHES:
         raise InputError(f"--shard: method {study.method} chooses each trial after those before it, so it has no parts")
+    if shard is not None and study.watched:
+        raise InputError("--shard: a study that stops when it knows enough has no parts; leave until out")
     if parquet and find_spec("pyarrow") is None:
         raise EnvironmentProblem("--parquet: needs pyarrow: pip install 'sprain-cosim[parquet]'")
     if folder is not None:
@@ -184,6 +187,8 @@ def _finished(
             begin_folder(folder, study, command, held.identity, [dispatch.backend.level])
         if numbers is None:
             found = run_search(study, dispatch)
+        elif study.watched and rows is None:
+            numbers = land_until_known(study, dispatch, numbers)
         else:
             dispatch.finish(trial_blocks(study, shard, rows), len(numbers))
         tables = table, _ = trial_tables(study, ledger, numbers)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,6 +24,7 @@ class Study(Plan):
         trials: int | None = None,
         seed: int | None = None,
         method: str | None = None,
+        until: str | Sequence[str] = (),
         out: Path | str | None = None,
         workers: int | None = None,
         scheduler: str | None = None,
@@ -36,12 +38,12 @@ class Study(Plan):
         parquet: bool = False,
         command: str = "",
     ) -> Campaign:
-        """Runs the study with `trials`, `seed` and `method` in place of the plan's; the others are options of
-        `runner.run`.
+        """Runs the study with `trials`, `seed`, `method` and `until` ("p95 0.5 deg") in place of the plan's; the others
+        are options of `runner.run`.
 
         Raises InputError before any trial, SimulationError when too many failed or a search met a failed trial."""
         plan = replace(
-            self,
+            self.with_until([until] if isinstance(until, str) else until, method),
             trials=self.trials if trials is None else trials,
             seed=self.seed if seed is None else seed,
             method=method or self.method,

@@ -517,6 +517,84 @@ class StoppingRule(Record):
 
 
 @dataclass(frozen=True)
+class UntilLook(Record):
+    """What was known after so many trials: a value and its interval."""
+
+    n: int
+    value: float | None
+    ci_low: float | None
+    ci_high: float | None
+
+
+@dataclass(frozen=True)
+class Watched(Record):
+    """A number that is to be known.
+
+    response       the metric
+    wanted         how far the interval may reach to either side, in the response's unit; of a probability 0 ... 1
+    unit           of people: that of the response, % for a probability
+    looks          in their order
+    known          whether the last of them is as narrow
+    trials_needed  an estimate of how many it takes; None where it is known
+    """
+
+    response: str
+    wanted: float
+    unit: str
+    looks: tuple[UntilLook, ...]
+    known: bool
+    trials_needed: int | None
+
+    def text(self, name: str) -> str:
+        """ "p95 of peak_subtalar_angle_deg = 31.2 deg (30.8 ... 31.6; wanted ± 0.5)"."""
+        factor, last = 100.0 if self.unit == "%" else 1.0, self.looks[-1]
+        value, low, high = (None if v is None else factor * v for v in (last.value, last.ci_low, last.ci_high))
+        if value is None:
+            return f"{name}: no value yet"
+        ends = " ... ".join("open" if end is None else f"{end:.4g}" for end in (low, high))
+        return f"{name} = {value:.4g} {self.unit} ({ends}; wanted ± {factor * self.wanted:g})"
+
+
+@dataclass(frozen=True)
+class UntilRule(Record):
+    """How a sample stopped when it told enough.
+
+    confidence  of the intervals of all looks together
+    each        of the intervals of one look by themselves
+    planned     numbers of trials at which one would look
+    at_most     trials that were allowed
+    trials      that were run
+    known       whether all is known
+    watched     {"p95 of peak_subtalar_angle_deg": ...}
+    """
+
+    confidence: float
+    each: float
+    planned: tuple[int, ...]
+    at_most: int
+    trials: int
+    known: bool
+    watched: Mapping[str, Watched]
+
+    @property
+    def saved(self) -> int:
+        return self.at_most - self.trials
+
+    def to_json(self) -> dict[str, Any]:
+        return super().to_json() | {"saved": self.saved}
+
+    @property
+    def sentence(self) -> str:
+        """What is known after how many trials, and what that saved or lacks."""
+        found = "; ".join(watched.text(name) for name, watched in self.watched.items())
+        if self.known:
+            return f"known after {self.trials} trials, {self.saved} of {self.at_most} saved: {found}"
+        needed = [w.trials_needed for w in self.watched.values() if not w.known]
+        more = f"; about {max(n for n in needed if n)} trials would do" if all(needed) else ""
+        return f"not known after {self.trials} trials, all that were allowed: {found}{more}"
+
+
+@dataclass(frozen=True)
 class Kept(Record):
     """Which trials have their signals in trajectories/. In the file `first` stands beside the roles.
 
@@ -605,6 +683,7 @@ class StudySummary(Summary):
     form, sobol, amv, design   what a search found; at most one of them is there
     grid                       of a grid
     stopping                   of a study that asks for a half width
+    until                      of a study that stops when it knows enough
     trajectories               which signals are kept; of a study with a folder
     not_reproduced             trials that gave other numbers when they ran again for their trajectories
     shard                      (k, n): only the k-th of n parts
@@ -638,6 +717,7 @@ class StudySummary(Summary):
     design: DesignSearch | None = optional()
     grid: Grid | None = optional()
     stopping: StoppingRule | None = optional()
+    until: UntilRule | None = optional()
     trajectories: Kept | None = optional()
     not_reproduced: tuple[int, ...] | None = optional()
     shard: tuple[int, int] | None = optional()

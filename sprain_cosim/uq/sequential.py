@@ -1,11 +1,21 @@
-"""Paired comparisons that may stop as soon as they are decided, however often one looks.
+"""Samples that may stop as soon as they tell enough, however often one looks.
+
+**Paired comparisons, until they are decided** (`decide`).
 
 Looking at a 95 % interval fifty times and stopping when it excludes zero decides falsely in a third of all comparisons.
 Here the error α is spent over the looks, α_k = α·6/(π²k²) at look k, which sums to α for any number of looks; at each
 look Student's test of the paired differences is made at that level, by Holm's procedure over the pairs still undecided.
 By the union bound a true null is rejected at any look with at most probability α, for normal differences.
 
-Sources: K. K. G. Lan, D. L. DeMets, Biometrika 70 (1983) 659-663 (spending); S. Holm, Scand. J. Stat. 6 (1979) 65-70.
+**Intervals, until they are narrow** (`look_confidence`). A sample that stops when the interval of a probability is
+narrow stops when the probability looks small, and misses more often than stated. So the interval of every look is one
+of a set that holds at all planned looks together: repeated confidence intervals with the error spread evenly (Pocock's
+boundary), from the joint law of the looks. Means, percentiles and probabilities of n rows are sums over independent
+rows in the limit; between looks at m < n rows they have the correlation √(m/n), so that the looks are a Markov chain.
+
+Sources: K. K. G. Lan, D. L. DeMets, Biometrika 70 (1983) 659-663 (spending); S. Holm, Scand. J. Stat. 6 (1979) 65-70;
+C. Jennison, B. W. Turnbull, J. R. Stat. Soc. B 51 (1989) 305-361 (repeated intervals); S. J. Pocock, Biometrika 64
+(1977) 191-199; P. Armitage, C. K. McPherson, B. C. Rowe, J. R. Stat. Soc. A 132 (1969) 235-244 (the joint law).
 """
 
 from __future__ import annotations
@@ -17,15 +27,56 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import stdtr, stdtrit
+from scipy.optimize import brentq
+from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from .distributions import Array
 from .distributions.marginal import as_array
 from .statistics import Estimate
 
-__all__ = ["MIN_PAIRS", "Look", "PairDecision", "decide", "spent"]
+__all__ = ["MIN_PAIRS", "Look", "PairDecision", "decide", "look_confidence", "planned_looks", "spent"]
 
 MIN_PAIRS = 5
+_NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(160)
+_CLOSEST = 0.1  # SD between two looks at nearly the same rows, where the nodes would miss a smaller one: errs safely
+
+
+def planned_looks(most: int, first: int) -> list[int]:
+    """Numbers of rows at which one looks: `first`, then each half as many again, in whole tens, and `most` at last."""
+    found, n = list[int](), first
+    while n < most:
+        found.append(n)
+        n = max(n + 10, 10 * math.ceil(0.15 * n))
+    return [*found, most]
+
+
+def look_confidence(looks: Sequence[int], confidence: float = 0.95) -> float:
+    """The confidence that each look's interval must have by itself for all of them to hold together with `confidence`,
+    whatever makes one stop.
+
+    looks   numbers of rows, ascending, planned beforehand
+
+    Raises ValueError for looks out of order."""
+    if not looks or looks[0] < 1 or any(later <= earlier for earlier, later in itertools.pairwise(looks)):
+        raise ValueError(f"the looks must ascend, got {list(looks)}")
+    most = float(ndtri(1.0 - 0.5 * (1.0 - confidence) / len(looks)))  # the union bound
+    alone = float(ndtri(0.5 * (1.0 + confidence)))
+    if most - alone < 1e-9:
+        return confidence
+    boundary = brentq(lambda c: _within(c, looks) - confidence, alone, most, xtol=1e-6)
+    return 2.0 * float(ndtr(boundary)) - 1.0
+
+
+def _within(boundary: float, looks: Sequence[int]) -> float:
+    """P(|Z| ≤ boundary at every look), Z the standardised sums."""
+    z = boundary * _NODES
+    mass = boundary * _NODE_WEIGHTS * np.exp(-0.5 * z**2) / math.sqrt(2.0 * math.pi)
+    for m, n in itertools.pairwise(looks):
+        spread = max(math.sqrt(1.0 - m / n), _CLOSEST)
+        slope = math.sqrt(1.0 - spread**2)
+        steps = (z[:, np.newaxis] - slope * z) / spread
+        mass = boundary * _NODE_WEIGHTS * (np.exp(-0.5 * steps**2) @ mass) / (spread * math.sqrt(2.0 * math.pi))
+    return float(mass.sum())
 
 
 def spent(look: int, alpha: float = 0.05) -> float:

@@ -18,13 +18,13 @@ from sprain_cosim import InputError, SimulationError, load_scenario, load_study
 from sprain_cosim.brace.bench import Bench
 from sprain_cosim.brace.compare import compare_braces, load_source
 from sprain_cosim.brace.comparison import LINES, Entry, comparison_listing, summarise_comparison
-from sprain_cosim.brace.decision import land_until_decided, planned_looks
+from sprain_cosim.brace.decision import FIRST, land_until_decided
 from sprain_cosim.folders.comparison import ComparisonSummary
 from sprain_cosim.folders.read import read_folder
 from sprain_cosim.process import Limits
 from sprain_cosim.report.verdict import verdicts
 from sprain_cosim.study.reproduce import reproduce
-from sprain_cosim.uq.sequential import spent
+from sprain_cosim.uq.sequential import planned_looks, spent
 from tests.docs_commands import ROOT
 from tests.native import compile_fmu
 
@@ -326,9 +326,9 @@ def _decided(peaks: dict[str, np.ndarray], trials: int, failing: tuple[str, int]
 
 
 def test_looks_depend_on_the_number_of_landings_alone() -> None:
-    assert planned_looks(1000) == [10, 20, 30, 50, 80, 120, 180, 270, 410, 620, 930, 1000]
-    assert planned_looks(10) == [10]
-    assert planned_looks(24) == [10, 20, 24]
+    assert planned_looks(1000, FIRST) == [10, 20, 30, 50, 80, 120, 180, 270, 410, 620, 930, 1000]
+    assert planned_looks(10, FIRST) == [10]
+    assert planned_looks(24, FIRST) == [10, 20, 24]
 
 
 def test_a_brace_stops_when_its_last_pair_is_decided() -> None:

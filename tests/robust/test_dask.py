@@ -20,6 +20,7 @@ from sprain_cosim import processor
 from sprain_cosim.errors import EnvironmentProblem, InputError
 from sprain_cosim.study.backends.backend import Task
 from sprain_cosim.study.backends.dask import Dask, Missing, _batch, _hashes
+from tests.light import study_file
 
 TRIALS = 40
 
@@ -60,6 +61,17 @@ def test_half_a_study_from_here_is_finished_on_dask_though_a_worker_is_killed(
     )
     assert killed
     assert (out / "trials.csv").read_bytes() == whole
+
+
+@pytest.mark.long
+def test_a_study_that_knows_enough_stops_at_the_same_look_on_dask(tmp_path: Path) -> None:
+    study = sc.load_study(study_file(tmp_path))
+    here, there = (
+        study.run(trials=200, until="mean 0.2 deg", workers=2, scheduler=where, out=tmp_path / name, trajectories=0)
+        for name, where in (("here", None), ("there", "local-cluster"))
+    )
+    assert here.summary.until == there.summary.until
+    assert (tmp_path / "here" / "trials.csv").read_bytes() == (tmp_path / "there" / "trials.csv").read_bytes()
 
 
 def test_files_travel_to_a_worker_that_lacks_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

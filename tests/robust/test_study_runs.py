@@ -10,6 +10,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -33,6 +34,7 @@ from sprain_cosim.study.summary import StudySummary
 from sprain_cosim.study.trajectories import FIRST
 from sprain_cosim.study.worker import Outcome
 from sprain_cosim.uq.distributions import Normal
+from tests.light import study_file
 
 TRIALS = 24
 
@@ -67,6 +69,34 @@ def test_enlarging_keeps_rows_and_runs_only_new_ones(whole: Path, tmp_path: Path
     sc.load_study("study6").run(trials=TRIALS, workers=2, out=out, resume=True)
     assert (out / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
     assert (out / "timing.csv").read_text().splitlines()[: len(before)] == before
+
+
+def test_a_study_that_stops_when_it_knows_enough_resumes_to_the_byte(tmp_path: Path) -> None:
+    """Two workers, one, and one that goes on after 60 landings of the plain study stop after the same look."""
+    study = sc.load_study(study_file(tmp_path))
+    known = "mean 0.2 deg"
+
+    def landed(name: str, **options: Any) -> Campaign:
+        return study.run(trials=200, out=tmp_path / name, trajectories=0, **options)
+
+    whole = landed("whole", until=known, workers=2)
+    rule = whole.summary.until
+    assert rule is not None
+    assert rule.known
+    assert 50 < rule.trials < 200
+    assert rule.saved == 200 - rule.trials
+    study.run(trials=60, workers=1, out=tmp_path / "grown", trajectories=0)
+    grown = landed("grown", until=known, workers=1, resume=True)
+    assert (tmp_path / "grown" / "trials.csv").read_bytes() == (tmp_path / "whole" / "trials.csv").read_bytes()
+    assert replace(grown.summary, wall_s=None).to_json() == replace(whole.summary, wall_s=None).to_json()
+    assert landed("grown", until=known, resume=True).summary.to_json() == grown.summary.to_json(), "nothing ran"
+    wider = landed("grown", until="mean 1 deg", resume=True).summary.until
+    assert wider is not None
+    assert wider.trials == rule.trials, "landings that are there are kept"
+    assert reproduce(tmp_path / "whole" / "manifest.json", workers=1).identical
+    never = landed("whole", until="mean 0.001 deg", resume=True).summary.until
+    assert never is not None
+    assert (never.known, never.trials, never.saved) == (False, 200, 0)
 
 
 def test_enlarging_sobol_keeps_rows_and_a_changed_marginal_leaves_the_other_columns() -> None:

@@ -1,11 +1,18 @@
-"""Comparisons that stop when they are decided: false decisions stay below what was stated, however many looks."""
+"""Samples that stop when they tell enough: false decisions and missed intervals stay below what was stated, however
+many looks."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+from scipy.special import ndtr, ndtri
 
-from sprain_cosim.uq.sequential import decide, spent
+from sprain_cosim.study.until import FIRST_LOOK, Until
+from sprain_cosim.uq.distributions import Normal
+from sprain_cosim.uq.sequential import decide, look_confidence, planned_looks, spent
 from tests.theory import standin
 
 LOOKS = list(range(20, 1001, 20))  # fifty
@@ -92,3 +99,69 @@ def test_looks_out_of_order_are_refused() -> None:
             decide({"a": np.arange(20.0)}, looks)
     with pytest.raises(ValueError, match="counts from 1"):
         spent(0)
+
+
+@pytest.mark.parametrize(("looks", "boundary"), [([7], 1.960), ([1, 2], 2.178), ([1, 2, 3, 4, 5], 2.413)])
+def test_the_boundary_of_evenly_spread_looks_is_pocock_s(looks: list[int], boundary: float) -> None:
+    """S. J. Pocock, Biometrika 64 (1977) 191, table 1."""
+    assert ndtri(0.5 * (1.0 + look_confidence(looks))) == pytest.approx(boundary, abs=6e-4)
+
+
+def test_looks_at_nearly_the_same_rows_cost_little_and_more_looks_never_less() -> None:
+    each = [look_confidence(planned_looks(most, FIRST_LOOK)) for most in (50, 100, 931, 1000, 100_000)]
+    assert each == sorted(each)
+    assert each[3] - each[2] < 1e-3
+    with pytest.raises(ValueError, match="must ascend"):
+        look_confidence([10, 10])
+
+
+Y = 20.0, 3.0  # a response, normal, against a threshold of 35 ± 6
+DRAWS: dict[str, tuple[Callable[[np.random.Generator], np.ndarray], Until, float]] = {
+    "mean": (lambda r: r.standard_normal(1000), Until("", 0.2), 0.0),
+    "mean of a skewed response": (lambda r: np.exp(r.standard_normal(1000)), Until("", 0.4), math.exp(0.5)),
+    "95 % level": (lambda r: r.standard_normal(1000), Until("", 0.3, level=0.95), float(ndtri(0.95))),
+    "P of 5 %": (lambda r: r.standard_normal(1000), Until("", 0.04, threshold=float(ndtri(0.95))), 0.05),
+    "P at an uncertain threshold": (
+        lambda r: Y[0] + Y[1] * r.standard_normal(1000),
+        Until("", 0.005, threshold=Normal(35.0, 6.0)),
+        float(ndtr((Y[0] - 35.0) / math.hypot(Y[1], 6.0))),
+    ),
+}
+
+
+def stopped_studies(name: str, studies: int) -> tuple[float, float, float]:
+    """Share of studies that stop early whose interval holds the truth, the same for plain 95 % intervals at every look,
+    and the mean number of trials of the former."""
+    draw, until, truth = DRAWS[name]
+    looks, rng = planned_looks(1000, FIRST_LOOK), np.random.default_rng(8)
+    each, held, taken = (look_confidence(looks), 0.95), [0, 0], 0
+    for _ in range(studies):
+        y = draw(rng)
+        for k, confidence in enumerate(each):
+            for n in looks:
+                found = until.estimate(y[:n], 0, confidence)
+                if until.known(found):
+                    break
+            held[k] += found.low <= truth <= found.high
+            taken += n if k == 0 else 0
+    return held[0] / studies, held[1] / studies, taken / studies
+
+
+@pytest.mark.parametrize("name", DRAWS)
+def test_the_interval_at_which_a_study_stops_holds_as_often_as_stated(name: str) -> None:
+    held, _, taken = stopped_studies(name, 150)
+    assert held >= 0.95 - 2.0 * math.sqrt(0.95 * 0.05 / 150)
+    assert taken < 700
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", DRAWS)
+def test_the_interval_of_2000_stopped_studies_holds_as_often_as_stated(name: str) -> None:
+    held, _, _ = stopped_studies(name, 2000)
+    assert held >= 0.95 - 2.0 * math.sqrt(0.95 * 0.05 / 2000)
+
+
+@pytest.mark.long
+def test_plain_intervals_at_every_look_hold_less_often_than_stated() -> None:
+    """What the correction is for."""
+    assert stopped_studies("mean", 2000)[1] < 0.95

@@ -28,6 +28,7 @@ from sprain_cosim.study.methods import METHODS
 from sprain_cosim.study.plan import Plan
 from sprain_cosim.study.previous import facts_today
 from sprain_cosim.study.questions import Question
+from sprain_cosim.study.until import Until
 from sprain_cosim.uq.distributions import Marginal, Normal, Truncated
 
 METHOD = {
@@ -101,6 +102,7 @@ PLAN: dict[str, Callable[[Plan], Any]] = {
     "tolerance": lambda _: 1e-4,
     "replicates": lambda _: 4,
     "half_width": lambda _: 0.5,
+    "until": lambda _: (Until("peak_subtalar_angle_deg", 0.5, level=0.95),),
     "difference": lambda _: "central",
     "trial_limit": lambda _: 20.0,
     "levels": lambda _: (0.1, 0.9),
