@@ -56,6 +56,9 @@ TRIAL_LIMIT = click.option(
     "--trial-limit", metavar='"20 s"', help="Wall time after which a landing in a process of its own is ended."
 )
 STOP = click.option("--stop", metavar='"150 ms"', help="End of the landing.")
+SUBJECT = click.option(
+    "--subject", metavar='"female, 1.63 m, 62 kg"', help="Who lands: sex, stature, mass and any other body measure."
+)
 FORCE = click.option("--force", is_flag=True, help="Overwrite an earlier run in --out without a warning.")
 ISOLATE = click.option(
     "--isolate",
@@ -80,6 +83,7 @@ def cli() -> None:
 @FMUS
 @MAPS
 @SET
+@SUBJECT
 @SCHEME
 @STEP
 @STOP
@@ -110,6 +114,7 @@ def run_command(
     fmus: tuple[str, ...],
     maps: tuple[str, ...],
     settings: tuple[str, ...],
+    subject: str | None,
     scheme: str | None,
     step: str | None,
     stop: str | None,
@@ -128,7 +133,7 @@ def run_command(
     from .folders.run import FILES, RunSummary
     from .scenario import load_scenario
 
-    chosen = _changed(load_scenario(scenario), fmus, maps, settings)
+    chosen = _changed(load_scenario(scenario), fmus, maps, settings, subject)
     chosen = chosen.with_master(scheme, step, stop, identify=identify, adaptive=adaptive)
     if isolate:
         chosen = chosen.isolated()
@@ -215,6 +220,7 @@ class CampaignOptions:
     fmus: tuple[str, ...]
     maps: tuple[str, ...]
     settings: tuple[str, ...]
+    subject: str | None
     scheme: str | None
     step: str | None
     stop: str | None
@@ -234,7 +240,7 @@ class CampaignOptions:
         """The study of that file or name, with what these options change."""
         from .study.file import load_study
 
-        chosen: Study = _changed(load_study(name), self.fmus, self.maps, self.settings)
+        chosen: Study = _changed(load_study(name), self.fmus, self.maps, self.settings, self.subject)
         chosen = chosen.with_master(self.scheme, self.step, self.stop)
         chosen = chosen.isolated() if self.isolate else chosen
         return chosen.unconfined() if self.in_process else chosen
@@ -285,6 +291,7 @@ def campaign_options(failures: str, out: str) -> Callable[[Command], Command]:
                 FMUS,
                 MAPS,
                 SET,
+                SUBJECT,
                 SCHEME,
                 STEP,
                 STOP,
@@ -603,6 +610,7 @@ def check_command(fmu: Path, mapping: Path | None, settings: tuple[str, ...], as
     metavar="NAME.PARAMETER=VALUE",
     help="Of one brace (soft.angle_scale=1.5) or of all (plant.drop_height=...).",
 )
+@SUBJECT
 @SCHEME
 @STEP
 @STOP
@@ -625,6 +633,7 @@ def compare_command(
     braces: tuple[str, ...],
     maps: tuple[str, ...],
     settings: tuple[str, ...],
+    subject: str | None,
     scheme: str | None,
     step: str | None,
     stop: str | None,
@@ -654,6 +663,7 @@ def compare_command(
             {name: file for name, file, _ in devices},
             maps={name: mapping for name, _, mapping in devices if mapping is not None},
             settings={name: parse_value(value) for name, value in pairs},
+            subject=subject,
             scheme=scheme,
             step=step,
             stop=stop,
@@ -960,12 +970,16 @@ def doctor_command(as_json: bool) -> None:
         raise SystemExit(4)
 
 
-def _changed(chosen: Any, fmus: tuple[str, ...], maps: tuple[str, ...], settings: tuple[str, ...]) -> Any:
-    """A scenario or a study with what --fmu, --map and --set ask for."""
+def _changed(
+    chosen: Any, fmus: tuple[str, ...], maps: tuple[str, ...], settings: tuple[str, ...], subject: str | None
+) -> Any:
+    """A scenario or a study with what --fmu, --map, --subject and --set ask for."""
     from .scenario import parse_value
 
     for name, file, mapping in _devices(fmus, maps):
         chosen = chosen.replace_fmu(name, file, mapping)
+    if subject is not None:
+        chosen = chosen.with_subject(subject)
     for text in settings:
         name, value = _pair(text, "--set", "COMPONENT.PARAMETER=VALUE")
         chosen = chosen.override(name, parse_value(value))

@@ -74,6 +74,7 @@ def compare_braces(
     *,
     maps: Mapping[str, Path | str] | None = None,
     settings: Mapping[str, Value] | None = None,
+    subject: str | None = None,
     scheme: str | None = None,
     step: str | None = None,
     stop: str | None = None,
@@ -96,6 +97,7 @@ def compare_braces(
     braces                       {name: FMU file or name of a shipped one}
     maps                         {name: mapping file}
     settings                     {"plant.drop_height": for all, "NAME.parameter": of that brace}
+    subject                      who lands, such as "female, 1.63 m, 62 kg"; None: whom the source names
     scheme, step, stop           as in Scenario.with_master, for all
     trials                       landings of a study
     decide                       pairs of braces stop when it is decided which has the lower peak; `trials` at most
@@ -106,6 +108,8 @@ def compare_braces(
 
     Raises InputError before anything has run: names, files, mappings, parameters, a folder in use."""
     source = (load_source(source) if isinstance(source, str) else source).with_master(scheme, step, stop)
+    if subject is not None:
+        source = source.with_subject(subject)
     if in_process:
         source = source.unconfined()
     folder, limits = Path(out), limits or Limits()

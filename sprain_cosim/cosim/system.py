@@ -25,18 +25,24 @@ class System:
     components   in the order in which they take their steps
     connections  {target: source}, both as "component.connector"
     parameters   {"component.parameter": value in the parameter's own unit}
+    derived      {"owner.name": what may be set besides} of no component: its owner makes parameters of it
     """
 
     components: tuple[Element, ...]
     connections: Mapping[str, str]
     parameters: Mapping[str, float] = field(default_factory=dict)
+    derived: Mapping[str, Connector] = field(default_factory=dict)
 
     def component(self, name: str) -> Element | None:
         return next((c for c in self.components if c.name == name), None)
 
     def find(self, full: str) -> Connector:
         """The connector of "component.connector". Raises InputError with the nearest name."""
+        if full in self.derived:
+            return self.derived[full]
         name, _, rest = full.partition(".")
+        if rest and any(other.startswith(f"{name}.") for other in self.derived):
+            raise InputError(f"{full}: no such name{nearest(full, self.derived)}")
         component = self.component(name)
         if component is None or not rest:
             raise InputError(f"{full}: no component {name!r}{nearest(name, [c.name for c in self.components])}")

@@ -17,6 +17,7 @@ from ..errors import EnvironmentProblem, InputError, SimulationError
 from ..fmu.component import Component
 from ..fmu.element import Connector
 from ..scenario import Scenario
+from ..scenario.body import is_of_subject
 from ..shipped import fmu_path
 from ..study.folder import TRIALS, load_study_plan, read_trials
 from ..study.ledger import FILE as LEDGER
@@ -151,13 +152,12 @@ def _of_study(folder: Path, which: str) -> Landing:
 
 def _inputs(scenario: Scenario, row: pd.Series) -> dict[str, float]:
     """The trial's inputs and the scenario's own parameters."""
-    system = scenario.system()
-    values = dict(system.parameters)
+    system, values = scenario.system(), dict[str, float]()
     for heading, value in row.items():
         name, _, unit = str(heading).partition(" [")
-        if name.partition(".")[0] in scenario.fmus:
+        if name.partition(".")[0] in scenario.fmus or is_of_subject(name):
             values[name] = _in_own_unit(system.find(name), float(value), unit.rstrip("]"))
-    return values
+    return {**system.parameters, **scenario.of_persons(system, values)}
 
 
 def _in_own_unit(connector: Connector, value: float, unit: str) -> float:

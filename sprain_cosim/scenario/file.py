@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from ..cosim.master import Master
 from ..errors import InputError, nearest, problems_to_error
 from ..files import read_toml
 from ..shipped import fmu_path, is_file, scenario_folder, shipped_scenarios
+from ..subject.words import SUBJECT, subject_of
 from .scenario import SECOND, Scenario, Value, share
 from .title import RAN
 
@@ -140,6 +142,7 @@ FILE = keys.File(
                 "the output that feeds this input, as component.output",
                 "devices connect themselves by the contract's names",
             ),
+            keys.Key("subject", SUBJECT, "who lands", "the person with whom the plant was made"),
             keys.Key("master", MASTER, "how the components are stepped"),
         ),
         more={"anyOf": [{"required": ["base"]}, {"required": ["components"]}]},
@@ -154,7 +157,7 @@ def load_scenario(name: str | Path) -> Scenario:
     content = _with_bases(path, ())
     if not content.get("components"):
         raise InputError(f'{path}: no components; add [components.plant] with fmu = "plant", or a base')
-    return Scenario(
+    scenario = Scenario(
         title=title,
         fmus={name: spec["fmu"] for name, spec in content["components"].items()},
         maps={name: spec["map"] for name, spec in content["components"].items() if "map" in spec},
@@ -163,6 +166,9 @@ def load_scenario(name: str | Path) -> Scenario:
         master=Master(**content.get("master", {})),
         source=str(path) if path.parent != scenario_folder() else path.stem,
     )
+    if "subject" not in content:
+        return scenario
+    return replace(scenario.with_subject(subject_of(content["subject"], f"{path}: subject")), changes=())
 
 
 def _find(name: str, beside: Path | None = None) -> Path:

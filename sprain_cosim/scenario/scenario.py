@@ -23,8 +23,11 @@ from ..mapping import carried, read_component
 from ..process import Limits
 from ..sandbox.confinement import Confinement
 from ..shipped import fmu_path
+from ..subject.person import Subject
+from ..subject.words import parse_subject
 from ..units import quantity, unit
 from .apart import Apart
+from .body import is_of_subject, plant_values, subject_connectors, with_measures
 from .isolation import Isolation, isolation
 from .title import Ran, heading
 
@@ -51,6 +54,7 @@ class Scenario:
     isolate      components that run in a process of their own; those whose modules could clash always do
     in_process   foreign FMUs run without a sandbox, in `open` and `run` in this very process
     changes      what was changed since the file was read, such as "plant.drop_height = 0.35 m"
+    subject      who lands; None: the person with whom the plant was made
     """
 
     title: str
@@ -65,16 +69,21 @@ class Scenario:
     isolate: tuple[str, ...] = ()
     in_process: bool = False
     changes: tuple[str, ...] = ()
+    subject: Subject | None = None
 
     @property
     def heading(self) -> str:
         """The heading of tables and figures: true for what runs, see `title`."""
         return self.heading_with({})
 
-    def heading_with(self, means: Mapping[str, Value], varied: Collection[str] = (), own: str | None = None) -> str:
+    def heading_with(
+        self, means: Mapping[str, Value], varied: Collection[str] = (), own: str | None = None, person: str = ""
+    ) -> str:
         """The heading of a study of this scenario: parameters at their `means`, those `varied` over several values,
-        under the study's `own` title (None: the scenario's)."""
-        ran = Ran(self.fmus, {**self.parameters, **means}, self._start, varied)
+        under the study's `own` title (None: the scenario's); `person`: who lands, in place of the scenario's
+        subject."""
+        person = person or (self.subject.words if self.subject else "")
+        ran = Ran(self.fmus, {**self.parameters, **means}, self._start, varied, person)
         description, named = ran.described()
         return heading(self.title if own is None else own, description or Path(self.source).stem, self.changes, named)
 
@@ -102,10 +111,23 @@ class Scenario:
     def override(self, parameter: str, value: Value) -> Self:
         """The same scenario with another value. Raises InputError when it has no such parameter or the value does not
         fit."""
+        if is_of_subject(parameter):
+            if self.subject is None:
+                raise InputError(f"{parameter}: nobody is described; name a person with --subject or in [subject]")
+            number = self._described().find(parameter).value(value, parameter)
+            return self.with_subject(with_measures(self.subject, {parameter: number}))
         changed = replace(self, parameters={**self.parameters, parameter: value})
         system = changed._described()
         system.settable(parameter).value(value, parameter)
         return changed.noted(f"{parameter} = {value}")
+
+    def with_subject(self, subject: Subject | str) -> Self:
+        """The same landing of another person, such as "female, 1.63 m, 62 kg". Raises InputError."""
+        person = parse_subject(subject) if isinstance(subject, str) else subject.checked("subject")
+        changed = replace(self, subject=person)
+        changed.system()
+        unusual = tuple(line for line in self.warnings if self.subject is None or line not in self.subject.warnings)
+        return replace(changed.noted(f"subject = {person.words}"), warnings=(*unusual, *person.warnings))
 
     def replace_fmu(self, name: str, fmu: Path | str, mapping: Path | str | None = None) -> Self:
         """Another device under a component's name, or one more: its connections are made anew from its contract
@@ -209,6 +231,11 @@ class Scenario:
         system = self._described()
         problems = system.check(self.master.communication_step)
         values: dict[str, float] = {}
+        if self.subject is not None:
+            try:
+                values = plant_values(self.subject, system)
+            except InputError as problem:
+                problems.append(str(problem))
         for full, value in {**_constants(system.components), **self.parameters}.items():
             try:
                 values[full] = system.settable(full).value(value, full)
@@ -252,15 +279,46 @@ class Scenario:
         return isolation(self.components(), self.in_process, of_trials)
 
     def values(self) -> dict[str, Value]:
-        """{"component.variable": value, as it was written} of all that a run sets: the parameters, and what mapping
-        files hold constant. Raises InputError."""
-        return {**_constants(self.components()), **self.parameters}
+        """{"component.variable": value, as it was written} of all that a run sets: the parameters, what the subject
+        makes of them, and what mapping files hold constant. Raises InputError."""
+        return {**_constants(self.components()), **self._of_subject(), **self.parameters}
+
+    def _of_subject(self) -> dict[str, Value]:
+        """The plant's parameters that follow from the subject, with their units."""
+        if self.subject is None:
+            return {}
+        system, found = self._described(), dict[str, Value]()
+        for name, value in plant_values(self.subject, system).items():
+            own = system.find(name).unit
+            found[name] = value if own is None or own.dimensionless else f"{value!r} {own.name}"
+        return found
+
+    def of_persons(self, system: System, values: Mapping[str, float]) -> dict[str, float]:
+        """{"component.parameter": value in its own unit} with "subject.NAME" among `values` replaced by what such a
+        person makes of the plant; what the scenario itself sets stays. Raises InputError."""
+        measures = {name: value for name, value in values.items() if is_of_subject(name)}
+        if not measures:
+            return dict(values)
+        if self.subject is None:
+            raise InputError(f"{next(iter(measures))}: the scenario has no subject")
+        body = plant_values(with_measures(self.subject, measures), system)
+        return {n: v for n, v in body.items() if n not in self.parameters} | {
+            n: v for n, v in values.items() if n not in measures
+        }
+
+    def with_inputs(self, values: Mapping[str, float], texts: Mapping[str, Value]) -> Self:
+        """The same scenario at the inputs of a trial: `values` in their own units, and as they are written."""
+        measures = {name: value for name, value in values.items() if is_of_subject(name)}
+        subject = None if self.subject is None else with_measures(self.subject, measures)
+        others = {name: text for name, text in texts.items() if not is_of_subject(name)}
+        return replace(self, subject=subject, parameters={**self.parameters, **others})
 
     def _described(self) -> System:
         components = self.components()
         connections, problems = connect(components, self.connections)
         problems_to_error(self.source, problems)
-        return System(components, connections)
+        derived = {} if self.subject is None else subject_connectors(self.subject)
+        return System(components, connections, derived=derived)
 
     def doubts(self) -> list[str]:
         """What is assumed without being said anywhere, one line each: undeclared units of connected variables, a
@@ -367,7 +425,8 @@ class Session:
     def _run(self, master: Master, parameters: Mapping[str, float] | None) -> Result:
         if self._assembly is None:
             self._assembly = self.system.open()
-        result = master.run(self._assembly, {**self.system.parameters, **(parameters or {})})
+        own = self.scenario.of_persons(self.system, parameters or {})
+        result = master.run(self._assembly, {**self.system.parameters, **own})
         if result.status != "completed":  # an instance that reported an error may only be freed
             self.close()
         return result

@@ -46,12 +46,14 @@ class Ran:
     parameters  {"component.parameter": value, text with the unit where it has a dimension}
     start       gives the start value of a parameter that is not set, in the same form; None where it is not known
     varied      parameters that take several values
+    person      who lands, in words; empty for the person with whom the plant was made
     """
 
     fmus: Mapping[str, Path]
     parameters: Mapping[str, float | int | str | bool]
     start: Callable[[str], float | int | str | None]
     varied: Collection[str] = field(default_factory=tuple)
+    person: str = ""
 
     def described(self) -> tuple[str, set[str]]:
         """The description and the names of parameters and components in it. Empty for a system without a plant of the
@@ -83,6 +85,8 @@ class Ran:
         return [f"{incline:.4g}° slope" if round(incline, 9) else "level floor"], {INCLINE}
 
     def _body(self) -> tuple[list[str], set[str]]:
+        if self.person:
+            return [self.person], {"subject"}
         if MASS not in self.parameters:
             return [], set()
         mass = self._value(MASS, unit("kg"))

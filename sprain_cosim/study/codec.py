@@ -13,19 +13,24 @@ import numpy as np
 from ..cosim.master import Master
 from ..errors import InputError
 from ..scenario import Scenario
+from ..subject.person import Subject
 from ..uq import distributions
 from ..uq.exceedance import Bounds
 from ..uq.measured import Measured
 from .goal import Goal
 from .marginals import Fitted
 from .plan import Plan
+from .population import Population
 from .questions import Question
 from .until import Until
 
 STUDY = "Study"  # the name under which a plan stands in a file
 CLASSES: dict[str, Any] = (
     {STUDY: Plan}
-    | {kind.__name__: kind for kind in (Scenario, Master, Question, Goal, Until, Measured, Bounds, Fitted)}
+    | {
+        kind.__name__: kind
+        for kind in (Scenario, Master, Question, Goal, Until, Measured, Bounds, Fitted, Subject, Population)
+    }
     | {
         kind.__name__: kind
         for kind in vars(distributions).values()

@@ -17,6 +17,7 @@ from ..errors import InputError, nearest, problems_to_error
 from ..files import parse_toml, read_text
 from ..fmu.element import Connector
 from ..scenario import Scenario, load_scenario
+from ..scenario.body import is_of_subject
 from ..scenario.file import PARAMETERS, VARIABLE
 from ..scenario.scenario import SECOND
 from ..scenario.title import RAN
@@ -29,6 +30,7 @@ from .inputs import parameter, unit_name
 from .marginals import DISTRIBUTION, NUMBER, Measurements, marginal
 from .methods import METHODS
 from .plan import BEFORE_SAMPLING, TOLERANCE
+from .population import POPULATION, population_of
 from .questions import THRESHOLD, questions_of, threshold_of, unit_of_response
 from .study import Study
 from .until import GRAMMAR as UNTIL
@@ -196,6 +198,12 @@ FILE = keys.File(
                 "what varies: a distribution of a parameter",
             ),
             keys.Key(
+                "population",
+                POPULATION,
+                "who lands: persons drawn from a population, whose measures are inputs",
+                "one person, the scenario's",
+            ),
+            keys.Key(
                 "grid",
                 keys.Named(
                     '"component.parameter"',
@@ -293,7 +301,18 @@ def load_study(name: str | Path) -> Study:
         ),
         **options,
     )
+    study = _of_population(study, content, path)
     return (study if asked is None else study.with_goal(*asked)).checked()
+
+
+def _of_population(study: Study, content: Mapping[str, Any], path: Path) -> Study:
+    if "population" not in content:
+        return study
+    twice = [name for name in (*study.marginals, *study.grid) if is_of_subject(name)]
+    if twice or study.scenario.subject is not None:
+        who = twice[0] if twice else "the scenario's [subject]"
+        raise InputError(f"{path}: population: {who} describes persons too; keep one of the two")
+    return study.with_population(*population_of(content["population"], f"{path}: population"))
 
 
 def _design(

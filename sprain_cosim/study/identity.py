@@ -72,10 +72,20 @@ def identity(plan: Plan, files: Mapping[str, Mapping[str, str]] | None = None) -
     return {
         "version": __version__,
         "order": _order(plan),
-        **_fields(scenario, "Scenario", contents),
-        **_fields(plan, "Plan", {name: None for name, methods in COUNTS_FOR.items() if plan.method not in methods}),
+        **_fields(scenario, "Scenario", {**contents, **_absent("subject", scenario.subject)}),
+        **_fields(
+            plan,
+            "Plan",
+            {name: None for name, methods in COUNTS_FOR.items() if plan.method not in methods}
+            | _absent("population", plan.population),
+        ),
         **({"replicates": plan.sequences} if plan.method in COUNTS_FOR["replicates"] else {}),
     } | _of_search(plan)
+
+
+def _absent(name: str, value: Any) -> dict[str, None]:
+    """A field that does not count where it is not there, so that identities of before stay as they are."""
+    return {name: None} if value is None else {}
 
 
 def _order(plan: Plan) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from ..cosim.system import System
 from ..errors import InputError, nearest, problems_to_error
 from ..files import read_csv
 from ..fmu.element import Connector
+from ..scenario.body import is_of_subject
 from ..units import Unit
 from ..uq.distributions import Array
 
@@ -43,6 +44,8 @@ class InputTable:
 def parameter(system: System, name: str, by_choice: bool = False) -> Connector:
     """The parameter that can vary under this name, `by_choice` among single values. Raises InputError where there is
     none."""
+    if is_of_subject(name) and not system.derived:
+        raise InputError(f"{name}: nobody is described; name a person with --subject or in [subject] of the scenario")
     connector = system.find(name)
     if connector.causality != "parameter":
         raise InputError(f"{name}: is an {connector.causality}, not a parameter")
@@ -110,7 +113,7 @@ class _Columns:
         if name == "trial":
             self.numbered = True
             return self._number
-        if component in {c.name for c in self.system.components}:
+        if component in {c.name for c in self.system.components} or is_of_subject(name):
             return self._value(place, name, heading, unit)
         if component in OPTIONAL and "." in name:
             self.warnings.append(f"{self.path}: column {heading} is dropped: the scenario has no {component}")

@@ -18,6 +18,9 @@ from ..files import parse_toml
 from ..fmu.component import Component
 from ..metrics import NAMES
 from ..scenario import Scenario, Value
+from ..scenario.body import OWNER, SEX, is_of_subject
+from ..subject.anthropometry import SEXES
+from ..subject.person import Subject
 from ..uq import sampling
 from ..uq.distributions import Array, Fixed, JointDistribution, Marginal, Uniform
 from ..uq.exceedance import Bounds, Threshold
@@ -28,6 +31,7 @@ from .inputs import parameter as varied_parameter
 from .inputs import read_table
 from .marginals import Fitted
 from .methods import METHODS, SEARCHES, USED_BY
+from .population import Population
 from .questions import LITERATURE, Question, parse_question
 from .until import Until, parse_untils
 
@@ -79,6 +83,7 @@ class Plan:
     table        (n, d) inputs of method table, in the order of `marginals`
     numbers      (n,) their trial numbers; empty: 0 ... n-1
     trial_limit  s of wall time that a trial may take; None: learned from those before it
+    population   whose measures are inputs, the first of them; None: the scenario's subject lands
     published    figures to print beside the results, with their source
     source       the file, or the name of one that ships
     text         the file as it was read
@@ -113,6 +118,7 @@ class Plan:
     table: Array | None = None
     numbers: tuple[int, ...] = ()
     trial_limit: float | None = None
+    population: Population | None = None
     published: Mapping[str, Any] = field(default_factory=dict)
     source: str = ""
     text: str = ""
@@ -125,9 +131,22 @@ class Plan:
         means = {
             n: f"{m.mean!r} {self.units[n]}" if self.units[n] else m.mean
             for n, m in self.marginals.items()
-            if n not in self.vary
+            if n not in self.vary and not is_of_subject(n)
         }
-        return self.scenario.heading_with(means, (*self.grid, *self.vary), self.title or None)
+        return self.scenario.heading_with(means, (*self.grid, *self.vary), self.title or None, self._persons)
+
+    @property
+    def _persons(self) -> str:
+        """Who lands, where it is not the scenario's subject."""
+        if self.population is not None:
+            return self.population.words
+        varied = [name.removeprefix(OWNER) for name in (*self.marginals, *self.grid) if is_of_subject(name)]
+        subject = self.scenario.subject
+        if not varied or subject is None:
+            return ""
+        stated = {name: value for name, value in subject.measures.items() if name not in varied}
+        words = ", ".join(name.replace("_", " ") for name in varied)
+        return f"{replace(subject, measures=stated).words}, varied {words}"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -141,7 +160,12 @@ class Plan:
 
     @property
     def joint(self) -> JointDistribution:
-        return JointDistribution(tuple(self.marginals.values()), self.correlation)
+        return self._law(self.marginals, self.correlation)
+
+    def _law(self, marginals: Mapping[str, Marginal], correlation: Array | None) -> JointDistribution:
+        if self.population is not None:
+            return self.population.joint(marginals, correlation)
+        return JointDistribution(tuple(marginals.values()), correlation)
 
     @property
     def drawing(self) -> tuple[int, ...]:
@@ -153,9 +177,10 @@ class Plan:
 
     def _drawn(self) -> tuple[JointDistribution, list[int]]:
         """The inputs in the order of drawing, and where each column stands in it."""
-        order, marginals = list(self.drawing), tuple(self.marginals.values())
+        order = list(self.drawing)
         correlation = None if self.correlation is None else self.correlation[np.ix_(order, order)]
-        return JointDistribution([marginals[k] for k in order], correlation), np.argsort(order).tolist()
+        marginals = {self.names[k]: self.marginals[self.names[k]] for k in order}
+        return self._law(marginals, correlation), np.argsort(order).tolist()
 
     def sample(self) -> Array:
         """(n, d) inputs in their own units, one row a trial. Row i of a Monte Carlo or Sobol' study depends on the
@@ -470,17 +495,51 @@ class Plan:
             yield f"trials = {self.trials}: must be at least 1"
         if self.method.startswith("sobol") and (self.sequences < 1 or self.trials % self.sequences):
             yield f"trials = {self.trials}: a Sobol' study needs a multiple of its {self.sequences} replicates"
-        if self.method == "sobol-indices" and self.correlation is not None:
+        if self.method == "sobol-indices" and (self.correlation is not None or self.population is not None):
             yield "method sobol-indices: defined for independent inputs only; leave [correlation] out"
 
     def override(self, parameter: str, value: Value) -> Self:
         """The same study with a parameter at another value; a marginal of it is thereby fixed."""
+        if self.population is not None and is_of_subject(parameter):
+            number = self.scenario.system().find(parameter).value(value, parameter)
+            fixed_one = self.population.fixing(parameter, number)
+            same = replace(self, scenario=self.scenario.noted(f"{parameter} = {value}"))
+            return same.with_population(fixed_one, self.scenario.subject)
         scenario = self.scenario.override(parameter, value)
         if parameter in self.marginals:
             connector = scenario.system().find(parameter)
             fixed = {**self.marginals, parameter: Fixed(connector.value(value, parameter))}
             return replace(self, scenario=self.scenario.noted(scenario.changes[-1]), marginals=fixed)
         return replace(self, scenario=scenario, grid={k: v for k, v in self.grid.items() if k != parameter})
+
+    def with_subject(self, subject: Subject | str) -> Self:
+        """The same study of one person, such as "female, 1.63 m, 62 kg". Raises InputError where the persons vary."""
+        varied = [name for name in (*self.marginals, *self.grid) if is_of_subject(name)]
+        if self.population is not None or varied:
+            what = f"samples a {self.population.words}" if self.population else f"varies {', '.join(varied)}"
+            raise InputError(f"{self.source}: {what}; name one person for a study of one, such as study6")
+        scenario = self.scenario.with_subject(subject)
+        return replace(self, scenario=scenario, warnings=(*self.warnings, *scenario.warnings))
+
+    def with_population(self, population: Population, subject: Subject | None = None) -> Self:
+        """The same study of persons from a population, before its other inputs. `subject`: whose rules hold for all.
+        Raises InputError for a plant that cannot be other persons."""
+        subject = subject or Subject(SEXES[0])
+        sex = subject.sex if subject.sex in population.shares else next(iter(population.shares))
+        scenario = replace(self.scenario, subject=replace(subject, sex=sex, measures={}))
+        scenario.system()
+        others = {name: m for name, m in self.marginals.items() if not is_of_subject(name)}
+        kept = [k for k, name in enumerate(self.marginals) if name in others]
+        rest = None if self.correlation is None else self.correlation[np.ix_(kept, kept)]
+        marginals = {**population.marginals, **others}
+        return replace(
+            self,
+            scenario=scenario,
+            population=population,
+            marginals=marginals,
+            units={**population.units, **{name: unit for name, unit in self.units.items() if not is_of_subject(name)}},
+            correlation=population.correlations(list(marginals), rest),
+        )
 
     def replace_fmu(self, name: str, fmu: Path | str, mapping: Path | str | None = None) -> Self:
         """Another device; marginals and grid columns of it that it lacks are dropped with a warning."""
@@ -560,8 +619,13 @@ class Plan:
 
         Marginals without a column stay at their mean. Raises InputError naming row and column."""
         rows = read_table(path, self.scenario.system(), self.names)
-        n = len(rows.numbers)
-        marginals = {**self.marginals, **{name: Fixed(0.0) for name in rows.columns if name not in self.marginals}}
+        n, persons = len(rows.numbers), {name for name in rows.columns if is_of_subject(name)}
+        if self.population is not None and (not persons or (SEX in self.marginals and SEX not in persons)):
+            lacking = f"a column {SEX}" if persons else "columns of the persons, such as subject.stature [m]"
+            raise InputError(f"{path}: needs {lacking}: the study is about a {self.population.words}")
+        # a measure without a column follows from those that have one, person by person
+        own = {name: m for name, m in self.marginals.items() if name in persons or not is_of_subject(name)}
+        marginals = {**own, **{name: Fixed(0.0) for name in rows.columns if name not in own}}
         table = np.column_stack([rows.columns.get(name, np.full(n, m.mean)) for name, m in marginals.items()])
         return replace(
             self,

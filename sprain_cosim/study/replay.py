@@ -45,11 +45,16 @@ class Replay:
         return replace(record, message=self.outcome.message, wall=self.outcome.wall, **self.outcome.about)
 
     @property
+    def inputs(self) -> dict[str, float]:
+        """{"component.parameter": value in its own unit} of the inputs."""
+        return dict(zip(self.study.names, self.row.inputs.tolist(), strict=True))
+
+    @property
     def settings(self) -> dict[str, str | float]:
         """{"component.parameter": value with its unit} of the inputs."""
         return {
             name: f"{value!r} {self.study.units[name]}" if self.study.units[name] else value
-            for name, value in zip(self.study.names, self.row.inputs.tolist(), strict=True)
+            for name, value in self.inputs.items()
         }
 
 
@@ -70,8 +75,5 @@ def replay(folder: Path, trial: int, limits: Limits | None = None) -> Replay:
         limits = replace(limits, trial=ended or study.trial_limit)
     with Worker(study.scenario, study.names, limits, level_then(folder)) as worker:
         outcome = worker.run(row.inputs.tolist(), record=True)
-    scenario = study.scenario
     result = Replay(study, row, outcome)
-    return replace(
-        result, study=replace(study, scenario=replace(scenario, parameters={**scenario.parameters, **result.settings}))
-    )
+    return replace(result, study=replace(study, scenario=study.scenario.with_inputs(result.inputs, result.settings)))

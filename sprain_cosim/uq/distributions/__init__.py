@@ -11,6 +11,7 @@ from .bounded import Beta, Triangular, Uniform
 from .discrete import Choices, Empirical, Fixed
 from .joint import JointDistribution
 from .marginal import Array, Marginal
+from .mixture import JointMixture, Mixture
 from .normal import LogNormal, Normal
 from .positive import Exponential, Weibull
 from .truncated import Truncated
@@ -23,8 +24,10 @@ __all__ = [
     "Exponential",
     "Fixed",
     "JointDistribution",
+    "JointMixture",
     "LogNormal",
     "Marginal",
+    "Mixture",
     "Normal",
     "Triangular",
     "Truncated",

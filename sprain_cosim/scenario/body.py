@@ -1,0 +1,83 @@
+"""The person of a scenario as parameters of its plant: "subject.stature" and the like may be set and varied as
+parameters are, and become the plant's mass and factors before a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from ..cosim.system import System
+from ..errors import InputError
+from ..fmu.element import Connector
+from ..subject.anthropometry import MEASURES, SEXES, anthropometry, unit_of_measure
+from ..subject.person import PASSIVE, Person, Subject
+from ..units import unit
+
+OWNER = "subject."
+SEX = f"{OWNER}sex"
+PLANT = "plant."
+SPREAD = (0.4, 2.0)  # of the smallest and the largest mean: beyond lies a mistake of units
+
+
+class SexConnector(Connector):
+    """A sex: by name, or by its number in tables of trials."""
+
+    def value(self, entry: float | str | bool, what: str) -> float:
+        text = str(entry).strip().removesuffix(".0")
+        for number, sex in enumerate(SEXES):
+            if text in (sex, str(number)):
+                return float(number)
+        raise InputError(f"{what} = {entry!r}: must be {' or '.join(SEXES)} (0 or 1)")
+
+
+def subject_connectors(subject: Subject) -> dict[str, Connector]:
+    """{"subject.NAME": what may be set of the person}, with the person's own measures as start values."""
+    own = Person.of(subject).measures
+    found: dict[str, Connector] = {
+        SEX: SexConnector("sex", -1, "parameter", "real", None, float(SEXES.index(subject.sex)), 0.0, 1.0)
+    }
+    for name in MEASURES:
+        means = [anthropometry(sex).mean[name] for sex in SEXES]
+        low, high = SPREAD[0] * min(means), SPREAD[1] * max(means)
+        found[f"{OWNER}{name}"] = Connector(
+            name, -1, "parameter", "real", unit(unit_of_measure(name)), own[name], low, high
+        )
+    return found
+
+
+def with_measures(subject: Subject, values: Mapping[str, float]) -> Subject:
+    """The subject with {"subject.NAME": value} in place of its own."""
+    sex = SEXES[round(values[SEX])] if SEX in values else subject.sex
+    measures = {name.removeprefix(OWNER): value for name, value in values.items() if name != SEX}
+    return replace(subject, sex=sex, measures={**subject.measures, **measures})
+
+
+def is_of_subject(name: str) -> bool:
+    return name.startswith(OWNER)
+
+
+def plant_values(subject: Subject, system: System) -> dict[str, float]:
+    """{"plant.parameter": value in its own unit} of a person. Raises InputError for a plant without these parameters,
+    and for a person outside their ranges."""
+    found: dict[str, float] = {}
+    for name, value in subject.parameters().items():
+        full = PLANT + name
+        try:
+            connector = system.find(full)
+        except InputError:
+            raise InputError(f"subject: the plant has no parameter {name}, so it cannot be this person") from None
+        if name in PASSIVE:
+            value *= connector.start or 0.0
+        if not connector.minimum <= value <= connector.maximum:
+            raise InputError(
+                f"subject: {subject.words}: {name} = {value:.4g} lies outside the plant's {connector.minimum:g} ... "
+                f"{connector.maximum:g}; look at the measures and their units"
+            )
+        found[full] = value
+    return found
+
+
+def measured_text(name: str, value: float) -> str:
+    """A value of "subject.NAME" as people write it."""
+    plain = name.removeprefix(OWNER)
+    return SEXES[round(value)] if name == SEX else f"{value!r} {unit_of_measure(plain)}"

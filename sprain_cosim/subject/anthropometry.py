@@ -1,0 +1,166 @@
+"""Body measures of women and men: their joint law, and what some measures of a person say of the others.
+
+Lengths are normal and the mass is lognormal, joined by the correlations of ansur2.toml (of the mass's logarithm); given
+some measures, the others are normal about the conditional means. The law holds for the adults who were measured,
+soldiers of 17 to 58 years.
+
+Source of the law of the others: a Gaussian over the same data is what AddBiomechanics takes, K. Werling et al., PLoS
+ONE 18 (2023) e0295152."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+MASS = "mass"
+SEXES = ("female", "male")  # in the order of their numbers in tables
+NOUNS = {"female": "woman", "male": "man"}
+NOUNS_OF_MANY = {"female": "women", "male": "men"}
+USUAL = (0.001, 0.999)  # of a population; a measure outside is worth a word
+YOUNGEST, OLDEST = 17, 58  # years of those who were measured
+
+
+@dataclass(frozen=True)
+class Anthropometry:
+    """The law of a sex's measures.
+
+    sex          female or male
+    source       of the numbers
+    n            persons measured
+    mean, sd     {measure: [m], the mass [kg]}
+    correlation  (k, k) in their order, of the mass's logarithm
+    """
+
+    sex: str
+    source: str
+    n: int
+    mean: Mapping[str, float]
+    sd: Mapping[str, float]
+    correlation: NDArray[np.float64]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self.mean)
+
+    def score(self, name: str, value: float) -> float:
+        """The standard normal score of a measure."""
+        location, scale = self._law(name)
+        return (_straight(name, value) - location) / scale
+
+    def share_below(self, name: str, value: float) -> float:
+        """Share of the sex whose measure is smaller."""
+        return _below(self.score(name, value))
+
+    def conditional(self, given: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
+        """{measure: mean} and {measure: standard deviation} of all, given some; those of a given measure are itself
+        and 0."""
+        names, location, covariance = self.rest(given)
+        mean, sd = dict(given), dict.fromkeys(given, 0.0)
+        for name, centre, variance in zip(names, location.tolist(), np.diag(covariance).tolist(), strict=True):
+            mean[name], sd[name] = moments_of_measure(name, centre, math.sqrt(variance))
+        return {name: mean[name] for name in self.names}, {name: sd[name] for name in self.names}
+
+    def rest(self, given: Mapping[str, float]) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64]]:
+        """The measures that are not given, and the mean (m,) and the covariance (m, m) of their normal variables (of
+        the mass, its logarithm) beside those that are."""
+        known = [k for k, name in enumerate(self.names) if name in given]
+        rest = [k for k in range(len(self.names)) if k not in known]
+        z = np.array([self.score(self.names[k], given[self.names[k]]) for k in known])
+        r = self.correlation
+        weights = np.linalg.solve(r[np.ix_(known, known)], r[np.ix_(known, rest)]).T
+        names = [self.names[k] for k in rest]
+        location, scale = np.array([self._law(name) for name in names]).reshape(-1, 2).T
+        covariance = r[np.ix_(rest, rest)] - weights @ r[np.ix_(known, rest)]
+        return names, location + scale * (weights @ z), covariance * np.outer(scale, scale)
+
+    def unusual(self, given: Mapping[str, float]) -> list[str]:
+        """The given measures that lie outside what is usual for the sex, or beside the other given ones, a line
+        each."""
+        lines = []
+        for name, value in given.items():
+            if not USUAL[0] <= (share := self.share_below(name, value)) <= USUAL[1]:
+                lines.append(
+                    f"{self._measure(name, value)} is {_side(share)} of the {NOUNS_OF_MANY[self.sex]} measured"
+                )
+                continue
+            others = {n: v for n, v in given.items() if n != name}
+            if others and not USUAL[0] <= (share := self._share_beside(name, value, others)) <= USUAL[1]:
+                lines.append(
+                    f"{self._measure(name, value)} beside {' and '.join(_spelled(n) for n in others)} is {_side(share)}"
+                    f" of the {NOUNS_OF_MANY[self.sex]} measured who share the rest"
+                )
+        return lines
+
+    def _share_beside(self, name: str, value: float, others: Mapping[str, float]) -> float:
+        names, location, covariance = self.rest(others)
+        k = names.index(name)
+        return _below(float(_straight(name, value) - location[k]) / math.sqrt(covariance[k, k]))
+
+    def _law(self, name: str) -> tuple[float, float]:
+        """Location and scale of the normal variable behind a measure."""
+        mean, sd = self.mean[name], self.sd[name]
+        if name != MASS:
+            return mean, sd
+        zeta = math.sqrt(math.log1p((sd / mean) ** 2))
+        return math.log(mean) - 0.5 * zeta**2, zeta
+
+    @staticmethod
+    def _measure(name: str, value: float) -> str:
+        return f"{_spelled(name)} {value:.4g} {unit_of_measure(name)}"
+
+
+def unit_of_measure(name: str) -> str:
+    return "kg" if name == MASS else "m"
+
+
+@cache
+def anthropometry(sex: str) -> Anthropometry:
+    """The law of a sex."""
+    content = tomllib.loads((Path(__file__).parent / "ansur2.toml").read_text("utf-8"))
+    rows: dict[str, tuple[float, float, list[float]]] = content[sex]["measures"]
+    correlation = np.eye(len(rows))
+    for k, (_, _, before) in enumerate(rows.values()):
+        correlation[k, :k] = correlation[:k, k] = before
+    return Anthropometry(
+        sex,
+        content["source"],
+        content[sex]["n"],
+        {name: mean for name, (mean, _, _) in rows.items()},
+        {name: sd for name, (_, sd, _) in rows.items()},
+        correlation,
+    )
+
+
+MEASURES = anthropometry(SEXES[0]).names
+
+
+def _below(score: float) -> float:
+    """Share of a normal variable below a standard score."""
+    return 0.5 * math.erfc(-score / math.sqrt(2.0))
+
+
+def _straight(name: str, value: float) -> float:
+    return math.log(value) if name == MASS else value
+
+
+def moments_of_measure(name: str, location: float, scale: float) -> tuple[float, float]:
+    """Mean and standard deviation of a measure whose normal variable has these."""
+    if name != MASS:
+        return location, scale
+    mean = math.exp(location + 0.5 * scale**2)
+    return mean, mean * math.sqrt(math.expm1(scale**2))
+
+
+def _side(share: float) -> str:
+    return f"below all but {100 * share:.2g} %" if share < 0.5 else f"above all but {100 * (1 - share):.2g} %"
+
+
+def _spelled(name: str) -> str:
+    return name.replace("_", " ")

@@ -1,0 +1,131 @@
+"""A person as people write one: "female, 1.63 m, 62 kg, foot length 24 cm" on the command line, [subject] in a file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from .. import keys
+from ..errors import InputError, nearest
+from ..units import Unit, quantity, split, unit
+from .anthropometry import MASS, MEASURES, SEXES, unit_of_measure
+from .person import FORCE_RULES, PASSIVE_RULES, SCALE_TOOL, SEGMENTS, STATURE, Subject
+
+SPELLED = {"woman": "female", "f": "female", "w": "female", "man": "male", "m": "male"} | dict(
+    zip(SEXES, SEXES, strict=True)
+)
+YEARS = re.compile(r"(\d+(?:\.\d+)?)\s*(?:years?|yrs?|y|a)(?:\s+old)?", re.IGNORECASE)
+NAMED = re.compile(r"([A-Za-z][A-Za-z_ ]*?)\s*[=:]?\s*([-+]?[\d.].*)")
+RULE = re.compile(r"(force|passive)\s*[=:]?\s*([a-z-]+)")
+DECIMAL_COMMA = re.compile(r"\d,\d")
+EXAMPLE = '"female, 1.63 m, 62 kg"'
+LENGTH, WEIGHT = unit("m"), unit("kg")
+SCALE = "_scale"
+
+
+def _scales(value: Any, place: str) -> tuple[float, float, float]:
+    listed = value if isinstance(value, list) else [value] * 3
+    if len(listed) != 3 or not all(keys.is_number(f) for f in listed):
+        raise InputError(f"{place} = {value!r}: must be a factor, or three of them (x forward, y up, z to the right)")
+    x, y, z = (float(f) for f in listed)
+    return x, y, z
+
+
+FACTORS = {
+    "anyOf": [
+        {"type": "number", "exclusiveMinimum": 0},
+        {"type": "array", "items": {"type": "number", "exclusiveMinimum": 0}, "minItems": 3, "maxItems": 3},
+    ]
+}
+SUBJECT = keys.Table(
+    (
+        keys.Key(
+            "sex", keys.choice(SEXES), "whose measures the estimates come from", needs='needs sex = "female" or "male"'
+        ),
+        *(
+            keys.Key(
+                name,
+                keys.measured(WEIGHT if name == MASS else LENGTH, above_zero=True),
+                f"{name.replace('_', ' ')}, as ANSUR II measures it",
+                "estimated from the others",
+            )
+            for name in MEASURES
+        ),
+        keys.Key("age", keys.number(), "years; a growing body is refused"),
+        keys.Key("force", keys.choice(tuple(FORCE_RULES)), "rule of the isometric forces", SCALE_TOOL),
+        keys.Key("passive", keys.choice(tuple(PASSIVE_RULES)), "rule of the passive ankle's torque", SCALE_TOOL),
+        *(
+            keys.Key(
+                f"{name}{SCALE}",
+                keys.Value("number, or three", FACTORS, _scales),
+                f"factors of the {name} in place of those of the measures",
+                "from the measures",
+            )
+            for name in SEGMENTS
+        ),
+    )
+)
+
+
+def subject_of(content: Mapping[str, Any], place: str) -> Subject:
+    """From the keys of SUBJECT, read. Raises InputError that begins with `place`."""
+    return Subject(
+        content["sex"],
+        {name: content[name] for name in MEASURES if name in content},
+        content.get("age"),
+        content.get("force", SCALE_TOOL),
+        content.get("passive", SCALE_TOOL),
+        {name: content[f"{name}{SCALE}"] for name in SEGMENTS if f"{name}{SCALE}" in content},
+    ).checked(place)
+
+
+def parse_subject(text: str, place: str = "--subject") -> Subject:
+    """A person in words: parts between commas are the sex, the stature (a length), the mass, an age in years, any other
+    measure behind its name, and `force` or `passive` with the name of a rule. Raises InputError that begins with
+    `place`."""
+    if DECIMAL_COMMA.search(text):
+        raise InputError(
+            f"{place} {text!r}: has a decimal comma; write a point, and commas between the parts: {EXAMPLE}"
+        )
+    found: dict[str, Any] = {}
+    for part in filter(None, (p.strip() for p in text.split(","))):
+        name, value = _part(part, f"{place} {text!r}")
+        if name in found:
+            raise InputError(f"{place} {text!r}: {name} is given twice")
+        found[name] = value
+    if "sex" not in found:
+        raise InputError(f"{place} {text!r}: says no sex, on which the measures depend; write {EXAMPLE}")
+    return subject_of(found, f"{place} {text!r}")
+
+
+def _part(part: str, place: str) -> tuple[str, Any]:
+    if (sex := SPELLED.get(part.lower())) is not None:
+        return "sex", sex
+    if years := YEARS.fullmatch(part.lower().removeprefix("age").strip(" =:")):
+        return "age", float(years[1])
+    if rule := RULE.fullmatch(part):
+        return rule[1], rule[2]
+    if (bare := split(part)) is not None:
+        return _bare(part, bare[1], place)
+    if (named := NAMED.fullmatch(part)) is None:
+        raise InputError(f"{place}: cannot read {part!r}{nearest(part.lower(), SPELLED)}; write a person as {EXAMPLE}")
+    name = re.sub(r"[\s_]+", "_", named[1].strip().lower())
+    name = {"height": STATURE, "weight": MASS}.get(name, name)
+    if name.removesuffix(SCALE) in SEGMENTS and name.endswith(SCALE):
+        return name, _scales(quantity(named[2], unit("1"), f"{place}: {name}"), f"{place}: {name}")
+    if name not in MEASURES:
+        raise InputError(f"{place}: unknown measure {name!r}{nearest(name, MEASURES)}; {', '.join(MEASURES)}")
+    return name, quantity(named[2], unit(unit_of_measure(name)), f"{place}: {name}")
+
+
+def _bare(part: str, name_of_unit: str, place: str) -> tuple[str, float]:
+    """A quantity without a name: the stature or the mass, by its dimension."""
+    try:
+        own: Unit = unit(name_of_unit or "1")
+    except InputError as problem:
+        raise InputError(f"{place}: {part!r}: {problem}") from None
+    for name, target in ((STATURE, LENGTH), (MASS, WEIGHT)):
+        if own.same_dimension(target):
+            return name, quantity(part, target, f"{place}: {name}")
+    raise InputError(f'{place}: {part!r} is neither a length nor a mass; write "1.63 m", "62 kg", "30 years"')

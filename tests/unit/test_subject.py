@@ -1,0 +1,228 @@
+"""Persons and populations, as far as no landing is needed: words, estimates, factors, samples."""
+
+from __future__ import annotations
+
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+from sprain_cosim.errors import InputError
+from sprain_cosim.scenario.body import OWNER, SEX
+from sprain_cosim.study.codec import decode, encode
+from sprain_cosim.study.population import SCALING, Population, population_of
+from sprain_cosim.subject import Person, Subject, anthropometry, base_person, parse_subject
+from sprain_cosim.subject.anthropometry import MASS, MEASURES, SEXES
+from sprain_cosim.subject.person import BASE, SEGMENTS
+from sprain_cosim.uq import sampling
+from sprain_cosim.uq.distributions import Mixture, Normal
+from tests.reference import needs_reference
+from tools.reference import FOLDER
+
+N, SEED = 4000, 3  # of some 200 checks at three standard errors, one in two seeds fails one
+
+
+def scaled(subject: Subject) -> dict[str, float]:
+    return {name: value for name, value in subject.parameters().items() if "_scale_" in name}
+
+
+def test_the_base_person_has_factors_of_one_to_the_bit() -> None:
+    assert set(scaled(BASE).values()) == {1.0}
+    assert len(scaled(BASE)) == 3 * len(SEGMENTS)
+    assert BASE.parameters()["body_mass"] == 67.54377325440001
+    text = parse_subject("female, 180 cm, 67.54377325440001 kg")
+    assert set(scaled(text).values()) == {1.0}
+    assert (base_person().force_factor, base_person().size) == (1.0, 1.0)
+
+
+def test_an_estimate_is_the_conditional_mean_and_says_what_it_leaves_open() -> None:
+    """Against the closed form of two variables; a given measure is itself, and none given gives the table."""
+    table = anthropometry("female")
+    person = Person.estimated("female", {"stature": 1.70})
+    rho, ratio = 0.7222, table.sd["foot_length"] / table.sd["stature"]
+    expected = table.mean["foot_length"] + rho * ratio * (1.70 - table.mean["stature"])
+    assert person.measures["foot_length"] == pytest.approx(expected, rel=1e-12)
+    assert person.sd["foot_length"] == pytest.approx(table.sd["foot_length"] * math.sqrt(1 - rho**2), rel=1e-12)
+    assert (person.measures["stature"], person.sd["stature"]) == (1.70, 0.0)
+    anybody = Person.estimated("male", {})
+    assert anybody.measures == pytest.approx(dict(anthropometry("male").mean), rel=1e-12)
+    assert anybody.sd == pytest.approx(dict(anthropometry("male").sd), rel=1e-12)
+
+
+def test_factors_follow_the_measures() -> None:
+    longer = Subject("female", {**base_person().measures, "foot_length": 1.1 * base_person().measures["foot_length"]})
+    assert scaled(longer)["foot_scale_x"] == pytest.approx(1.1, rel=1e-12)
+    assert [v for k, v in scaled(longer).items() if k != "foot_scale_x"] == pytest.approx([1.0] * 14)
+    stated = parse_subject("female, 1.63 m, 62 kg, foot_scale 1.05")
+    assert [scaled(stated)[f"foot_scale_{axis}"] for axis in "xyz"] == [1.05] * 3
+    small, tall = (scaled(Subject("female", {"stature": s, MASS: 60.0})) for s in (1.55, 1.75))
+    assert all(small[name] < tall[name] for name in small if not name.startswith(("pelvis", "foot_scale_z")))
+
+
+def test_rules_by_name_are_none_of_the_default() -> None:
+    plain, strong = (Subject("male", {"stature": 1.85, MASS: 95.0}, force=f) for f in ("scale-tool", "handsfield"))
+    assert "muscle_force_scale" not in plain.parameters()
+    assert plain.rules == ()
+    volume = (47.05 * 1.85 * 95.0 + 1289.6) / (47.05 * 1.80 * 67.54377325440001 + 1289.6)
+    factor = strong.parameters()["muscle_force_scale"]
+    assert 1.0 < factor == pytest.approx(volume * base_person()._leg / Person.of(strong)._leg, rel=1e-12)
+    assert "Handsfield" in strong.words
+    lax = Subject("male", {"stature": 1.85, MASS: 95.0}, passive="mass-height")
+    assert lax.parameters()["passive_x_cubic"] == pytest.approx(1.85 * 95 / (1.80 * 67.54377325440001), rel=1e-12)
+    assert "passive" in lax.words
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("female, 1.63 m, 62 kg", "woman, 1.63 m, 62 kg"),
+        ("62 kg, 163cm, f", "woman, 1.63 m, 62 kg"),
+        ("man, 30 years, mass 180 lb, height = 5.9 ft", "man, 1.798 m, 81.65 kg"),
+        ("male, 1.8 m, foot length 27 cm", "man, 1.8 m, foot length 0.27 m"),
+    ],
+)
+def test_a_person_in_words(text: str, words: str) -> None:
+    assert parse_subject(text).words == words
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("1.63 m, 62 kg", "says no sex"),
+        ("female, 1,63 m", "decimal comma"),
+        ("female, 1.63, 62 kg", "neither a length nor a mass"),
+        ("female, 62 degC", "neither a length nor a mass"),
+        ("female, 1.63 furlong", "unknown symbol 'furlong'"),
+        ("fmale, 1.6 m", "did you mean female?"),
+        ("female, 1.6 m, 1.7 m", "stature is given twice"),
+        ("female, foot lenght 24 cm", "did you mean foot_length?"),
+        ("female, foot length 24 kg", "has the dimension kg, expected m"),
+        ("female, 0 m", "stature = 0: must be positive"),
+        ("girl, 12 years, 1.5 m", "cannot read 'girl'"),
+        ("female, 16 years, 1.6 m", "age 16"),
+        ("female, 1.6 m, force strong", "must be scale-tool or handsfield"),
+        ("female, lateral epicondyle height 1.2 m, trochanterion height 0.8 m", "leave a thigh length of -400 mm"),
+        ("", "says no sex"),
+    ],
+)
+def test_words_that_are_no_person_get_one_line(text: str, part: str) -> None:
+    with pytest.raises(InputError) as refused:
+        parse_subject(text)
+    assert part in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_unusual_measures_are_told() -> None:
+    assert parse_subject("female, 1.63 m, 62 kg").warnings == ()
+    (one,) = parse_subject("male, 2.10 m").warnings
+    assert "stature 2.1 m is above all but" in one
+    beside = parse_subject("female, 1.75 m, foot length 23 cm").warnings
+    assert any("beside" in line for line in beside)
+    assert "age 70" in parse_subject("female, 1.63 m, 70 years").warnings[0]
+
+
+def test_descriptions_travel() -> None:
+    subject = parse_subject("female, 1.63 m, 62 kg, foot_scale 1.05")
+    population = Population({"female": 0.5, "male": 0.5}, fixed={"stature": 1.7})
+    for value in (subject, population):
+        assert pickle.loads(pickle.dumps(value)) == value
+        assert decode(encode(value)) == value
+
+
+# ---- populations
+
+
+def drawn(population: Population) -> tuple[np.ndarray, list[str]]:
+    marginals = population.marginals
+    joint = population.joint(marginals, population.correlations(list(marginals), None))
+    return sampling.monte_carlo(joint, N, SEED), list(marginals)
+
+
+def moments(x: np.ndarray, names: list[str], sex: str) -> None:
+    """Means, SD and correlations of a sample are the table's within three standard errors (the correlations' in
+    Fisher's z), the mass's by its logarithm."""
+    table = anthropometry(sex)
+    shown = [name.removeprefix(OWNER) for name in names]
+    n = len(x)
+    for k, name in enumerate(shown):
+        mean, sd = table.mean[name], table.sd[name]
+        skewed = math.sqrt((np.mean((x[:, k] - mean) ** 4) / sd**4 - 1) / 4)
+        assert abs(np.mean(x[:, k]) - mean) < 3 * sd / math.sqrt(n), name
+        assert abs(np.std(x[:, k], ddof=1) - sd) < 3 * sd * skewed / math.sqrt(n), name
+    z = np.column_stack([np.log(x[:, k]) if name == MASS else x[:, k] for k, name in enumerate(shown)])
+    found = np.corrcoef(z.T)
+    at = [table.names.index(name) for name in shown]
+    expected = table.correlation[np.ix_(at, at)]
+    above = np.triu_indices(len(at), 1)
+    gap = np.abs(np.arctanh(found[above]) - np.arctanh(expected[above]))
+    assert gap.max() < 3 / math.sqrt(n - 3)
+
+
+@pytest.mark.parametrize("sex", SEXES)
+def test_a_sampled_population_is_the_table(sex: str) -> None:
+    x, names = drawn(Population({sex: 1.0}))
+    assert names == [OWNER + name for name in SCALING]
+    moments(x, names, sex)
+
+
+def test_a_mixed_population_is_the_table_within_each_sex() -> None:
+    x, names = drawn(Population({"female": 0.3, "male": 0.7}))
+    assert names[0] == SEX
+    women = x[:, 0] == 0.0
+    assert abs(women.mean() - 0.3) < 3 * math.sqrt(0.3 * 0.7 / N)
+    moments(x[women, 1:], names[1:], "female")
+    moments(x[~women, 1:], names[1:], "male")
+    masses = x[:, names.index("subject.mass")]
+    assert np.all(masses > 0)
+
+
+def test_the_mixture_of_two_laws_is_their_sum() -> None:
+    law = Mixture((Normal(1.63, 0.064), Normal(1.76, 0.069)), (0.3, 0.7))
+    u = np.linspace(-5, 5, 41)
+    x = law.from_standard(u)
+    np.testing.assert_allclose(law.to_standard(x), u, atol=1e-9)
+    np.testing.assert_allclose(law.slope(u[1:-1]), np.gradient(law.from_standard(u), u)[1:-1], rtol=0.05)
+    sample = law.from_standard(np.random.default_rng(1).standard_normal(200_000))
+    assert law.mean == pytest.approx(sample.mean(), abs=5e-4)
+    assert law.sd == pytest.approx(sample.std(), rel=5e-3)
+
+
+def test_those_who_share_a_measure_are_the_conditional_population() -> None:
+    tall = Population({"male": 1.0}).fixing("subject.stature", 1.90)
+    x, names = drawn(tall)
+    assert set(x[:, names.index("subject.stature")]) == {1.90}
+    mean, sd = anthropometry("male").conditional({"stature": 1.90})
+    for k, name in enumerate(names):
+        own = name.removeprefix(OWNER)
+        if own != "stature":
+            assert abs(x[:, k].mean() - mean[own]) < 3 * sd[own] / math.sqrt(N), name
+    assert Population({"female": 0.5, "male": 0.5}).fixing(SEX, 1.0).shares == {"male": 1.0}
+    with pytest.raises(InputError, match="has no women"):
+        tall.fixing(SEX, 0.0)
+
+
+def test_a_population_as_a_file_states_it() -> None:
+    population, subject = population_of({"women": 1, "men": 3, "force": "handsfield"}, "x: population")
+    assert population.shares == {"female": 0.25, "male": 0.75}
+    assert population.words == "population of women and men (25 : 75 %)"
+    assert subject.force == "handsfield"
+    with pytest.raises(InputError, match="needs women"):
+        population_of({}, "x: population")
+
+
+@needs_reference
+def test_the_table_is_that_of_the_reference() -> None:
+    import pandas as pd
+
+    rows = pd.read_csv(FOLDER / "population" / "ansur2_marginals.csv")
+    joined = pd.read_csv(FOLDER / "population" / "ansur2_correlations.csv")
+    for sex in SEXES:
+        table = anthropometry(sex)
+        own = rows[rows["sex"] == sex]
+        np.testing.assert_allclose(list(table.mean.values()), own["mean"], rtol=1e-5)
+        np.testing.assert_allclose(list(table.sd.values()), own["sd"], rtol=1e-5)
+        matrix = joined[joined["sex"] == sex].iloc[:, 2:].to_numpy(float)
+        np.testing.assert_allclose(table.correlation, matrix, atol=1e-9)
+        assert table.n == own["n"].iloc[0]
+    assert len(MEASURES) == 15
