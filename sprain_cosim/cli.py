@@ -874,6 +874,20 @@ def scenarios_command(as_json: bool) -> None:
         _show(f"{name:26}{title}")
 
 
+@cli.command("subject")
+@click.argument("person", required=False)
+@JSON
+def subject_command(person: str | None, as_json: bool) -> None:
+    """Show what a PERSON such as "female, 1.63 m, 62 kg" makes of the plant: measures, estimates with what they leave
+    open, factors. Without PERSON: the base person, with whom the plant was made."""
+    from .subject.person import BASE
+    from .subject.record import SubjectRecord, subject_listing
+    from .subject.words import parse_subject
+
+    chosen = BASE if person is None else parse_subject(person, "PERSON")
+    _show(json.dumps(SubjectRecord.of(chosen).to_json(), allow_nan=False) if as_json else subject_listing(chosen))
+
+
 @cli.command("build")
 @click.argument("models", nargs=-1)
 @PLATFORM

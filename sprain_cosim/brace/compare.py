@@ -6,7 +6,7 @@ hangs costs its own column, with the reason.
 
 OUT/none, OUT/NAME     a run or a study each, as `run --out` and `study --out` leave them
 OUT/compare.json       the table as data
-OUT/figures/compare.*  the figure
+OUT/figures/compare.*  the figure; where persons vary, figures/persons.* by their measures
 """
 
 from __future__ import annotations
@@ -315,6 +315,7 @@ def _check(folder: Path, names: Sequence[str], study: bool, resume: bool) -> Non
 def _write(comparison: Comparison) -> None:
     from ..figures import save
     from ..figures.comparison import comparison_figure
+    from ..figures.persons import persons_figure
 
     folder, summary = comparison.out, comparison.summary
     landed = {e.name: e for e in comparison.entries if e.landings is not None}
@@ -325,5 +326,7 @@ def _write(comparison: Comparison) -> None:
         write_json(folder / FILE, summary.to_json(), parents=True)
         (folder / "figures").mkdir(exist_ok=True)
         save(drawn, folder / "figures" / "compare")
+        if summary.persons is not None:
+            save(persons_figure(summary), folder / "figures" / "persons")
     except OSError as problem:
         raise EnvironmentProblem(f"{folder}: cannot be written: {problem.strerror or problem}") from None

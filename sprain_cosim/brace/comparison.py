@@ -20,6 +20,7 @@ from ..study.questions import QUESTIONS
 from ..study.study import Study
 from ..uq import statistics
 from ..uq.sequential import spent
+from .persons import persons_listing, persons_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -123,6 +124,7 @@ def summarise_comparison(
         injury=f"inversion from neutral {QUESTIONS[INVERSION][0]}",
         braces={e.name: landed.summary(e) for e in entries},
         pairs={f"{b} - {a}": landed.difference(b, a) for i, a in enumerate(names) for b in names[i + 1 :]},
+        persons=persons_of(landed.completed, study.headings, (*PEAKS[:2], INJURY), INVERSION) if study else None,
         decisions=decisions,
     )
 
@@ -209,6 +211,8 @@ def comparison_listing(summary: ComparisonSummary) -> str:
         for pair, d in summary.pairs.items():
             supination, inversion = (_cell(d.get(peak), 1.0, sign=True) for peak in PEAKS[:2])
             lines.append(f"{pair:44}{supination:>{width + 8}}{inversion:>{width}}")
+    if summary.persons is not None:
+        lines += persons_listing(summary.persons, INVERSION, "peak inversion [deg]", 1.0)
     lines += [f"\n{n}: failed: {b.message}" for n, b in summary.failed.items()]
     return "\n".join(lines)
 

@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 from .. import figures as plots
 from ..cosim.result import Result
 from ..errors import EnvironmentProblem, InputError
+from ..folders.comparison import ComparisonFolder
 from ..folders.read import Folder
 from ..folders.run import RunFolder, RunSummary, coupling_note, write_run
 from ..folders.study import StudyFolder
 from ..metrics import brace_torques
 from ..study.questions import law_name
 from ..study.summary import DesignSearch, LevelSearch
+from .persons import persons_figure
 from .records import published_records
 from .samples import Sample
 from .selection import (
@@ -75,6 +77,11 @@ def draw(folders: Sequence[Folder]) -> Iterator[Drawn]:
         yield from _of_runs(runs)
     if studies:
         yield from _of_studies(studies)
+    for folder in folders:
+        if isinstance(folder, ComparisonFolder) and folder.summary.persons is not None:
+            caption = "Means over parts of the persons with equal numbers, the same landings with every brace."
+            yield Drawn("persons", "For whom does each brace work?", caption, persons_figure(folder.summary))
+            break
     yield from _phase(runs, studies)
     moments = [(name, _moments(item)) for name, item in items]
     rows = [(name, *pair) for name, pair in moments if pair is not None]

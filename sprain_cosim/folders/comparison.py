@@ -130,6 +130,68 @@ class Decisions(Record):
         return next((a for a in names if all((a, b) in found for b in names if b != a)), None)
 
 
+@dataclass(frozen=True)
+class PersonBand(Record):
+    """The landings of persons within a part of the range of a measure.
+
+    low, high  ends of the part, in the measure's unit
+    n          landings that completed with every brace
+    metrics    {brace: {metric: mean over them}}
+    """
+
+    low: float
+    high: float
+    n: int
+    metrics: Mapping[str, Estimates] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class WorstInput(Record):
+    """An input in the worst tenth of a brace's landings.
+
+    unit         "" where it has no dimension
+    worst, rest  its mean there, and over the other landings, in the unit
+    shift        their difference in standard deviations of the input, with its 95 % interval
+    """
+
+    unit: str
+    worst: float
+    rest: float
+    shift: MeanEstimate
+
+
+@dataclass(frozen=True)
+class WorstTenth(Record):
+    """The tenth of a brace's landings in which the foot rolled farthest.
+
+    n        landings in it
+    above    all of them lie at or above this value of the metric that `Persons` names
+    metrics  means over them
+    inputs   {"component.parameter": ...}, the largest shift first
+    """
+
+    n: int
+    above: float
+    metrics: Estimates = field(default_factory=dict)
+    inputs: Mapping[str, WorstInput] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Persons(Record):
+    """For whom a brace works, of landings whose persons vary.
+
+    response  by which landings are worst
+    units     {measure: unit}
+    bands     {measure: parts of its range with equal numbers of landings, ascending}
+    worst     {brace: ...}
+    """
+
+    response: str
+    units: Mapping[str, str] = field(default_factory=dict)
+    bands: Mapping[str, tuple[PersonBand, ...]] = field(default_factory=dict)
+    worst: Mapping[str, WorstTenth] = field(default_factory=dict)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ComparisonSummary(Summary):
     """Several braces on the same landings: content of compare.json, and what `compare --json` prints.
@@ -143,6 +205,7 @@ class ComparisonSummary(Summary):
     injury            the event whose probability is the metric probability_of_injury, in words
     braces            {name: what it did}, "none" first
     pairs             {"B - A": the metrics of B minus those of A, over the landings that completed with both}
+    persons           absent unless the persons who land vary
     decisions         absent unless pairs stopped when they were decided
     """
 
@@ -157,6 +220,7 @@ class ComparisonSummary(Summary):
     injury: str = ""
     braces: Mapping[str, BraceSummary]
     pairs: Mapping[str, Estimates] = field(default_factory=dict)
+    persons: Persons | None = optional()
     decisions: Decisions | None = optional()
 
     @property

@@ -14,6 +14,7 @@ from ..errors import EnvironmentProblem, InputError
 from ..fmu.messages import Messages
 from ..records import FORMAT, Record, Summary, finite, known_format, optional
 from ..scenario import Scenario
+from ..subject.record import SubjectRecord
 
 FILE = "summary.json"
 SIGNALS = "signals.csv"
@@ -64,6 +65,7 @@ class RunSummary(Summary):
                                of it [deg]; None where that was not run
     coupling_converged         whether that is at most 0.1 deg; None where it is not known
     fmu_messages               {component: what its FMU said}, of those that said anything
+    subject                    who landed; absent: the person with whom the plant was made
     coupling_check             {metric: its change at half the communication step}; of a run that was checked so
     trial, reproduced          of a study's trial that ran again: its number, and whether its numbers are the same
     """
@@ -94,6 +96,7 @@ class RunSummary(Summary):
     coupling_doubt_deg: float | None = None
     coupling_converged: bool | None = None
     fmu_messages: Mapping[str, Messages] = field(default_factory=dict)
+    subject: SubjectRecord | None = optional()
     coupling_check: Mapping[str, float | None] | None = optional()
     trial: int | None = optional()
     reproduced: bool | None = optional()
@@ -127,6 +130,7 @@ class RunSummary(Summary):
             coupling_doubt_deg=finite(result.coupling_doubt),
             coupling_converged=result.converged,
             fmu_messages=result.messages,
+            subject=None if scenario.subject is None else SubjectRecord.of(scenario.subject),
         )
 
 

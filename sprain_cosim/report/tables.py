@@ -21,6 +21,7 @@ from ..study.manifest import FmuFile
 from ..study.summary import FormSearch, LevelSearch, Percentile, Probability, Response, SobolSearch
 from .blocks import Block, Cell, Folded, Heading, PageTable, Paragraph, Row
 from .design import design_blocks
+from .persons import groups_table, persons_tables
 from .words import ends, fine_ends, percent, percentage, percentage_ends, rounded, signed
 
 FAILURES = 20  # rows of the table of failed trials
@@ -49,6 +50,7 @@ def numbers_tables(folders: Sequence[Folder], items: Sequence[Named]) -> list[Bl
     comparisons = [folder for folder in folders if isinstance(folder, ComparisonFolder)]
     for folder in comparisons:
         blocks += [_comparison(folder), Paragraph(OF_COMPARISON, "about")]
+        blocks += persons_tables(folder.summary.persons) if folder.summary.persons else []
     studies = [(n, s) for n, s in items if isinstance(s, StudyFolder) and s.is_sample]
     if studies:
         blocks += [_levels(studies), Paragraph(OF_LEVELS, "about")]
@@ -182,7 +184,9 @@ def sensitivities_tables(items: Sequence[Named]) -> list[Block]:
             found = _of_factors(study)
         if found.rows:
             parts.append((name, found))
-    return _folded(parts)
+    studies = [study for _, study in items if isinstance(study, StudyFolder)]
+    groups = [groups_table(study.response, (study.summary.groups or {}).get(study.response, {})) for study in studies]
+    return [*_folded(parts), *(block for blocks in groups for block in blocks)]
 
 
 def _of_indices(study: StudyFolder, found: SobolSearch) -> PageTable:

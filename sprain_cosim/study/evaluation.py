@@ -20,6 +20,7 @@ from ..uq.measured import Measured
 from ..uq.reliability import FormResult, LevelCheck, LevelResult, RareEvent, Status
 from ..uq.sensitivity import SobolIndices
 from .design import design_summary
+from .groups import input_groups
 from .looks import confidence_of, until_rule
 from .marginals import Fitted
 from .plan import Plan
@@ -188,8 +189,10 @@ def _with_sample(
     if study.method == "monte-carlo" and len(done) >= LEAST:
         x = done[study.headings].to_numpy(float)
         moved = {name: _sensitivity(study, x, values[name]) for name in study.responses}
+    enough = len(done) >= LEAST and study.method != "grid"
+    groups = input_groups(study.headings, done, values, study.responses) if enough else None
     questions, curves = dict[str, Probability](), dict[str, Curve]()
-    if len(done) >= LEAST and study.method != "grid":
+    if enough:
         asked = [q for q in study.exceedances if q.response in values]
         questions = {q.name: sample.question(q, values[q.response]) for q in asked}
         questions = _with_inputs(study, done, questions, asked, notes)
@@ -204,6 +207,7 @@ def _with_sample(
         summary,
         responses=responses,
         sensitivity=moved,
+        groups=groups,
         questions=questions,
         curves=curves or None,
         notes=tuple(notes),

@@ -9,6 +9,7 @@ from typing import Any
 
 from ..uq import statistics
 from .evaluation import FACTORS
+from .groups import groups_listing
 from .plan import Plan
 from .questions import law_name
 from .summary import (
@@ -121,6 +122,7 @@ def _sample(study: Plan, summary: StudySummary) -> list[str]:
         if moved is not None and moved.inputs:
             lines += _correlations(moved, published.get("pearson", {}) if first else {}, without)
             lines += _factors(moved.inputs, without)
+        lines += groups_listing(name, (summary.groups or {}).get(name, {}))
     if summary.responses:
         lines += ["", f"{'metric (mean ± SD)':48}{'here':>20}{'published':>16}{_without_failed(summary)}"]
     for key, r in summary.responses.items():

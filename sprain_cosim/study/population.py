@@ -91,7 +91,9 @@ class Population:
         told = " and ".join(NOUNS_OF_MANY[sex] for sex in self.shares)
         if len(self.shares) > 1:
             told += f" ({' : '.join(f'{100 * share:.3g}' for share in self.shares.values())} %)"
-        shared = (f", {name.replace('_', ' ')} {value:.4g} {unit_of_measure(name)}" for name, value in self.fixed.items())
+        shared = (
+            f", {name.replace('_', ' ')} {value:.4g} {unit_of_measure(name)}" for name, value in self.fixed.items()
+        )
         return f"population of {told}{''.join(shared)}"
 
     @property

@@ -117,6 +117,16 @@ class InputSensitivity(Record):
 
 
 @dataclass(frozen=True)
+class VarianceShare(Record):
+    """The share of a response's variance that a group of inputs explains by itself, 0 ... 1, with its 95 %
+    interval."""
+
+    value: float | None
+    ci_low: float | None = None
+    ci_high: float | None = None
+
+
+@dataclass(frozen=True)
 class LinearFit(Record):
     """Share of the response's variance that the linear fit behind `importance` explains, 0 ... 1."""
 
@@ -672,6 +682,7 @@ class StudySummary(Summary):
     n_failed, failures         how many and how the others ended: {status: count}
     responses                  {metric: over the completed trials}
     sensitivity                {response: what moves it}
+    groups                     {response: {person, posture, ...: its share of the variance}}, where persons vary
     questions                  {question: its probability}; those of the literature are called by their metric
     curves                     {metric: the probability that it exceeds fixed thresholds}, where something is asked
     fits                       {input: the law fitted to its measured values}
@@ -703,6 +714,7 @@ class StudySummary(Summary):
     failures: Mapping[str, int] = field(default_factory=dict)
     responses: Mapping[str, Response] = field(default_factory=dict)
     sensitivity: Mapping[str, Sensitivity] = field(default_factory=dict)
+    groups: Mapping[str, Mapping[str, VarianceShare]] | None = optional()
     questions: Mapping[str, Probability] = field(default_factory=dict)
     curves: Mapping[str, Curve] | None = optional()
     fits: Mapping[str, SampleFit] | None = optional()

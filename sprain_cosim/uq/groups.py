@@ -26,13 +26,10 @@ def group_share(x: Array, y: Array) -> Estimate:
     """The share of the variance of y (n,) that the group's inputs x (n, k) explain, with a 95 % interval (delta method
     over the rows). NaN where y does not vary, or no polynomial can be fitted."""
     columns = _independent(x)
-    fits = [
-        fit_chaos(columns, y, degree)
-        for degree in _DEGREES
-        if len(y) >= _ROWS_A_TERM * terms_of(columns.shape[1], degree)
-    ]
-    if not fits or not np.ptp(y) > 0 or not columns.shape[1]:
+    degrees = [d for d in _DEGREES if len(y) >= _ROWS_A_TERM * terms_of(columns.shape[1], d)]
+    if not degrees or not np.ptp(y) > 0 or not columns.shape[1]:
         return Estimate(math.nan, math.nan, math.nan)
+    fits = [fit_chaos(columns, y, degree) for degree in degrees]
     best = max(fits, key=lambda fit: fit.q2)
     variance = float(np.var(y))
     pull = (best.left_out**2 - (1.0 - best.q2) * (y - y.mean()) ** 2) / variance

@@ -1,0 +1,59 @@
+"""For whom a brace works: peak and probability of each brace by measures of the persons who landed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..folders.comparison import NONE, ComparisonSummary, Persons
+from .style import BLACK, label, legend_above, legend_line, looks, sheet, styled
+
+INJURY = "probability_of_injury"
+HEIGHT = 3.4  # cm of a panel
+
+
+@styled
+def persons_figure(summary: ComparisonSummary) -> Figure:
+    """One row a measure: the mean of the response left, the probability right, over parts of the measure's range with
+    equal numbers of landings, each with its 95 % interval. `summary` has persons."""
+    persons = summary.persons
+    assert persons is not None
+    note = f"{summary.source}: {summary.count}, the same for every brace. Means over fifths of the persons, with "
+    note += "their 95 % intervals."
+    drawn, axes = sheet([HEIGHT] * len(persons.bands), note, columns=2)
+    braces = list(next(iter(persons.bands.values()))[0].metrics)
+    shown = dict(zip([NONE, *(b for b in braces if b != NONE)], [(BLACK, "-"), *looks(len(braces))], strict=False))
+    for row, name in enumerate(persons.bands):
+        left, right = axes[2 * row], axes[2 * row + 1]
+        _by_measure(left, persons, name, persons.response, 1.0, {b: shown[b] for b in braces})
+        _by_measure(right, persons, name, INJURY, 100.0, {b: shown[b] for b in braces})
+        right.set_ylim(bottom=0.0)
+        if row == 0:
+            left.set_title("peak inversion [deg]")
+            right.set_title("P(injury) [%]")
+    names = [(legend_line(*shown[b]), "no brace" if b == NONE else b) for b in braces]
+    legend_above(drawn, names, columns=min(3, len(names)))
+    return drawn
+
+
+def _by_measure(
+    axis: Axes, persons: Persons, name: str, metric: str, factor: float, look: Mapping[str, tuple[str, Any]]
+) -> None:
+    bands = persons.bands[name]
+    for shift, (brace, (colour, style)) in enumerate(look.items()):
+        found = [band.metrics[brace].get(metric) for band in bands]
+        points = [(0.5 * (b.low + b.high), e) for b, e in zip(bands, found, strict=True) if e and e.value is not None]
+        if not points:
+            continue
+        offset = 0.004 * (bands[-1].high - bands[0].low) * (shift - 0.5 * (len(look) - 1))
+        x = np.array([at + offset for at, _ in points])
+        y = factor * np.array([e.value for _, e in points], float)
+        half = factor * np.array([e.half_width or 0.0 for _, e in points])
+        axis.errorbar(x, y, yerr=half, color=colour, linestyle=style, marker="o", markersize=2.5, capsize=1.5)
+    axis.set_xlabel(f"{label(name)} [{persons.units[name]}]")
+    axis.grid(axis="y")
+    axis.locator_params(axis="x", nbins=5)

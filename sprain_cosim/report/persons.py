@@ -1,0 +1,92 @@
+"""The report's tables about persons: for whom each brace works, who is among the worst landings, person or posture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ..brace.comparison import INJURY
+from ..figures.style import PARAMETERS, label
+from ..folders.comparison import NONE, MeanEstimate, Persons
+from ..study.summary import VarianceShare
+from .blocks import Block, Cell, Heading, PageTable, Paragraph, Row
+from .words import ends, percentage, percentage_ends, rounded, signed
+
+WORST_INPUTS = 6  # rows of each brace
+OF_WORST = (
+    "Worst tenth: the landings in which the foot inverted farthest. Shift: by how many standard deviations of the "
+    "input their mean lies from that of the other landings. Small: 95 % intervals."
+)
+OF_GROUPS = (
+    "What each group of inputs explains of the response's variance by itself, judged by landings left out; the rest "
+    "needs several groups together, or is not smooth. Small: 95 % intervals."
+)
+
+
+def persons_tables(persons: Persons) -> list[Block]:
+    blocks: list[Block] = [Heading("For whom does each brace work?"), _bands(persons)]
+    for brace in persons.worst:
+        blocks += [Heading(f"The worst tenth: {_named(brace)}"), _worst(persons, brace)]
+    return [*blocks, Paragraph(OF_WORST, "about")]
+
+
+def _bands(persons: Persons) -> PageTable:
+    braces = list(persons.worst)
+    rows: list[Row] = []
+    for name, bands in persons.bands.items():
+        for band in bands:
+            row: list[str | Cell] = [f"{label(name)} {band.low:.3g} to {band.high:.3g} {persons.units[name]}"]
+            for brace in braces:
+                found = band.metrics.get(brace, {})
+                row += [_mean(found.get(persons.response)), _risk(found.get(INJURY))]
+            rows.append(row)
+    heads = [f"{_named(b)}: {what}" for b in braces for what in ("peak inversion [°]", "P(injury)")]
+    return PageTable(["persons", *heads], rows)
+
+
+def _worst(persons: Persons, brace: str) -> PageTable:
+    worst = persons.worst[brace]
+    shown = list(worst.inputs.items())
+    of_persons = [pair for pair in shown if pair[0] in persons.bands]
+    chosen = dict([*shown[:WORST_INPUTS], *of_persons])
+    rows: list[Row] = [
+        [
+            Cell(PARAMETERS[name][0], name=name) if name in PARAMETERS else Cell(name, code=True),
+            i.unit,
+            rounded(i.worst),
+            rounded(i.rest),
+            Cell(signed(i.shift.value, 2), ends(i.shift.ci_low, i.shift.ci_high)),
+        ]
+        for name, i in chosen.items()
+    ]
+    return PageTable([f"{worst.n} landings from {worst.above:.1f}°", "unit", "there", "elsewhere", "shift [SD]"], rows)
+
+
+def groups_table(response: str, shares: Mapping[str, VarianceShare]) -> list[Block]:
+    """Which group of inputs moves the response; nothing where no persons vary."""
+    rows: list[Row] = [
+        [group, Cell(_whole(share.value), tuple(_whole_ends(share.ci_low, share.ci_high)))]
+        for group, share in shares.items()
+    ]
+    if not rows:
+        return []
+    return [PageTable([label(response), "share of the variance"], rows), Paragraph(OF_GROUPS, "about")]
+
+
+def _whole(share: float | None) -> str:
+    return "" if share is None else f"{100 * share:.0f} %"
+
+
+def _whole_ends(low: float | None, high: float | None) -> list[str]:
+    return [] if low is None or high is None else [f"{100 * low:.0f} … {100 * high:.0f} %"]
+
+
+def _named(brace: str) -> str:
+    return "no brace" if brace == NONE else brace
+
+
+def _mean(e: MeanEstimate | None) -> str | Cell:
+    return "" if e is None or e.value is None else Cell(rounded(e.value), ends(e.ci_low, e.ci_high))
+
+
+def _risk(e: MeanEstimate | None) -> str | Cell:
+    return "" if e is None or e.value is None else Cell(percentage(e.value), percentage_ends(e.ci_low, e.ci_high))

@@ -1,0 +1,77 @@
+"""Person, posture, fall and ground, ankle, control, brace: which group of a study's inputs moves a response."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..records import finite
+from ..scenario.body import SEX, is_of_subject
+from ..subject.person import BODY_MASS, MUSCLE_FORCE
+from ..uq.distributions import Array
+from ..uq.groups import group_share
+from .summary import VarianceShare
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+PERSON = "person"
+FALL = ("plant.drop_height", "plant.platform_incline", "plant.contact_", "plant.pelvis_vertical_velocity")
+ANKLE = ("plant.passive_", "plant.ankle_strength_scale", "plant.evertor_strength_scale")
+STARTS = {
+    "person": (f"plant.{BODY_MASS}", f"plant.{MUSCLE_FORCE}"),
+    "fall and ground": FALL,
+    "ankle": ANKLE,
+    "control": ("controller.", "plant.body_reflex_scale", "plant.initial_ankle_activation"),
+    "brace": ("brace.",),
+}
+
+
+def group_of_input(name: str) -> str:
+    """The group of "component.parameter"."""
+    if is_of_subject(name) or "_scale_" in name:
+        return PERSON
+    if name.endswith("_at_contact"):
+        return "posture"
+    return next((group for group, starts in STARTS.items() if name.startswith(starts)), "other")
+
+
+def input_groups(
+    headings: Sequence[str], done: pd.DataFrame, values: Mapping[str, Array], responses: Sequence[str]
+) -> dict[str, dict[str, VarianceShare]] | None:
+    """{response: {group: its share of the variance}} over the trials that are `done`, the largest first; None where no
+    measures of persons are among the inputs."""
+    members: dict[str, list[str]] = {}
+    for heading in headings:
+        name = heading.partition(" [")[0]
+        if name != SEX:  # it acts through the measures alone
+            members.setdefault(group_of_input(name), []).append(heading)
+    if not any(is_of_subject(heading) for heading in headings):
+        return None
+    found = {}
+    for response in responses:
+        shares = {group: group_share(done[names].to_numpy(float), values[response]) for group, names in members.items()}
+        known = {group: share for group, share in shares.items() if np.isfinite(share.value)}
+        found[response] = {
+            group: VarianceShare(finite(share.value), finite(share.low), finite(share.high))
+            for group, share in sorted(known.items(), key=lambda item: -item[1].value)
+        }
+    return found
+
+
+def groups_listing(response: str, shares: Mapping[str, VarianceShare]) -> list[str]:
+    """Lines of a table: which group explains how much of the response's variance."""
+    if not shares:
+        return []
+    lines = ["", f"{response}: share of its variance that each group of inputs explains by itself"]
+    for group, share in shares.items():
+        ends = "" if share.ci_low is None or share.ci_high is None else _percent_ends(share.ci_low, share.ci_high)
+        lines.append(f"  {group:32}{100 * (share.value or 0.0):8.0f} %{ends:>20}")
+    rest = 1.0 - sum(share.value or 0.0 for share in shares.values())
+    return [*lines, f"  {'together, or not smooth':32}{100 * rest:8.0f} %"]
+
+
+def _percent_ends(low: float, high: float) -> str:
+    return f"{100 * low:.0f} ... {100 * high:.0f}"

@@ -1,0 +1,110 @@
+"""Which persons a brace works for, and whether the person or the posture matters more: on rows of known laws."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from sprain_cosim.brace.comparison import INJURY, INVERSION
+from sprain_cosim.brace.persons import persons_listing, persons_of
+from sprain_cosim.figures.persons import persons_figure
+from sprain_cosim.folders.comparison import BraceSummary, ComparisonSummary
+from sprain_cosim.report.persons import groups_table, persons_tables
+from sprain_cosim.study.groups import group_of_input, groups_listing, input_groups
+from sprain_cosim.uq.groups import group_share
+
+HEADINGS = ["subject.sex", "subject.stature [m]", "subject.mass [kg]", "plant.subtalar_angle_at_contact [rad]"]
+N = 400
+
+
+def landings(brace: float) -> pd.DataFrame:
+    """Inversion grows with the mass alone, by `brace` deg/kg, and a little with the posture."""
+    rng = np.random.default_rng(5)
+    sex = rng.integers(0, 2, N).astype(float)
+    stature = 1.63 + 0.13 * sex + 0.06 * rng.standard_normal(N)
+    mass = 65 + 20 * sex + 10 * rng.standard_normal(N)
+    posture = 0.09 * rng.standard_normal(N)
+    peak = 10 + brace * (mass - 75) + 10 * posture
+    columns = dict(zip(HEADINGS, (sex, stature, mass, posture), strict=True))
+    return pd.DataFrame({"trial": np.arange(N), **columns, INVERSION: peak, INJURY: peak / 100}).set_index("trial")
+
+
+@pytest.fixture(scope="module")
+def summary() -> ComparisonSummary:
+    landed = {"none": landings(0.3), "soft": landings(0.1)}
+    persons = persons_of(landed, HEADINGS, (INVERSION, INJURY), INVERSION)
+    braces = {name: BraceSummary(status="completed", n_completed=N) for name in landed}
+    return ComparisonSummary(kind="study", source="x", title="x", landings=N, braces=braces, persons=persons)
+
+
+def test_bands_show_for_whom_a_brace_works(summary: ComparisonSummary) -> None:
+    persons = summary.persons
+    assert persons is not None
+    assert list(persons.bands) == ["subject.stature", "subject.mass"]
+    bands = persons.bands["subject.mass"]
+    assert [band.n for band in bands] == [N // 5] * 5
+    means = [band.metrics["none"][INVERSION].value or 0.0 for band in bands]
+    rows = landings(0.3)
+    lightest = rows.nsmallest(N // 5, "subject.mass [kg]")
+    assert means == sorted(means)
+    assert means[0] == pytest.approx(lightest[INVERSION].mean(), rel=1e-12)
+    assert bands[0].low == rows["subject.mass [kg]"].min()
+    assert bands[0].metrics["none"][INVERSION].half_width is not None
+
+
+def test_the_worst_tenth_are_the_heavy(summary: ComparisonSummary) -> None:
+    assert summary.persons is not None
+    worst = summary.persons.worst["none"]
+    rows = landings(0.3).sort_values(INVERSION, ascending=False)
+    assert (worst.n, worst.above) == (40, rows[INVERSION].iloc[39])
+    assert next(iter(worst.inputs)) == "subject.mass"
+    mass = worst.inputs["subject.mass"]
+    assert mass.worst == pytest.approx(rows["subject.mass [kg]"].iloc[:40].mean())
+    assert (mass.shift.ci_low or 0) > 1.0
+    text = "\n".join(persons_listing(summary.persons, INVERSION, "peak inversion [deg]", 1.0))
+    assert "worst tenth of none" in text
+    assert "mass +" in text
+
+
+def test_a_summary_with_persons_travels_and_is_shown(summary: ComparisonSummary) -> None:
+    assert ComparisonSummary.from_json(summary.to_json(), "x").persons == summary.persons
+    assert summary.persons is not None
+    assert len(persons_figure(summary).axes) == 4
+    assert len(persons_tables(summary.persons)) == 7
+
+
+def test_landings_of_one_person_say_nothing_about_persons() -> None:
+    rows = {"none": landings(0.3)}
+    assert persons_of(rows, HEADINGS[3:], (INVERSION,), INVERSION) is None
+    assert persons_of({"none": rows["none"].iloc[:30]}, HEADINGS, (INVERSION,), INVERSION) is None
+
+
+def test_shares_of_groups_are_those_of_the_closed_form() -> None:
+    """y = 2 x1 + x2² + x3 + x1 x3 / 2 with x1 and x2 of correlation 0.6: 6, 1 and 0.25 of 7.25."""
+    rng = np.random.default_rng(11)
+    z = rng.standard_normal((1000, 3))
+    x1, x2, x3 = z[:, 0], 0.6 * z[:, 0] + 0.8 * z[:, 1], z[:, 2]
+    y = 2 * x1 + x2**2 + x3 + 0.5 * x1 * x3
+    for columns, expected in (((x1, x2), 6 / 7.25), ((x3,), 1 / 7.25)):
+        share = group_share(np.column_stack(columns), y)
+        assert share.low < expected < share.high
+        assert share.high - share.low < 0.2
+    assert abs(group_share(rng.standard_normal((1000, 2)), y).value) < 0.02
+    assert np.isnan(group_share(np.ones((1000, 1)), y).value)
+
+
+def test_person_and_posture_are_told_apart() -> None:
+    rows = landings(0.3)
+    values = {INVERSION: rows[INVERSION].to_numpy()}
+    groups = input_groups(HEADINGS, rows, values, [INVERSION])
+    assert groups is not None
+    shares = groups[INVERSION]
+    assert list(shares) == ["person", "posture"]
+    mass, posture = rows["subject.mass [kg]"].std() * 0.3, rows[HEADINGS[3]].std() * 10
+    assert shares["person"].value == pytest.approx(mass**2 / (mass**2 + posture**2), abs=0.05)
+    assert "person" in groups_listing(INVERSION, shares)[2]
+    assert len(groups_table(INVERSION, shares)) == 2
+    assert input_groups(HEADINGS[3:], rows, values, [INVERSION]) is None
+    assert group_of_input("plant.contact_modulus") == "fall and ground"
+    assert group_of_input("controller.reflex_gain") == "control"
