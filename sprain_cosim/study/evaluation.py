@@ -189,10 +189,8 @@ def _with_sample(
     if study.method == "monte-carlo" and len(done) >= LEAST:
         x = done[study.headings].to_numpy(float)
         moved = {name: _sensitivity(study, x, values[name]) for name in study.responses}
-    enough = len(done) >= LEAST and study.method != "grid"
-    groups = input_groups(study.headings, done, values, study.responses) if enough else None
     questions, curves = dict[str, Probability](), dict[str, Curve]()
-    if enough:
+    if len(done) >= LEAST and study.method != "grid":
         asked = [q for q in study.exceedances if q.response in values]
         questions = {q.name: sample.question(q, values[q.response]) for q in asked}
         questions = _with_inputs(study, done, questions, asked, notes)
@@ -207,7 +205,7 @@ def _with_sample(
         summary,
         responses=responses,
         sensitivity=moved,
-        groups=groups,
+        groups=None if study.method == "grid" else input_groups(study.headings, done, values, study.responses),
         questions=questions,
         curves=curves or None,
         notes=tuple(notes),

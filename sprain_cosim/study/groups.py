@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 PERSON = "person"
+FEWEST = 20  # completed trials
 FALL = ("plant.drop_height", "plant.platform_incline", "plant.contact_", "plant.pelvis_vertical_velocity")
 ANKLE = ("plant.passive_", "plant.ankle_strength_scale", "plant.evertor_strength_scale")
 STARTS = {
@@ -42,13 +43,13 @@ def input_groups(
     headings: Sequence[str], done: pd.DataFrame, values: Mapping[str, Array], responses: Sequence[str]
 ) -> dict[str, dict[str, VarianceShare]] | None:
     """{response: {group: its share of the variance}} over the trials that are `done`, the largest first; None where no
-    measures of persons are among the inputs."""
+    measures of persons are among the inputs, or too few trials are done."""
     members: dict[str, list[str]] = {}
     for heading in headings:
         name = heading.partition(" [")[0]
         if name != SEX:  # it acts through the measures alone
             members.setdefault(group_of_input(name), []).append(heading)
-    if not any(is_of_subject(heading) for heading in headings):
+    if len(done) < FEWEST or not any(is_of_subject(heading) for heading in headings):
         return None
     found = {}
     for response in responses:
