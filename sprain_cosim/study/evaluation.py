@@ -117,7 +117,11 @@ def summarise(study: Plan, trials: pd.DataFrame, found: Found | None) -> StudySu
     )
     if found is not None:
         return _with_search(summary, study, found)
-    return _with_sample(summary, study, trials, done, metrics)
+    summary = _with_sample(summary, study, trials, done, metrics)
+    if study.method == "grid":
+        return summary
+    values = {name: done[name].to_numpy(float) for name in study.responses if name in done}
+    return replace(summary, groups=input_groups(study.headings, done, values, list(values)))
 
 
 def _fit(fit: Fitted) -> SampleFit:
@@ -205,7 +209,6 @@ def _with_sample(
         summary,
         responses=responses,
         sensitivity=moved,
-        groups=None if study.method == "grid" else input_groups(study.headings, done, values, study.responses),
         questions=questions,
         curves=curves or None,
         notes=tuple(notes),
