@@ -26,9 +26,11 @@ from sprain_cosim.study.marginals import Fitted
 from sprain_cosim.study.merge import merge
 from sprain_cosim.study.methods import METHODS
 from sprain_cosim.study.plan import Plan
+from sprain_cosim.study.population import Population
 from sprain_cosim.study.previous import facts_today
 from sprain_cosim.study.questions import Question
 from sprain_cosim.study.until import Until
+from sprain_cosim.subject import Subject
 from sprain_cosim.uq.distributions import Marginal, Normal, Truncated
 
 METHOD = {
@@ -88,6 +90,7 @@ SCENARIO: dict[str, Callable[[Plan, dict[str, Path]], Any]] = {
     "isolate": lambda *_: ("brace",),
     "warnings": lambda *_: ("x",),
     "dropped": lambda *_: ("x",),
+    "subject": lambda *_: Subject("female", {"stature": 1.63}),
 }
 PLAN: dict[str, Callable[[Plan], Any]] = {
     "marginals": lambda s: {**s.marginals, "plant.drop_height": Normal(0.3, 0.04)},
@@ -108,6 +111,7 @@ PLAN: dict[str, Callable[[Plan], Any]] = {
     "levels": lambda _: (0.1, 0.9),
     "table": lambda _: np.ones((2, 10)),
     "numbers": lambda _: (0, 2),
+    "population": lambda _: Population({"female": 1.0}),
     "published": lambda _: {"source": "x"},
     "responses": lambda _: ("peak_inversion_from_neutral_deg",),
     "scenario": lambda s: replace(s.scenario, parameters={}),
