@@ -43,12 +43,14 @@ def test_families_have_the_moments_of_their_numbers(spec: dict[str, Any], mean: 
 
 
 def test_every_distribution_has_a_name() -> None:
-    """But for `Truncated`, which low and high make."""
+    """But for `Truncated`, which low and high make, and for mixtures, which [population] makes."""
     made = {family.make for family in FAMILIES.values()}
     known = {getattr(distributions, name) for name in distributions.__all__} - {
         distributions.Array,
         distributions.JointDistribution,
+        distributions.JointMixture,
         distributions.Marginal,
+        distributions.Mixture,
         Truncated,
     }
     assert made == known
