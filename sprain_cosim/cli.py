@@ -837,14 +837,77 @@ def animate_command(folders: tuple[Path, ...], trial: str | None, slow: float, o
     type=click.Choice(["coordinates", "states", "forces", "ground", "signals"]),
     help="Default: states in .sto, coordinates in .mot, else signals.",
 )
+@click.option("--speeds", is_flag=True, help="Of coordinates: their rates beside them (_u), for `motion` to the bit.")
 @out_option("File to write.", required=True)
-def export_command(folder: Path, trial: str | None, kind: str | None, content: str | None, out: Path) -> None:
+def export_command(
+    folder: Path, trial: str | None, kind: str | None, content: str | None, speeds: bool, out: Path
+) -> None:
     """Write the landing in FOLDER for other tools: OpenSim .sto and .mot, CSV, Parquet."""
     from .export.landing import write_landing
     from .folders.landing import load_landing
 
-    rows, columns = write_landing(load_landing(folder, trial), out, kind, content)
+    rows, columns = write_landing(load_landing(folder, trial), out, kind, content, speeds)
     _show(f"written: {out} ({rows} rows, {columns} columns and time)")
+
+
+@cli.command("motion")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--at", metavar='"0.81 s"', help="Instant in the file (default: first contact of the foot).")
+@click.option("--side", type=click.Choice(["right", "left"]), default="right", show_default=True, help="Landing foot.")
+@click.option(
+    "--pose",
+    type=click.Choice(["touching", "given"]),
+    default="touching",
+    show_default=True,
+    help="given: the pelvis at the file's height; touching: where the sole touches.",
+)
+@click.option("--base", default="incline30", show_default=True, metavar="SCENARIO", help="What the landing changes.")
+@click.option("--cutoff", metavar='"15 Hz"', help="Of the smoothing spline that gives the speeds.")
+@click.option(
+    "--knee", type=click.Choice(["flexion", "extension"]), help="The file's positive direction, if it is not seen."
+)
+@click.option("--angles", type=click.Choice(["degrees", "radians"]), help="Of the file, where its header does not say.")
+@click.option("--turn", metavar='"90 deg"', help="Turn the motion about the vertical, + to the left.")
+@click.option(
+    "--model", type=click.Path(path_type=Path), metavar="FILE.osim", help="The person's scaled model: size, mass."
+)
+@out_option("Scenario file, a page and a picture beside it (default: FILE's name .toml, here).")
+@JSON
+def motion_command(
+    file: Path,
+    at: str | None,
+    side: str,
+    pose: str,
+    base: str,
+    cutoff: str | None,
+    knee: str | None,
+    angles: str | None,
+    turn: str | None,
+    model: Path | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Start a landing as a measured motion: FILE (.mot, .sto of OpenSim, OpenCap, AddBiomechanics) -> a scenario."""
+    from .motion.doubt import peak_doubts
+    from .motion.page import motion_json, motion_listing, motion_warnings
+    from .motion.start import motion_start
+    from .motion.write import write_motion
+    from .units import quantity, unit
+
+    def of(text: str | None, name: str, option: str) -> dict[str, float]:
+        return {} if text is None else {option: quantity(text, unit(name), f"--{option}")}
+
+    numbers = of(at, "s", "at") | of(cutoff, "Hz", "cutoff") | of(turn, "rad", "turn")
+    start = motion_start(file, side=side, pose=pose, base=base, knee=knee, angles=angles, model=model, **numbers)
+    for warning in motion_warnings(start):
+        _show(f"warning: {warning}", err=True)
+    peaks = peak_doubts(start)
+    written = write_motion(start, peaks, out or Path(f"{file.stem}.toml"))
+    if as_json:
+        _show(json.dumps(motion_json(start, peaks), allow_nan=False))
+        return
+    _show(f"{motion_listing(start, peaks)}\n\nwritten: {', '.join(str(path) for path in written)}")
+    _show(f"next: sprain-cosim run {written[0]}")
 
 
 @cli.command("report")

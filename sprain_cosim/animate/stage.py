@@ -244,7 +244,7 @@ class _Actor:
         self.pivot = np.array(self.skeleton.content["platform"]["pivot"])
         sine, cosine = math.sin(self.incline), math.cos(self.incline)
         self.turn = np.array([[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]])
-        self.colours = np.array([_colour(part) for part in self.skeleton.parts])
+        self.colours = np.array([part_colour(part) for part in self.skeleton.parts])
         worn = np.array([self.braced or part != "brace" for part in self.skeleton.parts])
         self.whole, self.near = (
             worn,
@@ -437,7 +437,7 @@ class _Chart:
         return shown
 
 
-def _colour(part: str) -> np.ndarray:
+def part_colour(part: str) -> np.ndarray:
     colour = np.array(COLOURS[part.removeprefix("left ")])
     return 0.75 * colour + 0.25 * PAPER if part in ("left skin", "left foot") else colour
 

@@ -38,10 +38,14 @@ FORMATS = {
 }  # and the content of each by default
 
 
-def coordinates(run: Landing) -> pd.DataFrame:
-    """The 15 coordinates [rad, m]."""
+def coordinates(run: Landing, speeds: bool = False) -> pd.DataFrame:
+    """The 15 coordinates [rad, m]; with `speeds` their rates beside them under the same names with _u, as OpenSim 3
+    names them [rad/s, m/s]."""
     run.need(COORDINATES, "the export of coordinates")
-    return _frame(run, {name: run.result[f"plant.{name}"] for name in COORDINATES})
+    columns = {name: run.result[f"plant.{name}"] for name in COORDINATES}
+    if speeds:
+        columns |= {f"{name}_u": run.result[f"plant.{name}_speed"] for name in COORDINATES}
+    return _frame(run, columns)
 
 
 def states(run: Landing) -> pd.DataFrame:
@@ -101,14 +105,18 @@ CONTENTS: dict[str, Callable[[Landing], pd.DataFrame]] = {
 }
 
 
-def write_landing(run: Landing, target: Path, kind: str | None = None, content: str | None = None) -> tuple[int, int]:
-    """Writes `content` (one of CONTENTS) of a landing as `kind` (one of FORMATS; None: by the ending of `target`).
-    Returns rows and columns, time not counted. Raises InputError, EnvironmentProblem."""
+def write_landing(
+    run: Landing, target: Path, kind: str | None = None, content: str | None = None, speeds: bool = False
+) -> tuple[int, int]:
+    """Writes `content` (one of CONTENTS) of a landing as `kind` (one of FORMATS; None: by the ending of `target`);
+    `speeds`: beside coordinates. Returns rows and columns, time not counted. Raises InputError, EnvironmentProblem."""
     kind = kind or target.suffix.lower().removeprefix(".")
     if kind not in FORMATS:
         raise InputError(f"{target}: format {kind!r} is unknown{nearest(kind, FORMATS)}")
     content = content or FORMATS[kind]
-    table = CONTENTS[content](run)
+    if speeds and content not in ("coordinates", "states"):
+        raise InputError(f"{target}: --speeds belongs to coordinates, and this file holds {content}")
+    table = coordinates(run, speeds) if content == "coordinates" else CONTENTS[content](run)
     with whole_file(target, parents=True) as partial:
         if kind == "csv":
             table.to_csv(partial, float_format="%.10g", lineterminator="\n")
@@ -122,7 +130,7 @@ def write_landing(run: Landing, target: Path, kind: str | None = None, content: 
         else:
             in_degrees = kind == "mot" and content == "coordinates"
             if in_degrees:
-                turned = [name for name in table.columns if name not in TRANSLATIONS]
+                turned = [name for name in table.columns if name.removesuffix("_u") not in TRANSLATIONS]
                 table[turned] = np.degrees(table[turned])
             text = opensim_text(table, {"coordinates": "Coordinates"}.get(content, content), in_degrees)
             partial.write_text(text, "utf-8")
@@ -130,7 +138,8 @@ def write_landing(run: Landing, target: Path, kind: str | None = None, content: 
 
 
 def opensim_text(table: pd.DataFrame, name: str, in_degrees: bool) -> str:
-    """A storage file of OpenSim 4: header, then columns separated by tabs; `table` over time [s]."""
+    """A storage file of OpenSim 4: header, then columns separated by tabs; `table` over time [s]. Numbers have the 17
+    digits that give them back to the bit."""
     head = [
         name,
         "version=1",
@@ -141,7 +150,7 @@ def opensim_text(table: pd.DataFrame, name: str, in_degrees: bool) -> str:
     ]
     labels = "\t".join(["time", *(str(c).replace(" ", "_") for c in table.columns)])
     rows = [
-        "\t".join(f"{v:.10g}" for v in (time, *values))
+        "\t".join(f"{v:.17g}" for v in (time, *values))
         for time, values in zip(table.index, table.to_numpy(), strict=True)
     ]
     return "\n".join([*head, labels, *rows]) + "\n"

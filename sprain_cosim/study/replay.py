@@ -37,7 +37,7 @@ class Replay:
 
     @property
     def result(self) -> Result | None:
-        """The record of the repetition, with the ten digits of signals.csv; None when its process did not live to give
+        """The record of the repetition, with the digits of signals.csv; None when its process did not live to give
         one."""
         if not self.outcome.trajectory:
             return None

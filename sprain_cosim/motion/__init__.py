@@ -1,0 +1,1 @@
+"""A measured motion as the start of a landing."""

@@ -1,0 +1,20 @@
+"""The files of a motion: the scenario, the page and the picture beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..figures import picture
+from ..files import write
+from .page import motion_page, motion_scenario
+from .picture import pose_figure
+from .start import MotionStart
+
+
+def write_motion(start: MotionStart, peaks: dict[str, float], target: Path) -> tuple[Path, Path, Path]:
+    """Writes `target` (.toml), and .md and .png of the same name. Raises EnvironmentProblem."""
+    page, drawing = target.with_suffix(".md"), target.with_suffix(".png")
+    write(drawing, picture(pose_figure(start), "png"), parents=True)
+    write(page, motion_page(start, peaks, target.name, drawing.name))
+    write(target, motion_scenario(start, page.name))
+    return target, page, drawing

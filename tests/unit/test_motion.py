@@ -1,0 +1,318 @@
+"""A measured motion as the start of a landing: files read, signs turned, speeds by splines, first contact, and what is
+refused."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from sprain_cosim.cli import _run
+from sprain_cosim.cosim.result import Result
+from sprain_cosim.errors import InputError
+from sprain_cosim.export.landing import COORDINATES, TRANSLATIONS, write_landing
+from sprain_cosim.folders.landing import Landing
+from sprain_cosim.motion.contact import first_contact
+from sprain_cosim.motion.coordinates import MIRRORED, read_course
+from sprain_cosim.motion.page import motion_page, motion_warnings
+from sprain_cosim.motion.speeds import smoothed, spline_speed, value_at
+from sprain_cosim.motion.start import MotionStart, motion_start
+from sprain_cosim.motion.storage import read_storage
+from sprain_cosim.scenario import load_scenario
+from sprain_cosim.shipped import fmu_path
+from tests.reference import needs_reference
+from tools.reference import FOLDER
+
+PLANT = fmu_path("plant", Path.cwd(), "plant")
+FILE = FOLDER / "motion" / "drop_jump.mot"
+FLOOR = 0.4  # s, when the fall of `fall` ends
+
+
+def fall(knee: float = 16.0) -> dict[str, np.ndarray]:
+    """A person who falls onto a level floor and stands: columns in degrees and metres, the knee positive in flexion."""
+    time = np.arange(70) / 100
+    own = {"hip_flexion_r": 30.0, "hip_adduction_r": -13.0, "hip_rotation_r": -12.0, "knee_angle_r": knee}
+    own |= {"ankle_angle_r": -34.0, "subtalar_angle_r": 1.0, "pelvis_tilt": -13.0, "pelvis_list": 8.0}
+    own |= {"pelvis_rotation": 17.0, "lumbar_extension": -10.0, "lumbar_bending": -9.0, "lumbar_rotation": -12.0}
+    own |= {"pelvis_tx": -0.4, "pelvis_tz": 0.3, "mtp_angle_r": 0.0, "knee_angle_l": 50.0}
+    falling = np.minimum(time, FLOOR)
+    height = 1.05 + 0.5 * 9.80665 * (FLOOR**2 - falling**2)
+    return {"time": time} | {c: np.full(len(time), v) for c, v in own.items()} | {"pelvis_ty": height}
+
+
+def storage(path: Path, columns: Mapping[str, np.ndarray], head: str = "inDegrees=yes") -> Path:
+    rows = ["\t".join(f"{v:.12g}" for v in row) for row in zip(*columns.values(), strict=True)]
+    lines = ["Coordinates", "version=1", f"nRows={len(rows)}", f"nColumns={len(columns)}", head, "endheader"]
+    path.write_text("\n".join([*lines, "\t".join(columns), *rows]) + "\n")
+    return path
+
+
+@pytest.fixture(scope="module")
+def landed() -> Landing:
+    chosen = load_scenario("incline30_mixed").recording("plant.*")
+    return Landing("landing", chosen.heading, chosen.initial_pose(), chosen.run(), {}, PLANT)
+
+
+@pytest.mark.parametrize(("name", "pose"), [("x.sto", "touching"), ("x.sto", "given"), ("x.mot", "touching")])
+def test_a_landing_that_was_exported_starts_again(name: str, pose: str, landed: Landing, tmp_path: Path) -> None:
+    """Through the folder that a run leaves, at the first row: the same landing to 1e-9."""
+    kept = tmp_path / "signals.csv"
+    kept.write_text(landed.result.csv())
+    stored = Landing("kept", "", landed.pose, Result.read_csv(kept), {}, PLANT)
+    write_landing(stored, tmp_path / name, speeds=True)
+    start = motion_start(tmp_path / name, pose=pose, base="incline30_mixed")
+    assert start.contact.at == 0.0
+    assert "first row" in start.contact.how
+    again = start.scenario.recording("plant.*").run()
+    scale = np.abs(landed.result.values).max(axis=0)
+    assert (np.abs(again.values - landed.result.values) <= 1e-9 * scale).all()
+    assert {v.by_column for v in start.values.values()} == {True}
+
+
+def test_the_command_leaves_a_scenario_a_page_and_a_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, target = storage(tmp_path / "fall.mot", fall()), tmp_path / "own.toml"
+    assert _run(["motion", str(file), "--side", "right", "-o", str(target), "--json"], []) == 0
+    told = capsys.readouterr()
+    content = json.loads(told.out)
+    assert content["initial_pose"] == "touching"
+    assert content["unused"] == {"mtp_angle_r": "locked", "knee_angle_l": "locked"}
+    scenario = load_scenario(target)
+    assert scenario.parameters["plant.knee_angle_r_at_contact"] == "-16.0 deg"
+    assert "fall.mot" in scenario.heading
+    result = scenario.run()
+    assert result.metrics["peak_subtalar_angle_deg"] == pytest.approx(content["peak_subtalar_angle_deg"][""], abs=1e-9)
+    page = (tmp_path / "own.md").read_text()
+    for words in ("the sign was turned", "mtp_angle_r", "15 Hz", "one row earlier", "own.png", "touching"):
+        assert words in page
+    assert (tmp_path / "own.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_first_contact_is_the_last_row_in_the_air(tmp_path: Path) -> None:
+    start = motion_start(storage(tmp_path / "fall.mot", fall()))
+    assert start.contact.at == pytest.approx(FLOOR - 0.01)
+    assert start.values["pelvis_ty"].speed == pytest.approx(-9.80665 * (FLOOR - 0.01), rel=1e-6)
+    assert start.drop == pytest.approx(0.5 * 9.80665 * (FLOOR - 0.01) ** 2, rel=1e-6)
+    named = motion_start(start.table.path, at=0.3)
+    assert named.values["pelvis_ty"].speed == pytest.approx(-9.80665 * 0.3, rel=1e-6)
+    between = motion_start(start.table.path, at=0.305).values["pelvis_ty"]
+    assert between.value == pytest.approx(1.05 + 0.5 * 9.80665 * (FLOOR**2 - 0.305**2), abs=1e-7)
+    time = np.arange(100) / 100
+    with pytest.raises(InputError, match="never comes down faster"):
+        first_contact(time, np.full(100, 0.1) - 0.01 * time)
+    with pytest.raises(InputError, match="ends before the foot stands"):
+        first_contact(time, 0.5 - 3.0 * time)
+
+
+def test_a_left_footed_landing_is_mirrored(tmp_path: Path) -> None:
+    columns = fall() | {"knee_angle_r": fall()["knee_angle_l"]}
+    del columns["knee_angle_l"]
+    left = {(f"{c[:-2]}_l" if c.endswith("_r") else c): -v if c in MIRRORED else v for c, v in columns.items()}
+    left["hip_flexion_r"] = np.full(70, 77.0)
+    ours = motion_start(storage(tmp_path / "right.mot", columns), at=0.35)
+    theirs = motion_start(storage(tmp_path / "left.mot", left), at=0.35, side="left")
+    for c in COORDINATES:
+        assert theirs.values[c].value == pytest.approx(ours.values[c].value, abs=1e-12), c
+        assert theirs.values[c].speed == pytest.approx(ours.values[c].speed, abs=1e-9), c
+    assert any("mirrored" in line for line in theirs.course.turned)
+    assert theirs.course.unused["hip_flexion_r"] == "locked"
+    assert theirs.values["knee_angle_r"].label == "knee_angle_l"
+
+
+def test_a_motion_turned_about_the_vertical_is_the_same_motion(tmp_path: Path) -> None:
+    """A person who walks along another axis of the laboratory, with speeds in columns and by splines."""
+    columns = fall()
+    columns["pelvis_tx"] = -0.4 + 0.5 * columns["time"]
+    columns["pelvis_list"] = 8.0 + 20.0 * columns["time"]
+    plain = motion_start(storage(tmp_path / "plain.mot", columns), at=0.2)
+    row = {"time": np.array([0.2])} | {c: np.array([v.value]) for c, v in plain.values.items()}
+    row |= {f"{c}_u": np.array([v.speed]) for c, v in plain.values.items()}
+    here = read_storage(storage(tmp_path / "row.sto", row, "inDegrees=no"))
+    turned = read_course(here, knee="extension", turn=math.radians(50.0))
+    far = {"time": row["time"], **turned.values, **{f"{c}_u": v for c, v in turned.speeds.items()}}
+    with pytest.raises(InputError, match=r'faces 6\d deg to the left.*say --turn "-6\d deg"'):
+        motion_start(storage(tmp_path / "far.sto", far, "inDegrees=no"), at=0.2, knee="extension")
+    back = motion_start(tmp_path / "far.sto", at=0.2, knee="extension", turn=math.radians(-50.0))
+    for c in COORDINATES:
+        assert back.values[c].value == pytest.approx(plain.values[c].value, abs=1e-9), c
+        assert back.values[c].speed == pytest.approx(plain.values[c].speed, abs=1e-5), c
+
+
+def test_splines_pass_what_their_cutoff_says_and_a_fall_untouched() -> None:
+    time = 3.0 + np.arange(200) / 100
+    for hertz, share in ((5.0, 1 / (1 + (5 / 15) ** 6)), (15.0, 0.5), (30.0, 1 / (1 + 2**6))):
+        wave = np.sin(2 * np.pi * hertz * time)
+        slope = 2 * np.pi * hertz * np.cos(2 * np.pi * hertz * 4.0)
+        assert smoothed(time, wave, 15.0)(4.0, 1) / slope == pytest.approx(share, rel=0.02)
+    drop = 1.0 - 0.5 * 9.80665 * (time - 3.0) ** 2
+    speed = spline_speed(time, drop, time[-1])
+    assert speed.one_sided
+    assert (speed.low, speed.high) == pytest.approx((-9.80665 * 1.99,) * 2, rel=1e-6)
+    uneven = np.sort(np.random.default_rng(1).uniform(0.0, 1.0, 60))
+    assert smoothed(uneven, uneven**2, 15.0)(0.5, 1) == pytest.approx(1.0, rel=1e-6)
+    assert value_at(time, drop, time[7]) == drop[7]
+
+
+def test_what_is_missing_of_the_trunk_is_filled_and_said(tmp_path: Path) -> None:
+    columns = {c: v for c, v in fall().items() if not c.startswith(("lumbar", "subtalar"))}
+    start = motion_start(storage(tmp_path / "legs.mot", columns), at=0.35)
+    told = "has no subtalar_angle_r, lumbar_extension, lumbar_bending, lumbar_rotation: filled with 0, at rest"
+    assert any(told in line for line in motion_warnings(start))
+    assert told in motion_page(start, {}, "x.toml", "x.png")
+    assert start.scenario.parameters["plant.lumbar_bending_at_contact"] == "0.0 deg"
+
+
+def changed(**more: float | None) -> Callable[[], dict[str, np.ndarray]]:
+    """`fall` with columns set to a number; None: without them."""
+
+    def columns() -> dict[str, np.ndarray]:
+        out = fall()
+        for name, value in more.items():
+            if value is None:
+                del out[name]
+            else:
+                out[name] = np.full(70, value)
+        return out
+
+    return columns
+
+
+def gap() -> dict[str, np.ndarray]:
+    out = fall()
+    out["hip_flexion_r"][33] = np.nan
+    return out
+
+
+def still() -> dict[str, np.ndarray]:
+    return fall() | {"pelvis_ty": np.full(70, 1.0)}
+
+
+def one_row() -> dict[str, np.ndarray]:
+    return {c: v[:1] for c, v in fall().items()}
+
+
+def renamed(names: Callable[[str], str]) -> Callable[[], dict[str, np.ndarray]]:
+    return lambda: {c if c == "time" else names(c): v for c, v in fall().items()}
+
+
+def doubled() -> dict[str, np.ndarray]:
+    return fall() | {"/jointset/hip_r/hip_flexion_r/value": fall()["time"]}
+
+
+HEADS = {"no unit": "name=x", "degrees said to be radians": "inDegrees=no"}
+BAD: dict[str, tuple[Callable[[], dict[str, np.ndarray]], str, str]] = {
+    "no knee": (changed(knee_angle_r=None), "", "has no column knee_angle_r, without which"),
+    "another spelling": (
+        renamed(lambda c: c.replace("hip_flexion", "hip_flex")),
+        "",
+        "has no column hip_flexion_r, without which there is no landing (did you mean hip_flex_r?)",
+    ),
+    "another model": (
+        renamed(lambda c: f"R{c}X"),
+        "",
+        "none of its columns (Rhip_flexion_rX, Rhip_adduction_rX, Rhip_rotation_rX, Rknee_angle_rX, ...) has a name",
+    ),
+    "no unit": (fall, "", "no line inDegrees=yes or inDegrees=no, and its angles (up to 34) look like degrees"),
+    "degrees said to be radians": (fall, "", "can only be degrees"),
+    "a gap": (gap, "", "line 41 (time 0.33 s): column hip_flexion_r: no number"),
+    "before the file": (fall, "--at|-1 s", "--at -1 s lies outside the file, which goes from 0 to 0.69 s"),
+    "no time": (fall, "--at|1 deg", "--at"),
+    "no landing": (still, "", "never comes down faster than 0.5 m/s"),
+    "knee unknown": (changed(knee_angle_r=5.0, knee_angle_l=None), "", "positive in flexion cannot be told"),
+    "knee of two minds": (
+        changed(knee_angle_r=-40.0, knee_angle_r_beta=1.0),
+        "",
+        "contradicts itself: + flexion by column knee_angle_r_beta",
+    ),
+    "inside the floor": (
+        fall,
+        "--at|0.39 s|--pose|given",
+        "mm inside the platform of incline30; take an earlier instant",
+    ),
+    "backwards": (changed(pelvis_rotation=-170.0), "--at|0.3 s", "to the right of the plant's forward axis (+x)"),
+    "too far": (changed(ankle_angle_r=-95.0), "--at|0.3 s", "talocrural_angle_at_contact"),
+    "too far, and no instant": (changed(ankle_angle_r=-95.0), "", "say the instant with --at"),
+    "another base": (fall, "--base|incline3", "none of that name ships (did you mean incline30?)"),
+    "twice": (doubled, "", "are both the value of hip_flexion_r"),
+    "one row": (one_row, "--at|0 s", "1 rows give no speed of pelvis_tilt (a spline needs 8)"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_file_that_cannot_be_used_is_refused_in_one_line(
+    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    columns, options, said = BAD[case]
+    file = storage(tmp_path / "x.mot", columns(), HEADS.get(case, "inDegrees=yes"))
+    more = options.split("|") if options else []
+    assert _run(["motion", str(file), *more, "-o", str(tmp_path / "x.toml")], []) == 2
+    told = capsys.readouterr().err
+    assert said in told
+    assert told.startswith("error: ")
+    assert told.count("\n") == 1
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["x.mot"]
+
+
+TEXTS = {
+    "no header": ("time\tpelvis_tilt\n0\t1\n", "has no line `endheader`"),
+    "no rows": ("inDegrees=yes\nendheader\ntime\tpelvis_tilt\n", "has column labels and no rows"),
+    "no labels": ("inDegrees=yes\nendheader\n", "a line of column labels must come that begins with `time`"),
+    "an empty row": ("inDegrees=yes\nendheader\ntime\ta\n0\t1\n\n1\t2\n", "line 5 is empty; delete it"),
+    "a short row": ("inDegrees=yes\nendheader\ntime\ta\n0\t1\n1\n", "line 5 has 1 cells, the labels are 2"),
+    "time back": ("inDegrees=yes\nendheader\ntime\ta\n1\t1\n0\t1\n", "line 5: time 0 s does not rise (before it 1 s)"),
+    "time missing": ("inDegrees=yes\nendheader\ntime\ta\nx\t1\n", "line 4: its time is no number"),
+    "a word": ("inDegrees=maybe\nendheader\ntime\ta\n0\t1\n", "inDegrees=maybe: must be yes or no"),
+    "twice": ("inDegrees=yes\nendheader\ntime\ta\ta\n0\t1\t1\n", "column a is given twice"),
+}
+
+
+@pytest.mark.parametrize("case", TEXTS)
+def test_a_text_that_is_no_storage_file_is_refused(case: str, tmp_path: Path) -> None:
+    text, said = TEXTS[case]
+    (tmp_path / "x.mot").write_text(text)
+    with pytest.raises(InputError) as problem:
+        read_storage(tmp_path / "x.mot")
+    assert said in str(problem.value)
+    assert str(problem.value).startswith(str(tmp_path / "x.mot"))
+
+
+def test_a_header_of_the_old_tools_and_rows_that_are_fewer_than_announced(tmp_path: Path) -> None:
+    (tmp_path / "x.mot").write_text(
+        "name x\r\ndatacolumns 2\r\ndatarows 3\r\nendheader\r\n\r\ntime a\r\n0 1\r\n1 2\r\n\r\n"
+    )
+    table = read_storage(tmp_path / "x.mot")
+    assert table.in_degrees is None
+    assert table.notes == ("the header announces 3 rows, the file has 2",)
+    assert table.columns["a"].tolist() == [1.0, 2.0]
+
+
+def differs(start: MotionStart, row: int) -> None:
+    """Coordinates are those of the file's row; speeds of the cubic spline lie in the range that the page states."""
+    for c, value in start.values.items():
+        factor = 1.0 if c in TRANSLATIONS else math.pi / 180.0
+        column = factor * start.table.columns[value.label] * (-1.0 if c == "knee_angle_r" else 1.0)
+        assert value.value == pytest.approx(column[row], abs=1e-12), c
+        slope = float(CubicSpline(start.table.time, column)(start.table.time[row], 1))
+        assert value.low - 1e-9 <= slope <= value.high + 1e-9, c
+
+
+@needs_reference
+def test_a_measured_drop_jump_lands() -> None:
+    start = motion_start(FILE)
+    assert start.contact.at == pytest.approx(1.26)
+    assert any("knee: + flexion" in line and "knee_angle_r_beta" in line for line in start.course.turned)
+    differs(start, 30)
+    result = start.scenario.recording("plant.*").run()
+    assert result.status == "completed"
+    for c, value in start.values.items():
+        if c != "pelvis_ty":  # which touching moves
+            assert result[f"plant.{c}"][0] == pytest.approx(value.value, abs=1e-12), c
+        assert result[f"plant.{c}_speed"][0] == pytest.approx(value.speed, abs=1e-12), c
+    differs(motion_start(FILE, at=1.2), 24)
+    left = motion_start(FILE, side="left")
+    assert left.values["ankle_angle_r"].label == "ankle_angle_l"
+    assert left.scenario.run().status == "completed"
