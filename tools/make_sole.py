@@ -2,8 +2,9 @@
 
 The surface, given as facets (centroid, normal, area), is sampled anew on a regular grid: every facet is spread over a 2
 x 2 pattern in its own plane (0.3 of its width), the samples are gathered in cubic cells, and each cell becomes two
-equal facets that keep its area, its centroid and its largest second moment. Parts above HIGHEST never come near the
-platform and are left out. docs/validation.md shows what this costs. Run: python tools/make_sole.py [folder with
+equal facets that keep its area, its centroid and its largest second moment, and the mean squares of its normals'
+components, from which the area of a scaled foot follows. Parts above HIGHEST never come near the platform and are left
+out. docs/validation.md shows what this costs. Run: python tools/make_sole.py [folder with
 contact_foot_mesh_triangles.csv]"""
 
 from __future__ import annotations
@@ -25,18 +26,18 @@ OFFSET = (0.0, -0.005, 0.005)  # m, surface frame to calcaneus frame
 TARGET = Path(__file__).parent.parent / "fmus" / "plant" / "data" / "sole.csv"
 
 
-def sample(centroid: np.ndarray, normal: np.ndarray, area: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(4 n, 3) points and (4 n,) areas: a 2 x 2 pattern in the plane of each facet."""
+def sample(centroid: np.ndarray, normal: np.ndarray, area: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(4 n, 3) points, (4 n,) areas and (4 n, 3) normals: a 2 x 2 pattern in the plane of each facet."""
     first = np.cross(normal, [0.3, 0.9, 0.1])
     first /= np.linalg.norm(first, axis=1)[:, None]
     second = np.cross(normal, first)
     reach = 0.25 * SPREAD * np.sqrt(area)[:, None]
     points = [centroid + reach * (a * first + b * second) for a in (-1, 1) for b in (-1, 1)]
-    return np.vstack(points), np.tile(area / 4, 4)
+    return np.vstack(points), np.tile(area / 4, 4), np.tile(normal, (4, 1))
 
 
-def gather(points: np.ndarray, areas: np.ndarray) -> np.ndarray:
-    """(m, 4) facets x, y, z, area: two for every occupied cell of the grid."""
+def gather(points: np.ndarray, areas: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """(m, 7) facets x, y, z, area, mean squares of the normals' components: two for every occupied cell of the grid."""
     cells, member = np.unique(np.floor(points / CELL + 0.5).astype(int), axis=0, return_inverse=True)
     facets = []
     for k in range(len(cells)):
@@ -45,7 +46,8 @@ def gather(points: np.ndarray, areas: np.ndarray) -> np.ndarray:
         mean = weight @ here / weight.sum()
         spread, axes = np.linalg.eigh(np.einsum("n,ni,nj->ij", weight, here - mean, here - mean) / weight.sum())
         half = np.sqrt(max(spread[2], 0.0)) * axes[:, 2]
-        facets += [[*(mean + sign * half), weight.sum() / 2] for sign in (-1, 1)]
+        squares = weight @ normals[inside] ** 2 / weight.sum()
+        facets += [[*(mean + sign * half), weight.sum() / 2, *squares] for sign in (-1, 1)]
     return np.array(facets)
 
 
@@ -53,10 +55,8 @@ def main() -> None:
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER / "model"
     surface = pd.read_csv(folder / "contact_foot_mesh_triangles.csv")
     centroid = surface[["centroid_x_m", "centroid_y_m", "centroid_z_m"]].to_numpy() + OFFSET
-    points, areas = sample(
-        centroid, surface[["normal_x", "normal_y", "normal_z"]].to_numpy(), surface["area_m2"].to_numpy()
-    )
-    facets = gather(points, areas)
+    normals = surface[["normal_x", "normal_y", "normal_z"]].to_numpy()
+    facets = gather(*sample(centroid, normals, surface["area_m2"].to_numpy()))
     facets = facets[facets[:, 1] < HIGHEST]
     with open(TARGET, "w", encoding="utf-8", newline="\n") as file:
         file.write(
@@ -65,11 +65,11 @@ def main() -> None:
         )
         file.write(
             "# Yoder, Petrella & Farrokhi 2021, doi 10.3389/fbioe.2021.765331 (areas and first moments kept, parts "
-            "that never touch left out).\n"
+            "that never touch left out).\n# normal_*: mean square of that component of the facet's normals.\n"
         )
-        file.write("x_m,y_m,z_m,area_m2\n")
-        for x, y, z, area in facets:
-            file.write(f"{x:.6f},{y:.6f},{z:.6f},{area:.5e}\n")
+        file.write("x_m,y_m,z_m,area_m2,normal_x,normal_y,normal_z\n")
+        for x, y, z, area, *squares in facets:
+            file.write(f"{x:.6f},{y:.6f},{z:.6f},{area:.5e},{','.join(f'{v:.5f}' for v in squares)}\n")
     print(f"{len(facets)} facets, {facets[:, 3].sum() * 1e4:.1f} cm2 -> {TARGET}")
 
 

@@ -20,6 +20,7 @@ def read(name: str) -> pd.DataFrame:
 
 
 def foot_surface() -> np.ndarray:
-    """(4, n) facets of the paper's foot in the calcaneus frame: for comparison with the project's own sole."""
+    """(7, n) facets of the paper's foot as constants.sole has them, for comparison with the project's own sole."""
     t = read("model/contact_foot_mesh_triangles.csv")
-    return np.array([t.centroid_x_m, t.centroid_y_m - 0.005, t.centroid_z_m + 0.005, t.area_m2])
+    places = [t.centroid_x_m, t.centroid_y_m - 0.005, t.centroid_z_m + 0.005, t.area_m2]
+    return np.array([*places, t.normal_x**2, t.normal_y**2, t.normal_z**2])

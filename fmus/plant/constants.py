@@ -1,4 +1,4 @@
-"""The constants of the kernels: tables of `data/`, the compiled MuJoCo model, the sole in blocks."""
+"""The base person's constants: tables of `data/`, the compiled MuJoCo model, the sole in blocks."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from functools import lru_cache
 import mujoco
 import numpy as np
 
-from . import kernels
-from .interface import ANKLE_MUSCLES
-from .model import GRAVITY, Muscles, Skeleton, load_muscles, load_skeleton, table
+from . import kernels, person
+from .interface import ANKLE_MUSCLES, SEGMENTS
+from .model import GRAVITY, Muscles, Skeleton, load_bodies, load_movements, load_muscles, load_skeleton, table, vector
 
 PLATFORM_PIVOT = (-0.2, 0.015, 0.35)
 MAX_PENNATION = math.acos(0.1)
@@ -25,14 +25,16 @@ def anatomy() -> tuple[Skeleton, Muscles, mujoco.MjModel]:
 
 @lru_cache(maxsize=1)
 def sole() -> np.ndarray:
-    """(4, n): x, y, z in the calcaneus frame [m] and area [m^2] of each facet."""
+    """(7, n): x, y, z in the calcaneus frame [m], area [m^2] and mean squares of the normals' components of each
+    facet."""
+    columns = ("x_m", "y_m", "z_m", "area_m2", "normal_x", "normal_y", "normal_z")
     rows = table("sole")
-    return np.array([[float(row[c]) for row in rows] for c in ("x_m", "y_m", "z_m", "area_m2")])
+    return np.array([[float(row[c]) for row in rows] for c in columns])
 
 
-def blocks(facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sorts (4, n) facets into m spatial blocks: (m, 4, BLOCK), padded with repeated facets of no area, and the (6, m)
-    centres and half extents of their bounding boxes."""
+def blocks(facets: np.ndarray) -> np.ndarray:
+    """(1,) of person.sole_record: (7, n) facets sorted into m spatial blocks, padded with repeated facets of no area;
+    `blocks` holds the centres and half extents of their bounding boxes."""
     if facets.shape[1] > kernels.MAX_FACETS // 2:
         raise ValueError(f"a sole of {facets.shape[1]} facets; at most {kernels.MAX_FACETS // 2} are supported")
 
@@ -50,14 +52,23 @@ def blocks(facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     for block, members in zip(ordered, groups, strict=True):
         block[3, len(members) :] = 0.0
     low, high = ordered[:, :3].min(axis=2), ordered[:, :3].max(axis=2)
-    return ordered, np.ascontiguousarray(np.hstack([(low + high) / 2, (high - low) / 2]).T)
+    out = np.zeros(1, person.sole_record(len(groups)))
+    out["facets"], out["normals"] = ordered[:, :4], ordered[:, 4:]
+    out["blocks"] = np.hstack([(low + high) / 2, (high - low) / 2]).T
+    return out
 
 
 def record() -> np.ndarray:
-    """(1,) of kernels.MODEL."""
+    """(1,) of person.BASE."""
+    out = np.zeros(1, person.BASE)
+    _model(out[0]["model"])
+    out["sole"] = blocks(sole())
+    _tables(out[0])
+    return out
+
+
+def _model(model: np.void) -> None:
     skeleton, muscles, compiled = anatomy()
-    out = np.zeros(1, kernels.MODEL)
-    model = out[0]
     _bodies(model, compiled)
     _splines(model, skeleton)
     _muscles(model, muscles)
@@ -65,7 +76,39 @@ def record() -> np.ndarray:
     model["pivot"] = PLATFORM_PIVOT
     model["jcs_zero"] = neutral_jcs(model["talocrural_axis"])
     model["published_height"] = skeleton.initial()[0][1]
-    return out
+
+
+def segment(body: str) -> str:
+    """Which of SEGMENTS a body of the table is scaled with."""
+    return {
+        "pelvis": "pelvis",
+        "femur": "thigh",
+        **dict.fromkeys(("tibia", "patella"), "shank"),
+        **dict.fromkeys(("talus", "calcn", "toes"), "foot"),
+    }.get(body.removesuffix("_r").removesuffix("_l"), "torso")
+
+
+def _tables(base: np.void) -> None:
+    """What a person of another size is made from: the bodies of the table and the points of the muscles in their
+    frames."""
+    skeleton, movements, bodies = anatomy()[0], load_movements(), load_bodies()
+    names, moving = [b.name for b in bodies], skeleton.names
+    for k, body in enumerate(bodies):
+        carrier, _, turn = skeleton.placed[body.name]
+        fused = [m for m in movements if m.body == body.name and m.motion == "translation" and carrier != body.name]
+        base["segment"][k] = SEGMENTS.index(segment(body.name))
+        base["parent"][k] = names.index(body.parent) if body.parent in names else -1
+        base["carrier"][k], base["moves"][k] = 1 + moving.index(carrier), carrier == body.name
+        base["turn"][k], base["mass"][k] = turn, body.mass
+        base["slide"][k] = sum((m.at(m.value) * m.axis for m in fused), np.zeros(3))
+        for name in ("com", "inertia", "at_parent", "at_child"):
+            base[name][k] = getattr(body, name)
+    for p, row in enumerate(table("paths")):
+        base["point_body"][p] = names.index(row["body"])
+        base["point"][p] = vector({f"p_{k}": v for k, v in row.items()}, "p")
+    coupled = [m for m in skeleton.movements if m.spline is not None]
+    base["measured"] = skeleton.initial()[0]
+    base["spline_axis"] = [int(np.argmax(m.axis)) if m.motion == "translation" else -1 for m in coupled]
 
 
 def _bodies(model: np.void, compiled: mujoco.MjModel) -> None:
@@ -125,7 +168,7 @@ def _springs(model: np.void) -> None:
     bushings = {(r["bushing"], r["axis"]): r for r in table("bushings")}
     columns = ("linear_Nm", "quadratic_Nm", "cubic_Nm", "damping_Nm_s")
     for i, axis in enumerate("xyz"):
-        model["ankle_bushing"][i] = [float(bushings["ankle", axis][c]) for c in columns[:3]]
+        model["ankle_bushing"][i] = model["brace_bushing"][i] = [float(bushings["ankle", axis][c]) for c in columns[:3]]
         model["lumbar_bushing"][i] = [float(bushings["lumbar", axis][c]) for c in columns]
     limits = {row["coordinate"]: row for row in table("limits")}
     turn = math.degrees(1.0)
@@ -151,4 +194,4 @@ def neutral_jcs(e1: np.ndarray) -> tuple[float, float, float]:
     return math.asin(e2 @ upright), math.asin(e1 @ e3), math.asin(e2[2])
 
 
-__all__ = ["GRAVITY", "anatomy", "ankle_muscles", "blocks", "neutral_jcs", "record", "sole"]
+__all__ = ["GRAVITY", "anatomy", "ankle_muscles", "blocks", "neutral_jcs", "record", "segment", "sole"]

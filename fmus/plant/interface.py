@@ -31,18 +31,42 @@ MEANING = {
 }
 
 
-def _rows(name: str) -> list[dict[str, str]]:
-    with open(Path(__file__).parent / "data" / f"{name}.csv", newline="", encoding="utf-8") as table:
-        return list(csv.DictReader(line for line in table if not line.startswith("#")))
+def table(name: str) -> list[dict[str, str]]:
+    """Rows of a table in `data/`; lines that begin with # are comments."""
+    with open(Path(__file__).parent / "data" / f"{name}.csv", newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(line for line in file if not line.startswith("#")))
 
 
-MUSCLES = tuple(row["muscle"] for row in _rows("muscles"))
+MUSCLES = tuple(row["muscle"] for row in table("muscles"))
 TRANSLATIONS = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
 COORDINATES = (
     *(*TRANSLATIONS, "pelvis_tilt", "pelvis_list", "pelvis_rotation"),
     *("hip_flexion_r", "hip_adduction_r", "hip_rotation_r", "knee_angle_r", "ankle_angle_r", "subtalar_angle_r"),
     *("lumbar_extension", "lumbar_bending", "lumbar_rotation"),
 )
+
+# A person of another size: the base person's mass is the sum of data/bodies.csv; factors of lengths in each body's own
+# frame, both sides alike (thigh: femurs; shank: tibias, patellas; foot: talus, calcaneus, toes; torso: with the arms)
+BASE_MASS = 67.54377325440001
+SEGMENTS = ("pelvis", "thigh", "shank", "foot", "torso")
+LEAST_FACTOR, GREATEST_FACTOR = 0.5, 2.0
+# The passive ankle about each body-fixed Euler angle t: torque = linear t + quadratic t^2 + cubic t^3, restoring
+POWERS = {"linear": "N.m/rad", "quadratic": "N.m/rad2", "cubic": "N.m/rad3"}
+PASSIVE = tuple(
+    (f"passive_{row['axis']}_{power}", unit, float(row[f"{power}_Nm"]), -1e5, 1e5, f"passive ankle torque about the Euler angle {row['axis']}, + restores")
+    for row in table("bushings") if row["bushing"] == "ankle"
+    for power, unit in POWERS.items()
+)  # fmt: skip
+PERSON = (
+    ("body_mass", "kg", BASE_MASS, 20.0, 250.0, "of the whole person; its distribution over the bodies stays"),
+    ("muscle_force_scale", "1", 1.0, 0.0, 10.0, "scales the maximal isometric forces of all 49 muscles"),
+    *(
+        (f"{segment}_scale_{axis}", "1", 1.0, LEAST_FACTOR, GREATEST_FACTOR, f"length factor of the {segment} in its own frame")
+        for segment in SEGMENTS
+        for axis in "xyz"
+    ),
+    *PASSIVE,
+)  # fmt: skip
 
 POSES = {"touching": 0, "published": 1, "given": 2}
 FIBRE_STARTS = {"equilibrium": 0, "as_published": 1}
@@ -51,7 +75,7 @@ FIBRE_STARTS = {"equilibrium": 0, "as_published": 1}
 OWN_NAMES = {"ankle_angle_r": "talocrural", "subtalar_angle_r": "subtalar"}
 PLACED = {c: f"{c}_at_contact" for c in COORDINATES if c not in OWN_NAMES}
 MOVING = {c: f"{c}_speed_at_contact" for c in COORDINATES if c not in OWN_NAMES and c != "pelvis_ty"}
-_MEASURED = {row["coordinate"]: row for row in _rows("joints")}
+_MEASURED = {row["coordinate"]: row for row in table("joints")}
 _SIGNS = {
     "pelvis_tx": "+ anterior",
     "pelvis_ty": "+ up; counts where initial_pose = given",
@@ -89,6 +113,7 @@ PARAMETERS = (
     ("tolerance", "1", 0.0025, 1e-9, 1.0, "of the integrator's step control"),
     *(_at_contact(c, name, False) for c, name in PLACED.items()),
     *(_at_contact(c, name, True) for c, name in MOVING.items()),
+    *PERSON,
 )  # fmt: skip
 
 

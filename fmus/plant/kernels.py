@@ -36,8 +36,8 @@ ECCENTRIC = (2.0 + 2.0 / A_F) / (F_LEN - 1.0)
 f8, i8 = np.float64, np.int64
 MODEL = np.dtype(
     [
-        # of the bodies of the compiled MuJoCo model; a joint's anchor in the parent's and in the body's own frame
-        ("gravity", f8), ("body_mass", f8, (NB,)), ("body_com", f8, (NB, 3)), ("body_inertia", f8, (NB, 9)),
+        # `scaled`: of a person of another size than the MuJoCo model; a joint's anchor in the parent's and in the body's own frame
+        ("scaled", i8), ("gravity", f8), ("body_mass", f8, (NB,)), ("body_com", f8, (NB, 3)), ("body_inertia", f8, (NB, 9)),
         ("anchor_in_parent", f8, (NB, 3)), ("anchor", f8, (NB, 3)), ("talocrural_axis", f8, (3,)), ("subtalar_axis", f8, (3,)),
         ("published_height", f8),
         ("spline_size", i8, (5,)), ("spline_scale", f8, (5,)), ("spline_knot", f8, (5, N_KNOTS)),
@@ -47,7 +47,7 @@ MODEL = np.dtype(
         ("ankle_muscle", i8, (N_ANKLE,)), ("ankle_index", i8, (NM,)), ("tibialis_anterior", i8),
         ("point_muscle", i8, (NP,)), ("point_body", i8, (NP,)), ("point", f8, (NP, 3)), ("point_coordinate", i8, (NP,)),
         ("point_low", f8, (NP,)), ("point_high", f8, (NP,)),
-        ("ankle_bushing", f8, (3, 3)), ("lumbar_bushing", f8, (3, 4)),
+        ("ankle_bushing", f8, (3, 3)), ("brace_bushing", f8, (3, 3)), ("lumbar_bushing", f8, (3, 4)),
         ("limit", f8, (2, 6)), ("pivot", f8, (3,)), ("jcs_zero", f8, (3,)),
     ],
     align=True,
@@ -972,7 +972,7 @@ def brace(m, s, stage):
                     damp[1, 1] += s.sub_rate[k] * damping * s.sub_rate[j]
     if s.internal_brace_scale != 0.0:
         for k in range(3):
-            torque[5 + k] -= cubic(m.ankle_bushing[k], s.internal_brace_scale * s.angle[5 + k])
+            torque[5 + k] -= cubic(m.brace_bushing[k], s.internal_brace_scale * s.angle[5 + k])
     for k in range(N_AXES):
         force[0] += s.talo_rate[k] * torque[k]
         force[1] += s.sub_rate[k] * torque[k]
@@ -1260,6 +1260,20 @@ def fibre_equilibrium(m, k, mtu, mtu_rate, a, as_published):
         if share + 0.150 * mtu_rate < 0.962:
             return lo
     return length
+
+
+@entry
+def muscle_lengths(m, s, facets, blocks, pose, out):
+    """(49,) lengths of the muscles [m] at the coordinates `pose`; what was evaluated before is not valid any more."""
+    for k in range(NQ):
+        s.yq[k], s.yu[k] = pose[k], 0.0
+    for k in range(NM):
+        s.ya[k], s.yl[k] = OTHER_ACTIVATION, m.l_opt[k]
+    s.known = s.valid = 0
+    evaluate(m, s, facets, blocks, 0, s.yq, s.yu, s.ya, s.yl)
+    for k in range(NM):
+        out[k] = s.mtu[0, k]
+    s.known = 0
 
 
 @entry

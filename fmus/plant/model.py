@@ -12,22 +12,15 @@ Source: DeMers, Hicks & Delp 2017 (doi 10.1016/j.jbiomech.2016.11.002), extended
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
-DATA = Path(__file__).parent / "data"
+from .interface import table
+
 GRAVITY = 9.80665
 AXES = "xyz"
-
-
-def table(name: str) -> list[dict[str, str]]:
-    """Rows of a table in `data/`; lines that begin with # are comments."""
-    with open(DATA / f"{name}.csv", newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(line for line in file if not line.startswith("#")))
 
 
 def vector(row: dict[str, str], prefix: str, unit: str = "_m") -> np.ndarray:
@@ -168,13 +161,13 @@ class Skeleton:
         )
 
 
-def load_skeleton() -> Skeleton:
+def load_movements() -> list[Movement]:
     splines: dict[str, tuple[list[float], list[float]]] = {}
     for row in table("splines"):
         x, y = splines.setdefault(row["spline"], ([], []))
         x.append(float(row["knee_angle_rad"]))
         y.append(float(row["value_m_or_rad"]))
-    movements = [
+    return [
         Movement(
             row["body"],
             row["motion"],
@@ -188,19 +181,32 @@ def load_skeleton() -> Skeleton:
         )
         for row in table("joints")
     ]
-    moving: dict[str, Body] = {}
-    placed: dict[str, tuple[str, np.ndarray, np.ndarray]] = {}
+
+
+def load_bodies() -> list[Body]:
+    """The bodies of the table as they stand there, parents before their children."""
+    bodies = []
     for row in table("bodies"):
         xx, yy, zz, xy, xz, yz = (float(row[f"I{k}_kg_m2"]) for k in ("xx", "yy", "zz", "xy", "xz", "yz"))
-        body = Body(
-            row["body"],
-            row["parent"],
-            vector(row, "parent"),
-            vector(row, "child"),
-            float(row["mass_kg"]),
-            vector(row, "com"),
-            np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]),
+        bodies.append(
+            Body(
+                row["body"],
+                row["parent"],
+                vector(row, "parent"),
+                vector(row, "child"),
+                float(row["mass_kg"]),
+                vector(row, "com"),
+                np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]),
+            )
         )
+    return bodies
+
+
+def load_skeleton() -> Skeleton:
+    movements = load_movements()
+    moving: dict[str, Body] = {}
+    placed: dict[str, tuple[str, np.ndarray, np.ndarray]] = {}
+    for body in load_bodies():
         own = [m for m in movements if m.body == body.name]
         if any(m.free for m in own):
             moving[body.name] = body

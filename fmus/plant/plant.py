@@ -4,12 +4,13 @@ behind a small object."""
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
 
-from . import constants, kernels
-from .interface import MOVING, PLACED
+from . import constants, kernels, person
+from .interface import MOVING, PERSON, PLACED
 from .interface import PARAMETERS as OF_FMU
 
 STARTS = {name: start for name, _, start, *_ in OF_FMU}
@@ -21,8 +22,8 @@ class SimulationError(RuntimeError):
 
 @dataclass
 class Landing:
-    """The parameters of one landing; names, units, signs and zeros as in interface.py; `placed` and `moving` hold those
-    of PLACED and MOVING, in their order."""
+    """The parameters of one landing; names, units, signs and zeros as in interface.py; `placed`, `moving` and `person`
+    hold those of PLACED, MOVING and PERSON, in their order."""
 
     platform_incline: float = math.radians(30.0)
     drop_height: float = 0.30
@@ -45,6 +46,7 @@ class Landing:
     fibre_start: int = 0
     placed: tuple[float, ...] = tuple(STARTS[name] for name in PLACED.values())
     moving: tuple[float, ...] = tuple(STARTS[name] for name in MOVING.values())
+    person: tuple[float, ...] = tuple(start for _, _, start, *_ in PERSON)
 
     TOUCHING, PUBLISHED, GIVEN = kernels.TOUCHING, kernels.PUBLISHED, kernels.GIVEN
     EQUILIBRIUM, AS_PUBLISHED = 0, 1
@@ -53,19 +55,31 @@ class Landing:
 PARAMETERS = [field.name for field in fields(Landing)]
 
 
+def person_with(**values: float) -> tuple[float, ...]:
+    """The base person with other parameters of interface.PERSON by name, as Landing takes them. Raises KeyError."""
+    names = [name for name, *_ in PERSON]
+    unknown = set(values) - set(names)
+    if unknown:
+        raise KeyError(", ".join(sorted(unknown)))
+    return tuple(values.get(name, STARTS[name]) for name in names)
+
+
 class Plant:
     """`start(landing)`, then `advance(to)` any number of times; `observe()` gives the outputs of interface.py.
 
     Inputs are written to `state` (fields `excitation`, `torque`, `stiffness`, `damping`) and held by `advance`.
-    `facets` (4, n) replaces the project's sole. Raises SimulationError when a step cannot be taken."""
+    `facets` (7, n) replaces the project's sole. Raises SimulationError when a step cannot be taken."""
 
     def __init__(self, facets: np.ndarray | None = None) -> None:
         self.skeleton, self.muscles, _ = constants.anatomy()
-        self._facets, self._blocks = constants.blocks(constants.sole() if facets is None else facets)
-        self._model = constants.record()
+        self._base = constants.record()
+        self._sole = self._base["sole"] if facets is None else constants.blocks(facets)
+        self._own_model, self._own_sole = self._base["model"].copy(), self._sole.copy()
+        self._scaled = np.zeros(1, person.SCALED)
         self._state = np.zeros(1, kernels.STATE)
         self.state = self._state[0]
         self.outputs = np.zeros(kernels.N_OUTPUTS)
+        self.embody(person_with())
         self.ankle_muscles = constants.ankle_muscles(self.muscles)
         q, _ = self.skeleton.initial()
         q[kernels.TALOCRURAL] = q[kernels.SUBTALAR] = 0.0
@@ -73,10 +87,28 @@ class Plant:
         state["plane"], state["l"], state["a"], state["strength"] = np.eye(3), self._model[0]["l_opt"], 0.05, 1.0
         state["q"], state["u"] = q, 0.0
 
+    def embody(self, who: Sequence[float]) -> None:
+        """Becomes the person of interface.PERSON; a landing that is started does so by itself."""
+        person.embody(
+            self._base[0],
+            self._sole[0],
+            self._own_model[0],
+            self.state,
+            self._scaled[0],
+            self._own_sole[0]["facets"],
+            self._own_sole[0]["blocks"],
+            np.array(who),
+        )
+        own = self._scaled[0]["own"]
+        self._model = self._own_model if own else self._base["model"]
+        sole = self._own_sole if own else self._sole
+        self._facets, self._blocks = sole[0]["facets"], sole[0]["blocks"]
+
     def start(self, landing: Landing) -> None:
         """Sets the state at contact. Excitations present in `state` give the ankle muscles their initial activation
         (floor 0.01) unless `initial_ankle_activation` is set. Raises SimulationError for a given pose whose foot is
         inside the platform."""
+        self.embody(landing.person)
         chosen = np.zeros((), [(name, "f8", np.shape(getattr(landing, name))) for name in PARAMETERS])
         for name in PARAMETERS:
             chosen[name] = getattr(landing, name)

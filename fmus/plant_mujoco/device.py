@@ -18,6 +18,7 @@ from ..plant.device import GROUPS as GROUPS
 from ..plant.device import SAVED_BEFORE as SAVED_BEFORE
 from ..plant.device import constants as constants
 from ..plant.device import refresh as refresh
+from ..plant.device import restored as restored
 from ..plant.device import reveal as reveal
 
 PLATFORMS = ("linux64",)
@@ -25,7 +26,7 @@ NATIVE, INCLUDE = ("plant_mujoco",), Path(mujoco.__file__).parent / "include"
 FAILED, REASONS = len(plant.REASONS), (*plant.REASONS, "MuJoCo stopped with an error near {time:.6f} s")
 N_JOINTS, KNEE_JOINT, PATELLA_JOINT = 20, 9, 14
 STATE = np.dtype(
-    [(name, kernels.STATE[name].base, kernels.STATE[name].shape) for name in kernels.STATE.names]
+    [(name, plant.STATE[name].base, plant.STATE[name].shape) for name in plant.STATE.names]
     + [
         ("failed", "i8"), ("joints", "f8", (3, N_JOINTS)), ("joint_screw", "f8", (N_JOINTS, 6)),
         ("joint_mass", "f8", (N_JOINTS, N_JOINTS)), ("joint_bias", "f8", (N_JOINTS,)),
@@ -33,7 +34,8 @@ STATE = np.dtype(
     ],
     align=True,
 )  # fmt: skip
-of_mujoco = types.ExternalFunction("plant_mujoco", types.int64(*[types.CPointer(types.float64)] * 7))
+NUMBERS = types.CPointer(types.float64)
+of_mujoco = types.ExternalFunction("plant_mujoco", types.int64(NUMBERS, types.int64, *[NUMBERS] * 11))
 forces_on_bodies = kernels.generalised_force
 
 
@@ -93,6 +95,12 @@ def skeleton(m, s, stage, q, u):
         joints[0, at], joints[1, at], joints[2, at] = s.place[i], s.slope[i] * rate, s.curvature[i] * rate * rate
     if of_mujoco(
         joints.ctypes,
+        m.scaled,
+        m.body_mass.ctypes,
+        m.body_com.ctypes,
+        m.body_inertia.ctypes,
+        m.anchor.ctypes,
+        m.anchor_in_parent.ctypes,
         s.xpos.ctypes,
         s.xmat.ctypes,
         s.twist.ctypes,

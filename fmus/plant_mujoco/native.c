@@ -1,23 +1,37 @@
-/* MuJoCo in the FMU: its library and the model lie in the FMU's resources. One model a process; every call takes data of its own, so that
-   instances and threads do not meet. MuJoCo ends the process on an error unless it is stopped: here the call returns 1 instead. */
+/* MuJoCo in the FMU: its library and the model lie in the FMU's resources. The base person's model is one a process, a scaled person's is a copy
+   with other constants; every call takes a model and data of its own, so that instances and threads do not meet. MuJoCo ends the process on an
+   error unless it is stopped: here the call returns 1 instead. */
 
 #include <dlfcn.h>
 #include <mujoco/mujoco.h>
 #include <setjmp.h>
 #include <stdatomic.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 enum { BODIES = 8, JOINTS = 20, SPARE = 64 };
 
+/* Of a person: masses, mass centres, inertias in the bodies' frames, joint centres in the bodies and in their parents. */
+typedef struct {
+    double mass[BODIES], com[BODIES][3], inertia[BODIES][9], anchor[BODIES][3], in_parent[BODIES][3];
+} Person;
+
+typedef struct {
+    int scaled;
+    Person person;
+    mjModel *model;
+    mjData *data;
+} Body;
+
 #define FUNCTIONS(each) \
     each(mj_loadXML) each(mj_makeData) each(mj_deleteData) each(mj_kinematics) each(mj_comPos) each(mj_makeM) each(mj_comVel) each(mj_rne) \
-        each(mj_fullM)
+        each(mj_fullM) each(mj_copyModel) each(mj_deleteModel) each(mj_setConst) each(mju_eig3)
 #define DECLARE(name) static __typeof__(name) *call_##name;
 FUNCTIONS(DECLARE)
 
 static mjModel *compiled;
-static mjData *spare[SPARE];
+static Body *spare[SPARE];
 static int n_spare;
 static atomic_flag taken = ATOMIC_FLAG_INIT;
 static _Thread_local jmp_buf way_out;
@@ -70,32 +84,82 @@ static void to_origin(const mjtNum *at, const mjtNum *in, double *out) {
     }
 }
 
-/* `joints` (3, 20): positions, speeds and accelerations. Out: frames xpos (8, 3) and xmat (8, 9); twists of the bodies (8, 6) and screws of the
-   joints (20, 6) about the ground's origin; mass matrix (20, 20); bias (20,): the force that gives these accelerations. */
-int64_t plant_mujoco(const double *joints, double *xpos, double *xmat, double *twist, double *screw, double *mass, double *bias) {
+/* Joint centres, masses and inertias of a copy of the model become the person's. */
+static void shape(mjModel *m, const Person *who) {
+    for (int b = 1; b < BODIES; b++) {
+        mjtNum moments[3], axes[9];
+        for (int c = 0; c < 3; c++) {
+            m->body_pos[3 * b + c] = who->in_parent[b][c] - who->anchor[b][c];
+            m->body_ipos[3 * b + c] = who->com[b][c];
+            for (int j = 0; j < m->body_jntnum[b]; j++) m->jnt_pos[3 * (m->body_jntadr[b] + j) + c] = who->anchor[b][c];
+        }
+        call_mju_eig3(moments, axes, m->body_iquat + 4 * b, who->inertia[b]);
+        memcpy(m->body_inertia + 3 * b, moments, sizeof moments);
+        m->body_mass[b] = who->mass[b];
+    }
+}
+
+/* A free body of this person, out of the spare ones if there is one; NULL: none, and no memory. */
+static Body *take(int scaled, const Person *who) {
+    Body *found = NULL;
     lock();
-    mjData *volatile d = n_spare ? spare[--n_spare] : NULL;
+    for (int k = n_spare; k-- > 0 && !found;)
+        if (spare[k]->scaled == scaled && (!scaled || !memcmp(&spare[k]->person, who, sizeof *who))) found = spare[k], spare[k] = spare[--n_spare];
+    if (!found && n_spare == SPARE) found = spare[0], spare[0] = spare[--n_spare], found->scaled = -1;
     unlock();
+    return found ? found : calloc(1, sizeof *found);
+}
+
+static void give_back(Body *body) {
+    lock();
+    int kept = n_spare < SPARE;
+    if (kept) spare[n_spare++] = body;
+    unlock();
+    if (kept) return;
+    if (body->data) call_mj_deleteData(body->data);
+    if (body->model && body->model != compiled) call_mj_deleteModel(body->model);
+    free(body);
+}
+
+/* A body that was of nobody, or of another person, becomes one of this person. */
+static void become(Body *body, int scaled, const Person *who) {
+    body->scaled = -1;
+    if (!scaled) {
+        if (body->model && body->model != compiled) call_mj_deleteModel(body->model);
+        body->model = compiled;
+    } else if (body->model == compiled || !body->model) body->model = call_mj_copyModel(NULL, compiled);
+    if (!body->data) body->data = call_mj_makeData(body->model);
+    if (scaled) shape(body->model, who), call_mj_setConst(body->model, body->data);
+    body->scaled = scaled, body->person = *who;
+}
+
+/* `joints` (3, 20): positions, speeds and accelerations; `scaled`: the person is not the base person, and then of the bodies (8): masses, mass
+   centres (3), inertias (3, 3), joint centres in the body and in its parent (3). Out: frames xpos (8, 3) and xmat (8, 9); twists of the bodies
+   (8, 6) and screws of the joints (20, 6) about the ground's origin; mass matrix (20, 20); bias (20,): the force that gives these accelerations. */
+int64_t plant_mujoco(const double *joints, int64_t scaled, const double *body_mass, const double *com, const double *inertia, const double *anchor,
+                     const double *in_parent, double *xpos, double *xmat, double *twist, double *screw, double *mass, double *bias) {
+    Person who;
+    memcpy(who.mass, body_mass, sizeof who.mass), memcpy(who.com, com, sizeof who.com), memcpy(who.inertia, inertia, sizeof who.inertia);
+    memcpy(who.anchor, anchor, sizeof who.anchor), memcpy(who.in_parent, in_parent, sizeof who.in_parent);
+    Body *volatile body = take(scaled != 0, &who);
+    if (!body) return 1;
     inside = 1;
     volatile int failed = setjmp(way_out);
-    if (!failed && !d) d = call_mj_makeData(compiled);
-    if (!failed && d) {
+    if (!failed && (!body->data || body->scaled != (scaled != 0))) become(body, scaled != 0, &who);
+    if (!failed) {
+        const mjModel *m = body->model;
+        mjData *d = body->data;
         memcpy(d->qpos, joints, JOINTS * sizeof *joints);
         memcpy(d->qvel, joints + JOINTS, JOINTS * sizeof *joints);
         memcpy(d->qacc, joints + 2 * JOINTS, JOINTS * sizeof *joints);
-        call_mj_kinematics(compiled, d), call_mj_comPos(compiled, d), call_mj_makeM(compiled, d), call_mj_comVel(compiled, d);
-        call_mj_rne(compiled, d, 1, bias), call_mj_fullM(compiled, d, mass);
+        call_mj_kinematics(m, d), call_mj_comPos(m, d), call_mj_makeM(m, d), call_mj_comVel(m, d);
+        call_mj_rne(m, d, 1, bias), call_mj_fullM(m, d, mass);
         memcpy(xpos, d->xpos, 3 * BODIES * sizeof *xpos), memcpy(xmat, d->xmat, 9 * BODIES * sizeof *xmat);
         for (int k = 0; k < 6; k++) twist[k] = 0.0;
         for (int k = 1; k < BODIES; k++) to_origin(d->subtree_com + 3, d->cvel + 6 * k, twist + 6 * k);
         for (int k = 0; k < JOINTS; k++) to_origin(d->subtree_com + 3, d->cdof + 6 * k, screw + 6 * k);
     }
     inside = 0;
-    if (!d) return 1;
-    lock();
-    int kept = n_spare < SPARE;
-    if (kept) spare[n_spare++] = d;
-    unlock();
-    if (!kept) call_mj_deleteData(d);
+    give_back(body);
     return failed;
 }

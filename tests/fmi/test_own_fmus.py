@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import re
 import subprocess
 import sys
 import zipfile
@@ -146,6 +147,69 @@ def test_a_landing_given_the_state_at_contact_of_another_is_that_landing(model: 
     scale = np.abs(first.values).max(axis=0)
     assert (np.abs(again.values - first.values) <= 1e-9 * scale).all()
     assert np.abs(usual.values - first.values).max() > 0.1
+
+
+TALL = {"body_mass": 80.0, "thigh_scale_y": 1.1, "foot_scale_x": 1.08, "torso_scale_z": 0.95, "muscle_force_scale": 1.2}
+SMALL = {"body_mass": 50.0, "pelvis_scale_x": 0.9, "shank_scale_y": 0.85, "foot_scale_x": 0.83, "foot_scale_y": 0.9}
+
+
+def test_a_saved_state_brings_its_person_along() -> None:
+    """Into an instance that is another person, in the same process and as bytes."""
+    chosen = component("plant")
+    with Bench(chosen, **TALL) as tall, Bench(chosen, **SMALL) as small, Bench(chosen) as base:
+        tall.move(0.0, 0.01)
+        state = tall.save_state()
+        expected = tall.move(0.01, 0.01)
+        for other in (small, base):
+            other.move(0.0, 0.005)
+            other.restore_state(state)
+            assert np.array_equal(other.move(0.01, 0.01), expected)
+        own = base.save_state()
+        small.restore_state(own)
+        again = small.move(0.02, 0.01)
+        assert np.array_equal(base.move(0.02, 0.01), again)
+        for bench in (tall, small):
+            bench.start({}, stop=1.0)
+        base.start({}, stop=1.0)
+        landed = [bench.move(0.0, 0.02) for bench in (tall, small, base)]
+        assert np.array_equal(landed[0], landed[1]) and np.array_equal(landed[0], landed[2])
+        for each in (state, own):
+            tall.free_state(each)
+
+
+@pytest.mark.parametrize("person", [TALL, SMALL, {"passive_z_quadratic": 30.0, "body_mass": 67.0}])
+def test_persons_are_the_same_with_the_dynamics_of_mujoco(person: dict[str, float]) -> None:
+    """1e-9 of each signal's largest value; the two people take turns in one process."""
+    signals = []
+    plant, reference = component("plant"), component("plant_mujoco")
+    with Bench(plant, **person) as ours, Bench(reference, **person) as theirs, Bench(reference, **SMALL) as other:
+        for k in range(6):
+            other.move(0.01 * k, 0.01)
+            signals.append([bench.move(0.01 * k, 0.01) for bench in (ours, theirs)])
+    first, second = np.array(signals).transpose(1, 0, 2)
+    assert (np.abs(first - second).max(axis=0) <= 1e-9 * np.maximum(np.abs(first).max(axis=0), 1e-3)).all()
+
+
+@pytest.mark.parametrize(
+    ("parameters", "text"),
+    [
+        ({"foot_scale_x": 0.2}, "must lie between 0.5 and 2"),
+        ({"body_mass": 5.0}, "body_mass = 5 kg: must lie between 20 and 250"),
+        (
+            {"initial_pose": 1.0, "thigh_scale_y": 1.1},
+            "with length factors other than 1 choose initial_pose = touching",
+        ),
+    ],
+)
+def test_a_person_that_cannot_land_is_refused(parameters: dict[str, float], text: str) -> None:
+    for name in ("plant", "plant_mujoco"):
+        with pytest.raises(SimulationError, match=re.escape(text)):
+            Bench(component(name), **parameters)
+
+
+def test_a_heavier_person_may_take_the_published_pose() -> None:
+    with Bench(component("plant"), body_mass=90.0, initial_pose=1.0) as bench:
+        assert bench["ground_force_y"] > 1e4
 
 
 def test_reset_equals_a_fresh_instance() -> None:
