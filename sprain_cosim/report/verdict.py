@@ -235,11 +235,20 @@ def _answer(event: str, q: Probability) -> Markup:
     )
 
 
+def _threshold_open(found: FormSearch) -> Markup:
+    """What is not known of the threshold of a search, in a sentence of its own."""
+    behind = f"the {found.specimens} specimens behind the threshold"
+    doubts = [f"as far as {behind} know it {e} %" for e in fine_ends(*(found.threshold_ci or (None, None)))]
+    if found.shapes and not found.specimens:
+        doubts += [f"for thresholds of other shapes {e} %" for e in fine_ends(*_least_and_most(found.shapes))]
+    return rich(" What is not known of the threshold: {doubts}.", doubts="; ".join(doubts)) if doubts else Markup("")
+
+
 def _least_and_most(shapes: Mapping[str, float]) -> tuple[float, float]:
     return min(shapes.values()), max(shapes.values())
 
 
-def _dominates(q: Probability) -> str:
+def _dominates(q: Probability | FormSearch) -> str:
     """Which doubt is the wider, and what would narrow it."""
     specimens = "more specimens would" if q.specimens else "narrower bounds would"
     if q.threshold_ci is None:
@@ -249,7 +258,7 @@ def _dominates(q: Probability) -> str:
         "sampling": "The sample is what is known least: more landings narrow it",
         "both": "Sample and threshold leave about as much open: more landings and more knowledge of it are needed",
     }
-    return f" {words[q.dominates]}." if q.dominates in words else ""
+    return f" {words[q.dominates]}." if q.dominates is not None and q.dominates in words else ""
 
 
 def _distribution(study: StudyFolder) -> Markup:
@@ -311,7 +320,9 @@ def _of_search(study: StudyFolder, found: LevelSearch | FormSearch) -> Markup:
     reasons = "; ".join(found.reasons)
     if isinstance(found, FormSearch) and found.ci_low is not None:
         return text + rich(
-            " Sphere test and sampling say <b>{status}</b>{reasons}.",
+            "{doubts}{dominates} Sphere test and sampling say <b>{status}</b>{reasons}.",
+            doubts=_threshold_open(found),
+            dominates=_dominates(found),
             status=found.status,
             reasons=f": {reasons}" if reasons else "",
         )

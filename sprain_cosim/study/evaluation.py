@@ -15,9 +15,9 @@ from ..records import finite
 from ..uq import sensitivity, statistics
 from ..uq.design import DesignResult
 from ..uq.distributions import Array, LogNormal, Marginal, Normal, Weibull
-from ..uq.exceedance import Bounds, Exceedance, doubted_exceedance, input_interval
+from ..uq.exceedance import Bounds, Exceedance, doubted_exceedance, input_interval, weighted_exceedance
 from ..uq.measured import Measured
-from ..uq.reliability import FormResult, LevelCheck, LevelResult, RareEvent, Status
+from ..uq.reliability import FormResult, LevelCheck, LevelResult, RareEvent, Status, level_exceedance
 from ..uq.sensitivity import SobolIndices
 from .design import design_summary
 from .groups import input_groups
@@ -144,9 +144,11 @@ def _specimens(study: Plan) -> dict[str, Measured | None]:
 
 def _with_search(summary: StudySummary, study: Plan, found: Found) -> StudySummary:
     if isinstance(found, FormResult):
-        return replace(summary, form=_form(study, found), notes=(FIRST_ORDER_ALONE, *_without_specimens(study)))
+        said = (FIRST_ORDER_ALONE, *_without_specimens(study), *_other_questions(study))
+        return replace(summary, form=_form(study, found), notes=said)
     if isinstance(found, RareEvent):
-        return replace(summary, form=_rare(study, found), notes=_without_specimens(study))
+        form, said = _rare(study, found)
+        return replace(summary, form=form, notes=(*said, *_other_questions(study)))
     if isinstance(found, SobolIndices):
         said = (GIVEN_DATA, *_unbalanced(study.trials, study.sequences))
         return replace(summary, sobol=_sobol(study, found), notes=said)
@@ -504,14 +506,14 @@ def _form(study: Plan, found: FormResult) -> FormSearch:
     )
 
 
-def _rare(study: Plan, found: RareEvent) -> FormSearch:
-    """The estimate of sampling, with first and second order beside it."""
+def _rare(study: Plan, found: RareEvent) -> tuple[FormSearch, tuple[str, ...]]:
+    """The estimate of sampling with what is not known of the threshold, and first and second order beside it; notes."""
     curved = found.sorm
     second = None
     if curved is not None:
         formulas = {"Breitung": curved.breitung, "Hohenbichler-Rackwitz": curved.hohenbichler, "Tvedt": curved.tvedt}
         second = {name: finite(value) for name, value in formulas.items()}
-    return replace(
+    form = replace(
         _form(study, found.form),
         evaluations_requested=found.evaluations.requested,
         evaluations_executed=found.evaluations.executed,
@@ -527,18 +529,37 @@ def _rare(study: Plan, found: RareEvent) -> FormSearch:
         design_points=len(found.design_points.points),
         remarks=found.remarks,
     )
+    threshold, rows = study.sought, found.sampling
+    assert threshold is not None
+    if not found.probability.value > 0:
+        return form, ()
+    try:
+        open_of_it = weighted_exceedance(rows.y, rows.weights, threshold, found.probability, seed=study.seed)
+    except ValueError as problem:
+        return form, (str(problem),)
+    known = open_of_it.threshold
+    return replace(
+        form,
+        threshold_ci=None if known is None else (finite(known.low), finite(known.high)),
+        shapes=dict(open_of_it.shapes) or None,
+        specimens=open_of_it.specimens,
+        dominates=open_of_it.dominates,
+        sentence=open_of_it.sentence().replace("more trials", "more landings"),
+    ), ()
 
 
 def _without_specimens(study: Plan) -> tuple[str, ...]:
-    """What a search leaves out of the thresholds that are asked about."""
+    """What first order alone leaves out of its threshold."""
+    if not isinstance(study.sought, Measured):
+        return ()
+    return (f"the {study.sought.n} specimens behind the threshold are not in first order alone",)
+
+
+def _other_questions(study: Plan) -> tuple[str, ...]:
+    """What a search for one threshold does not answer."""
     asked = [q for q in study.exceedances if not q.literature]
-    notes = [
-        f"the {q.threshold.n} specimens behind {q.event} are not in a search's interval; a sample's answer has them"
-        for q in asked
-        if isinstance(q.threshold, Measured)
-    ]
-    others = [q.name for q in asked[1:]]
-    return (*notes, *([f"no answer to {', '.join(others)}: form asks one question"] if others else []))
+    others = [q.name for q in asked if q != Question(study.responses[0], study.sought)]
+    return (f"no answer to {', '.join(others)}: form asks one question",) if others else ()
 
 
 def _sobol(study: Plan, found: SobolIndices) -> SobolSearch:
@@ -603,19 +624,34 @@ def _questions_of_levels(study: Plan, found: LevelResult, notes: list[str]) -> d
     notes.append(
         "probabilities interpolate the levels; a search has no sampling error, and its own error is not known: no "
         "interval"
+        if found.check is None
+        else f"probabilities interpolate the levels, corrected by the {found.check.n} random landings that test them, "
+        "from which their intervals come"
     )
     try:
         y = statistics.levels_as_sample(found.value)
     except ValueError as problem:
         notes.append(f"no probability: {problem}")
         return {}
-    return {q.name: _of_levels(q, y) for q in asked}
+    return {q.name: _of_levels(study, q, y, found) for q in asked}
 
 
-def _of_levels(question: Question, y: Array) -> Probability:
-    """The question put to a distribution between levels: what is open of the threshold, and nothing of the sample."""
+def _of_levels(study: Plan, question: Question, y: Array, levels: LevelResult) -> Probability:
+    """The question put to the distribution `y` between levels. With random landings that test them its value and its
+    interval are theirs, the distribution being their control variate."""
     assert question.threshold is not None
     found = doubted_exceedance(y, question.threshold)
+    if levels.check is not None:
+
+        def corrected(threshold: float | Marginal) -> statistics.Estimate:
+            assert levels.check is not None
+            return level_exceedance(tuple(study.marginals.values()), levels, levels.check, threshold, study.correlation)
+
+        tested = doubted_exceedance(y, question.threshold, sampler=corrected)
+        sentence = tested.sentence().replace("more trials", "more landings")
+        if not isinstance(question.threshold, Bounds):
+            sentence = f"The levels alone say {found.value:.3g}. {sentence}"
+        return replace(_probability(question, tested, None), trials=levels.check.n, sentence=sentence)
     found = replace(found, sampling=statistics.Estimate(found.value, math.nan, math.nan))
     sentence = "How far the levels are off is not in it; "
     if found.threshold is not None:

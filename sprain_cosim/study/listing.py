@@ -77,15 +77,28 @@ def _question(name: str, q: Probability) -> list[str]:
     if q.sampling_ci is not None:
         counted = "" if q.trials is None else f", {q.trials} trials" + (f" ({q.failed} failed)" if q.failed else "")
         rows.append((f"sample{counted}", q.sampling_ci))
-    if q.threshold_ci is not None:
-        rows.append((f"threshold, {f'n = {q.specimens}' if q.specimens else 'its ends'}", q.threshold_ci))
+    lines += _doubt_rows(*rows, *_of_threshold(q))
     if q.inputs_ci is not None:
-        rows.append(("specimens behind the inputs", q.inputs_ci))
-    lines += [f"  {label:32}{_share(low):>10} ... {_share(high)}" for label, (low, high) in rows]
-    if q.shapes:
-        shapes = ", ".join(f"{law_name(law)} {_share(p)}" for law, p in q.shapes.items())
-        lines.append(f"  {'threshold of another shape':32}{'':2}{shapes}")
+        lines += _doubt_rows(("specimens behind the inputs", q.inputs_ci))
+    lines += _other_shapes(q)
     return [*lines, f"  {q.sentence}"] if q.sentence else lines
+
+
+def _of_threshold(q: Probability | FormSearch) -> list[tuple[str, PAIR]]:
+    if q.threshold_ci is None:
+        return []
+    return [(f"threshold, {f'n = {q.specimens}' if q.specimens else 'its ends'}", q.threshold_ci)]
+
+
+def _doubt_rows(*rows: tuple[str, PAIR]) -> list[str]:
+    return [f"  {label:32}{_share(low):>10} ... {_share(high)}" for label, (low, high) in rows]
+
+
+def _other_shapes(q: Probability | FormSearch) -> list[str]:
+    if not q.shapes:
+        return []
+    shapes = ", ".join(f"{law_name(law)} {_share(p)}" for law, p in q.shapes.items())
+    return [f"  {'threshold of another shape':32}{'':2}{shapes}"]
 
 
 def _share(p: float | None) -> str:
@@ -251,6 +264,9 @@ def _form(found: FormSearch) -> list[str]:
             f"  {'first order':32}  {_share(found.first_order)}, beta {_number(found.beta, '.3f')}",
             *([f"  {'second order':32}  {second}"] if second else []),
             *(f"  {remark}" for remark in found.remarks or ()),
+            *_doubt_rows(*_of_threshold(found)),
+            *_other_shapes(found),
+            *([f"  {found.sentence}"] if found.sentence else []),
         ]
     else:
         lines.append(f"  beta {_number(found.beta, '.3f')}")

@@ -353,11 +353,16 @@ class Plan:
 
     @property
     def limit(self) -> float | Marginal | None:
+        """What method form searches the exceedance of, its law alone."""
+        found = self.sought
+        return found.marginal if isinstance(found, Measured) else found
+
+    @property
+    def sought(self) -> float | Marginal | Measured | None:
         """What method form searches the exceedance of: `threshold`, else that of the first question about the first
         response; None where there is none, or bounds alone."""
         asked = (self.threshold, *(q.threshold for q in self.questions if q.response == self.responses[0]))
-        found = next((t for t in asked if t is not None and not isinstance(t, Bounds)), None)
-        return found.marginal if isinstance(found, Measured) else found
+        return next((t for t in asked if t is not None and not isinstance(t, Bounds)), None)
 
     @property
     def exceedances(self) -> tuple[Question, ...]:

@@ -342,6 +342,7 @@ class FormSearch(Record):
     sampled                              landings about the design points
     design_points                        their number
     remarks                              what first and second order miss
+    threshold_ci, shapes ... sentence    see Probability; from the landings about the design points
     importance, design_point             by input, and "threshold" where it is uncertain
     """
 
@@ -363,6 +364,11 @@ class FormSearch(Record):
     sampled: int | None = optional()
     design_points: int | None = optional()
     remarks: tuple[str, ...] | None = optional()
+    threshold_ci: PAIR | None = optional()
+    shapes: Mapping[str, float] | None = optional()
+    specimens: int | None = optional()
+    dominates: str | None = optional()
+    sentence: str | None = optional()
 
 
 @dataclass(frozen=True)

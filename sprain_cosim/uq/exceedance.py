@@ -11,6 +11,7 @@ threshold is one of
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -35,6 +36,7 @@ __all__ = [
     "input_interval",
     "of_shapes",
     "threshold_interval",
+    "weighted_exceedance",
 ]
 
 SHAPES: Mapping[str, Callable[[float, float], Marginal]] = {
@@ -197,6 +199,60 @@ def threshold_interval(y: ArrayLike, threshold: Measured, confidence: float = 0.
     return Estimate(value, float(low), float(high))
 
 
+def weighted_exceedance(
+    y: ArrayLike,
+    weights: ArrayLike,
+    threshold: float | Marginal | Measured,
+    sampling: Estimate,
+    confidence: float = 0.95,
+    seed: int = 0,
+) -> Exceedance:
+    """P(Y > T) from rows that were drawn where exceedances are, with both doubts; no further evaluation.
+
+    y, weights  (n,) responses, and the density of the inputs over that of the rows
+    sampling    the estimate at the stated threshold, with its interval
+
+    Other laws of the threshold are asked of the same rows, as ratios to the stated one. Raises ValueError where the
+    rows do not reach what the specimens leave possible.
+    """
+    values, density = as_array(y), as_array(weights)
+    if not isinstance(threshold, Marginal | Measured):
+        return Exceedance(sampling.value, sampling, None, {}, None, None, len(values))
+    law = threshold.marginal if isinstance(threshold, Measured) else threshold
+    rare = sampling.value <= 0.5
+
+    def probability(below: Array) -> Array:
+        """From (b, n) P(T < y) under each law, by the rarer side, which the rows were drawn for."""
+        sides = np.stack([below, as_array(law.cdf(values))[np.newaxis].repeat(len(below), 0)])
+        terms = (sides if rare else 1.0 - sides) * density
+        share = sampling.value if rare else 1.0 - sampling.value
+        found = np.minimum(share * terms[0].sum(axis=1) / terms[1].sum(axis=1), 1.0)
+        return as_array(found if rare else 1.0 - found)
+
+    shapes = {
+        name: float(probability(as_array(shape.cdf(values))[np.newaxis])[0])
+        for name, shape in _same_moments(law).items()
+    }
+    if not isinstance(threshold, Measured):
+        return Exceedance(sampling.value, sampling, None, shapes, None, None, len(values))
+    tail = 0.5 * (1.0 - confidence)
+
+    def interval(of: Measured) -> Estimate:
+        below = of.draws(seed).cdf(values)
+        terms = (below if rare else 1.0 - below) * density
+        worth = terms.sum(axis=1) ** 2 / np.maximum(np.sum(terms**2, axis=1), 1e-300)
+        if float(np.quantile(worth, tail)) < _EFFECTIVE:
+            raise ValueError(
+                f"the landings about the design points reach too little of where {of.n} specimens allow the threshold "
+                "to lie; a sample's answer has it"
+            )
+        low, high = np.quantile(probability(below), [tail, 1.0 - tail])
+        return Estimate(sampling.value, float(low), float(high))
+
+    more = interval(threshold.with_specimens(4 * threshold.n))
+    return Exceedance(sampling.value, sampling, interval(threshold), shapes, threshold.n, more, len(values))
+
+
 def _thinned(values: Array) -> Array:
     """The sorted sample, neighbours joined into their mean so that some 2000 values remain."""
     ordered = np.sort(values)
@@ -211,14 +267,16 @@ def of_shapes(y: ArrayLike, threshold: Marginal) -> dict[str, float]:
     """P(Y > T) for T of the threshold's mean and SD as normal, lognormal and Weibull; positive means only for the last
     two."""
     values = as_array(y)
-    found = {}
+    return {name: float(np.mean(law.cdf(values))) for name, law in _same_moments(threshold).items()}
+
+
+def _same_moments(threshold: Marginal) -> dict[str, Marginal]:
+    """The shapes that have its mean and SD."""
+    found = dict[str, Marginal]()
     for name, shape in SHAPES.items():
         if name == "normal" or threshold.mean > 0:
-            try:
-                law = shape(threshold.mean, threshold.sd)
-            except ValueError:
-                continue
-            found[name] = float(np.mean(law.cdf(values)))
+            with contextlib.suppress(ValueError):
+                found[name] = shape(threshold.mean, threshold.sd)
     return found
 
 

@@ -16,10 +16,12 @@ from sprain_cosim.uq.exceedance import (
     input_interval,
     of_shapes,
     threshold_interval,
+    weighted_exceedance,
 )
 from sprain_cosim.uq.fitting import fit_family, fit_sample
 from sprain_cosim.uq.measured import Measured
-from sprain_cosim.uq.statistics import exceedance, replicated_exceedance
+from sprain_cosim.uq.reliability import rare_event
+from sprain_cosim.uq.statistics import Estimate, exceedance, replicated_exceedance
 
 CADAVERS = Normal(35.0, 6.0)  # inversion of cadaver ankles at failure, as the literature states it [deg]
 LANDINGS = 21.35 + 1.97 * np.random.default_rng(1).standard_normal(4065)
@@ -261,3 +263,47 @@ def test_thresholds_that_cannot_be(make, message: str) -> None:
 def test_a_fit_carries_its_specimens() -> None:
     law = Measured.of_fit(fit_sample(np.random.default_rng(1).normal(35.0, 6.0, 12)))
     assert law.n == 12
+
+
+# rows drawn where exceedances are
+
+
+@pytest.mark.parametrize("specimens", [10, 50])
+def test_landings_about_the_design_points_know_what_specimens_leave_open(specimens: int) -> None:
+    """A linear response, sampled about its design point: the same range as 100 000 plain landings, from 450."""
+    threshold = Measured(CADAVERS, specimens)
+    found = rare_event(
+        lambda x: 21.35 + 1.97 * (0.6 * x[:, 0] + 0.8 * x[:, 1]),
+        [Normal(0.0, 1.0)] * 2,
+        CADAVERS,
+        above=True,
+        n=450,
+    )
+    weighted = weighted_exceedance(found.sampling.y, found.sampling.weights, threshold, found.probability)
+    plain = 21.35 + 1.97 * np.random.default_rng(2).standard_normal(100_000)
+    expected = doubted_exceedance(plain, threshold)
+    assert weighted.value == pytest.approx(expected.value, rel=0.03)
+    for known, wanted in ((weighted.threshold, expected.threshold), (weighted.more, expected.more)):
+        assert known is not None
+        assert wanted is not None
+        assert (known.low, known.high) == pytest.approx((wanted.low, wanted.high), rel=0.1)
+    assert weighted.shapes == pytest.approx(expected.shapes, rel=0.06)
+    assert weighted.dominates == "threshold"
+
+
+def test_landings_that_do_not_reach_what_specimens_leave_open_say_so() -> None:
+    rng = np.random.default_rng(3)
+    y, weights = 60.0 + rng.standard_normal(200), np.exp(rng.standard_normal(200) * 3.0)
+    with pytest.raises(ValueError, match="reach too little"):
+        weighted_exceedance(y, weights, Measured(CADAVERS, 5), Estimate(1e-3, 5e-4, 2e-3))
+
+
+def test_a_probable_event_is_asked_from_its_other_side() -> None:
+    """Rows without weights are a plain sample: the same answer."""
+    y = 40.0 + 2.0 * np.random.default_rng(4).standard_normal(300)
+    expected = doubted_exceedance(y, Measured(CADAVERS, 20))
+    weighted = weighted_exceedance(y, np.ones(len(y)), Measured(CADAVERS, 20), expected.sampling)
+    assert weighted.threshold is not None
+    assert expected.threshold is not None
+    assert weighted.threshold.low == pytest.approx(expected.threshold.low, rel=1e-9)
+    assert weighted.threshold.high == pytest.approx(expected.threshold.high, rel=1e-9)

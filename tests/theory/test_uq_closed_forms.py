@@ -190,10 +190,17 @@ LAWS: dict[str, tuple[Callable[[np.random.Generator, int], np.ndarray], float]] 
 
 @pytest.mark.parametrize(
     ("law", "n", "covers"),
-    [("normal", 24, 0.93), ("normal", 100, 0.93), ("exponential", 100, 0.92), ("lognormal", 100, 0.87)],
+    [
+        ("normal", 24, 0.95),
+        ("exponential", 24, 0.94),
+        ("lognormal", 24, 0.89),
+        ("normal", 100, 0.95),
+        ("exponential", 100, 0.95),
+        ("lognormal", 100, 0.94),
+    ],
 )
 def test_intervals_of_a_standard_deviation(law: str, n: int, covers: float) -> None:
-    """By the kurtosis alone those of the lognormal hold the truth in 0.75; the rest of its tail has not been met."""
+    """By the kurtosis alone those of the lognormal hold the truth in 0.75 at n = 100: its tail has not been met."""
     draw, truth = LAWS[law]
     rng = np.random.default_rng(5)
     found = [standard_deviation(draw(rng, n)) for _ in range(600)]

@@ -17,8 +17,11 @@ from sprain_cosim.errors import InputError
 from sprain_cosim.shipped import shipped_studies
 from sprain_cosim.study.evaluation import FACTORS, summarise
 from sprain_cosim.study.listing import study_listing
+from sprain_cosim.study.questions import Question
 from sprain_cosim.study.summary import StudySummary
 from sprain_cosim.uq import Normal, Uniform
+from sprain_cosim.uq.exceedance import doubted_exceedance
+from sprain_cosim.uq.measured import Measured
 from sprain_cosim.uq.reliability import LevelResult, amv, form_exceedance
 from sprain_cosim.uq.statistics import exceedance
 
@@ -196,7 +199,8 @@ def test_levels_are_tested_on_random_landings(study6) -> None:
     def bent(x: np.ndarray) -> np.ndarray:
         return np.maximum(peak(study6, x), 26.0)
 
-    study = replace(study6, method="amv")
+    asked = Question(PEAK, Normal(40.0, 6.0))
+    study = replace(study6, method="amv", questions=(asked,))
     found = study.search(bent)
     assert found.status == "ok"
     checked = searched(study, replace(found, check=study.level_check(bent, found)))
@@ -208,6 +212,10 @@ def test_levels_are_tested_on_random_landings(study6) -> None:
     assert "percent points" in checked.amv.reasons[-1]
     assert StudySummary.from_json(checked.to_json(), "") == checked
     assert f"tested on {test.n} random landings" in study_listing(study, checked)
+    q = checked.questions[asked.name]
+    assert q.ci_low < q.probability < q.ci_high
+    assert q.trials == test.n
+    assert q.sentence.startswith("The levels alone say ")
     alone = searched(study, found)
     assert alone.amv.check is None
     assert any("not tested on random landings" in note for note in alone.notes)
@@ -239,6 +247,24 @@ def test_form_is_followed_by_second_order_and_sampling(study6) -> None:
     assert summary.form.ci_low is None
     assert any("first order alone" in note for note in summary.notes)
     assert "(first order: no interval)" in study_listing(alone, summary)
+
+
+def test_form_says_what_the_specimens_behind_its_threshold_leave_open(study6) -> None:
+    """From the landings about the design point: no further one."""
+    asked = Question(INVERSION, Measured(Normal(35.0, 6.0), 10))
+    study = replace(study6, method="form", questions=(asked,), responses=(INVERSION,))
+    found = study.search(lambda x: 0.7 * peak(study6, x))
+    summary = searched(study, found)
+    plain = doubted_exceedance(0.7 * peak(study6, replace(study6, trials=1000).sample()), asked.threshold)
+    form = summary.form
+    assert form.threshold_ci == pytest.approx((plain.threshold.low, plain.threshold.high), rel=0.1)
+    assert form.shapes == pytest.approx(plain.shapes, rel=0.1)
+    assert (form.specimens, form.dominates) == (10, "threshold")
+    assert summary.notes == ()
+    assert StudySummary.from_json(summary.to_json(), "") == summary
+    assert "threshold, n = 10" in study_listing(study, summary)
+    first = searched(replace(study, check=False), replace(study, check=False).search(lambda x: 0.7 * peak(study6, x)))
+    assert any("10 specimens behind the threshold are not in first order" in note for note in first.notes)
 
 
 def test_sobol_samples_that_are_no_power_of_two_hear_a_word(study6) -> None:

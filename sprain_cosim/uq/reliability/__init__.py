@@ -33,7 +33,7 @@ from ..sensitivity import importance_x
 from .differences import Difference, step_noise
 from .first_order import FormResult, form, form_exceedance
 from .importance import ImportanceSampling, importance_sampling
-from .level_check import LevelCheck, check_levels
+from .level_check import LevelCheck, check_levels, level_exceedance
 from .linearisation import DEFAULT_LEVELS, Space
 from .mean_value_family import LevelResult, amv, mean_value
 from .multistart import DesignPoints, design_points
@@ -66,6 +66,7 @@ __all__ = [
     "hmv",
     "importance_sampling",
     "importance_x",
+    "level_exceedance",
     "mean_value",
     "rare_event",
     "sorm",

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -52,6 +52,7 @@ class ImportanceSampling:
     inside  rows in the event (for an uncertain threshold the sum of their probabilities of it)
     worth   how many equal rows the weighted ones in the event amount to
     trials  rows drawn
+    y       (trials,) their responses, and `weights`, the inputs' own density over that of the rows
     """
 
     probability: Estimate
@@ -62,6 +63,8 @@ class ImportanceSampling:
     evaluations: Evaluations
     status: Status
     reasons: tuple[str, ...]
+    y: Array = field(repr=False, compare=False, default_factory=lambda: np.empty(0))
+    weights: Array = field(repr=False, compare=False, default_factory=lambda: np.empty(0))
 
 
 def importance_sampling(
@@ -121,6 +124,8 @@ def sample_event(
         state.ledger.evaluations(),
         "suspect" if reasons else "ok",
         reasons,
+        sample.y,
+        sample.weights,
     )
 
 

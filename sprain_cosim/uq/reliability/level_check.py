@@ -23,12 +23,13 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
 from ..distributions import JointDistribution, Marginal
+from ..distributions.marginal import as_array
 from ..sampling import Stream, generator
-from ..statistics import Estimate
+from ..statistics import Estimate, between_levels, exceedance_of_levels, skewed_interval
 from .mean_value_family import LevelResult
 from .points import Array, Evaluations, Function, PointLedger, Status
 
-__all__ = ["LevelCheck", "check_levels"]
+__all__ = ["LevelCheck", "check_levels", "level_exceedance"]
 
 Verdict = Literal["ok", "suspect", "undecided"]
 
@@ -97,6 +98,43 @@ def check_levels(
         if verdict[p] == "suspect"
     )
     return LevelCheck(len(y), off, verdict, ledger.evaluations(), "suspect" if reasons else "ok", reasons)
+
+
+def level_exceedance(
+    marginals: Sequence[Marginal],
+    found: LevelResult,
+    check: LevelCheck,
+    threshold: float | Marginal,
+    correlation: ArrayLike | None = None,
+    confidence: float = 0.95,
+) -> Estimate:
+    """P(z > threshold) between and beyond the levels, corrected by the random rows that tested them.
+
+    The levels and the importance of the highest say what each row should give; what it gives differs. Where the
+    threshold is a number only the rows on the wrong side of it count (`_off`); else the mean difference of P(T < z), by
+    an interval that allows for its skewness.
+
+    Raises ValueError for fewer than two levels or percentiles that do not increase.
+    """
+    highest = max(found.value)
+    joint, alpha = JointDistribution(marginals, correlation), found.importance[highest]
+    u, y = joint.to_standard(check.evaluations.x), check.evaluations.y
+    if not isinstance(threshold, Marginal):
+        p = 1.0 - exceedance_of_levels(found.value, threshold)
+        inside = min(max(p, 1e-9), 1.0 - 1e-9)
+        off = _off(u, y, inside, threshold, alpha, confidence)
+        return _share_of(1.0 - p - off.value, 1.0 - p - off.high, 1.0 - p - off.low)
+    said = exceedance_of_levels(found.value, threshold)
+    control = as_array(threshold.cdf(between_levels(found.value, u @ alpha))) - said if np.any(alpha) else 0.0
+    remainder = as_array(threshold.cdf(y)) - control
+    value = float(np.mean(remainder))
+    low, high = skewed_interval(remainder, confidence) if np.ptp(remainder) > 0 else (value, value)
+    return _share_of(value, low, high)
+
+
+def _share_of(value: float, low: float, high: float) -> Estimate:
+    """Kept within 0 and 1."""
+    return Estimate(*(min(max(end, 0.0), 1.0) for end in (value, low, high)))
 
 
 def _verdict(p: float, off: Estimate) -> Verdict:
