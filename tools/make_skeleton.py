@@ -1,5 +1,6 @@
-"""Makes the plant's drawing (fmus/plant/extra/sprain-cosim/skeleton.json) from the model's tables: the tree of its
-moving bodies, so that a pose follows from the 15 coordinates, and round volumes carried by them. Joints and the sole
+"""Makes the plant's drawing (fmus/plant/extra/sprain-cosim/skeleton.json) from the model's tables: the tree of the
+bodies that move or carry something, so that a pose follows from the 15 coordinates and a person's factors, and round
+volumes carried by them. Joints and the sole
 are the model's own; the thickness of limbs and trunk is drawn by eye. Run: python tools/make_skeleton.py"""
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ import numpy as np
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT))
 
-from fmus.plant.constants import PLATFORM_PIVOT  # noqa: E402
-from fmus.plant.model import Skeleton, load_skeleton, table, vector  # noqa: E402
+from fmus.plant.constants import PLATFORM_PIVOT, segment  # noqa: E402
+from fmus.plant.interface import SEGMENTS  # noqa: E402
+from fmus.plant.model import Movement, load_bodies, load_movements, rotation, table, vector  # noqa: E402
 
 TARGET = ROOT / "fmus" / "plant" / "extra" / "sprain-cosim" / "skeleton.json"
 ANGLES = np.radians(np.arange(-120.0, 11.0, 1.0))  # the knee's translations are linear between these, within 0.01 mm
@@ -86,51 +88,69 @@ def sole() -> list[tuple[str, str, list[float], float, list[float], float]]:
     return out
 
 
-def drawing(skeleton: Skeleton) -> dict[str, Any]:
-    def rounded(values: Any) -> Any:
-        return np.round(np.asarray(values, float), 6).tolist()
+def rounded(values: Any) -> Any:
+    return np.round(np.asarray(values, float), 6).tolist()
 
-    def place(body: str, point: list[float]) -> tuple[str, list[float]]:
-        carrier, position, turn = skeleton.placed[body]
-        return carrier, rounded(position + turn @ np.array(point))
 
+def joint(movements: list[Movement]) -> dict[str, Any]:
+    """How a body moves in its parent; a locked joint is a place and a turn."""
+    if any(m.free for m in movements):
+        return {
+            "movements": [
+                {"motion": m.motion, "axis": list(map(float, m.axis)), "coordinate": m.coordinate}
+                | ({"values": [rounded(ANGLES), rounded([m.at(float(a)) for a in ANGLES])]} if m.spline else {})
+                for m in movements
+            ]
+        }
+    shift, turn = np.zeros(3), np.eye(3)
+    for m in movements:
+        if m.motion == "translation":
+            shift = shift + m.at(m.value) * m.axis
+        else:
+            turn = turn @ rotation(m.axis, m.at(m.value))
+    return {"movements": [], "shift": shift.tolist(), "turn": turn.tolist()}
+
+
+def drawing() -> dict[str, Any]:
+    movements = load_movements()
+    every = {body.name: body for body in load_bodies()}
+    carrying = {body for body, *_ in VOLUMES}
+    for body in reversed(every.values()):  # children before their parents
+        if body.name in carrying or any(m.free for m in movements if m.body == body.name):
+            carrying.add(body.parent)
+    moving = {m.body for m in movements if m.free} - {"patella_r"}  # carries nothing that is drawn
     bodies = [
         {
             "name": body.name,
             "parent": body.parent,
+            "segment": segment(body.name),
             "at_parent": list(map(float, body.at_parent)),
             "at_child": list(map(float, body.at_child)),
-            "movements": [
-                {"motion": m.motion, "axis": list(map(float, m.axis)), "coordinate": m.coordinate}
-                | ({"values": [rounded(ANGLES), rounded([m.at(float(a)) for a in ANGLES])]} if m.spline else {})
-                for m in skeleton.movements
-                if m.body == body.name
-            ],
+            **joint([m for m in movements if m.body == body.name]),
         }
-        for body in skeleton.bodies.values()
-        if body.name != "patella_r"  # carries nothing that is drawn
+        for body in every.values()
+        if body.name in carrying | moving
     ]
-    volumes = []
-    for body, part, start, r_start, end, r_end in [*VOLUMES, *sole()]:
-        carrier, a = place(body, start)
-        volumes.append(
-            {
-                "body": carrier,
-                "part": "left " + part if body.endswith("_l") else part,
-                "from": a,
-                "to": place(body, end)[1],
-                "radii": rounded([r_start, r_end]),
-            }
-        )
+    volumes = [
+        {
+            "body": body,
+            "part": "left " + part if body.endswith("_l") else part,
+            "from": rounded(start),
+            "to": rounded(end),
+            "radii": rounded([r_start, r_end]),
+        }
+        for body, part, start, r_start, end, r_end in [*VOLUMES, *sole()]
+    ]
     axis = next(vector(row, "axis", "") for row in table("joints") if row["body"] == "calcn_r")
     return {
         "unit": "m and rad; X anterior, Y up, Z right",
         "bodies": bodies,
         "volumes": volumes,
         "points": {
-            "knee": dict(zip(("body", "at"), place(*KNEE), strict=True)),
-            "ankle": dict(zip(("body", "at"), place(*ANKLE), strict=True)),
+            "knee": dict(zip(("body", "at"), KNEE, strict=True)),
+            "ankle": dict(zip(("body", "at"), ANKLE, strict=True)),
         },
+        "factors": {name: [f"{name}_scale_{axis}" for axis in "xyz"] for name in SEGMENTS},
         "subtalar_axis": {"body": "calcn_r", "axis": rounded(axis / np.linalg.norm(axis))},
         "platform": {"pivot": list(PLATFORM_PIVOT), "incline": "platform_incline"},
     }
@@ -138,7 +158,7 @@ def drawing(skeleton: Skeleton) -> dict[str, Any]:
 
 if __name__ == "__main__":
     TARGET.parent.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(drawing(load_skeleton()), indent=1)
+    text = json.dumps(drawing(), indent=1)
     import re
 
     text = re.sub(r"\[\s+([^\[\]{}]+?)\s+\]", lambda m: "[" + re.sub(r"\s+", " ", m.group(1)) + "]", text)

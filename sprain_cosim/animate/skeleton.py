@@ -4,7 +4,7 @@ pose."""
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -23,10 +23,12 @@ Pose = dict[str, tuple[np.ndarray, np.ndarray]]  # {body: (origin (3,) [m], orie
 class Skeleton:
     """The content of FILE.
 
-    - bodies: from the root to the ends, each with its parent, the joint's place in both bodies and its movements
+    - bodies: from the root to the ends, each with its parent, the joint's place in both bodies and its movements; of a
+      locked joint `shift` [m] and `turn`; `segment`: which factors of a person's lengths it has
     - volumes: round cones (part, body, both ends [m] in the body's frame, both radii [m])
     - points: named landmarks (body, place [m] in the body's frame)
     - platform: pivot [m], and the parameter that holds its incline
+    - factors: of each segment, the parameters that hold its length factors in x, y and z
     """
 
     content: Mapping[str, Any]
@@ -42,6 +44,26 @@ class Skeleton:
         except (OSError, ValueError, zipfile.BadZipFile) as problem:
             raise InputError(f"{fmu}: its {FILE} cannot be read: {problem}") from None
 
+    def scaled(self, parameter: Callable[[str], float]) -> Skeleton:
+        """Of the person whose length factors `parameter` gives by name; one without factors is drawn as it is."""
+        factors = {
+            segment: np.array([parameter(name) for name in names])
+            for segment, names in self.content.get("factors", {}).items()
+        }
+        if all((f == 1.0).all() for f in factors.values()):
+            return self
+        of = {body["name"]: factors[body["segment"]] for body in self.content["bodies"]} | {"ground": np.ones(3)}
+        bodies = [
+            body
+            | {name: body[name] * of[body["parent"]] for name in ("at_parent", "shift") if name in body}
+            | {"at_child": body["at_child"] * of[body["name"]]}
+            | {"movements": [_scaled_movement(m, of[body["parent"]]) for m in body["movements"]]}
+            for body in self.content["bodies"]
+        ]
+        volumes = [_scaled_volume(v, of[v["body"]]) for v in self.content["volumes"]]
+        points = {name: p | {"at": p["at"] * of[p["body"]]} for name, p in self.content["points"].items()}
+        return Skeleton({**self.content, "bodies": bodies, "volumes": volumes, "points": points})
+
     @cached_property
     def coordinates(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(m["coordinate"] for body in self.content["bodies"] for m in body["movements"]))
@@ -51,7 +73,8 @@ class Skeleton:
         placed: Pose = {"ground": (np.zeros(3), np.eye(3))}
         for body in self.content["bodies"]:
             origin, turn = placed[body["parent"]]
-            joint, local = np.array(body["at_parent"], float), np.eye(3)
+            joint = np.array(body["at_parent"], float) + body.get("shift", 0.0)
+            local = np.array(body["turn"]) if "turn" in body else np.eye(3)
             for movement in body["movements"]:
                 value, axis = coordinates[movement["coordinate"]], np.array(movement["axis"], float)
                 if "values" in movement:
@@ -93,6 +116,22 @@ class Skeleton:
     def _members(self) -> dict[str, np.ndarray]:
         of_body = [v["body"] for v in self.content["volumes"]]
         return {body: np.array([k for k, b in enumerate(of_body) if b == body]) for body in dict.fromkeys(of_body)}
+
+
+def _scaled_movement(movement: dict[str, Any], factors: np.ndarray) -> dict[str, Any]:
+    """A translation that follows a coordinate belongs to the parent."""
+    if movement["motion"] != "translation" or "values" not in movement:
+        return movement
+    over, values = movement["values"]
+    return movement | {"values": [over, np.abs(movement["axis"]) @ factors * np.array(values)]}
+
+
+def _scaled_volume(volume: dict[str, Any], factors: np.ndarray) -> dict[str, Any]:
+    """Thick by the mean of the factors across its length."""
+    start, end = np.array(volume["from"]), np.array(volume["to"])
+    along = int(np.argmax(np.abs(end - start)))
+    across = np.sqrt(np.delete(factors, along).prod())
+    return volume | {"from": start * factors, "to": end * factors, "radii": np.array(volume["radii"]) * across}
 
 
 def rotation(axis: np.ndarray, angle: float) -> np.ndarray:

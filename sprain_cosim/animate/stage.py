@@ -237,7 +237,7 @@ class _Actor:
     """A landing: its signals, and the pose at each time of the film."""
 
     def __init__(self, run: Landing) -> None:
-        self.run, self.skeleton = run, Skeleton.read(run.plant)
+        self.run, self.skeleton = run, Skeleton.read(run.plant).scaled(run.parameter)
         run.need(self.skeleton.coordinates, "a drawing")
         self.braced = bool(brace_torques(run.result))
         self.incline = run.parameter(self.skeleton.content["platform"]["incline"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,15 +26,16 @@ HIGH = 2.05  # m of a view
 
 def pose_figure(start: MotionStart) -> Figure:
     """Draws the pose from behind and from the right side, beside the plant's own."""
-    skeleton = Skeleton.read(start.scenario.fmus["plant"])
+    drawing = Skeleton.read(start.scenario.fmus["plant"])
     rows = 2 if not len(start.heights) else 3
     figure = Figure(figsize=(9.0, 6.6 + 1.9 * (rows - 2)), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(rows, 4, height_ratios=[3.4, 2.4, 1.5][:rows])
-    incline = _incline(start.scenario)
-    poses = {"motion": _placed(start.scenario), "without a motion": _placed(load_scenario(start.base))}
+    incline = _parameter(start.scenario, "platform_incline")
+    landings = {"motion": start.scenario, "without a motion": load_scenario(start.base)}
     column = 0
-    for name, coordinates in poses.items():
+    for name, landing in landings.items():
+        coordinates, skeleton = _placed(landing), drawing.scaled(partial(_parameter, landing))
         for title, right in (("from behind", Z), ("from the right", X)):
             axis = figure.add_subplot(grid[0, column])
             axis.imshow(_view(skeleton, coordinates, right, incline, "brace" in start.scenario.fmus))
@@ -52,11 +54,11 @@ def pose_figure(start: MotionStart) -> Figure:
     return figure
 
 
-def _incline(scenario: Scenario) -> float:
-    value = scenario.system().parameters.get("plant.platform_incline")
+def _parameter(scenario: Scenario, name: str) -> float:
+    value = scenario.system().parameters.get(f"plant.{name}")
     if value is None:
         plant = next(c for c in scenario.components() if c.name == "plant")
-        value = plant.connectors["platform_incline"].start
+        value = plant.connectors[name].start
     assert isinstance(value, float)
     return value
 

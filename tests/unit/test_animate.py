@@ -54,6 +54,35 @@ def test_pose_is_that_of_the_kernels() -> None:
             assert np.abs(pose[name][1] - theirs.state["xmat"][k].reshape(3, 3)).max() < 1e-12
 
 
+def test_the_drawing_scales_with_the_person() -> None:
+    """Bodies where the kernels have them, and every fused body where the scaling of the plant puts it."""
+    from fmus.plant.model import load_bodies
+    from fmus.plant.plant import Plant, person_with
+
+    factors = {
+        f"{segment}_scale_{axis}": 0.9 + 0.05 * j + 0.02 * k
+        for j, segment in enumerate(("pelvis", "thigh", "shank", "foot", "torso"))
+        for k, axis in enumerate("xyz")
+    }
+    theirs, mine = Plant(), Skeleton.read(PLANT).scaled(factors.__getitem__)
+    theirs.embody(person_with(**factors))
+    q = theirs.skeleton.initial()[0]
+    theirs.state["q"], theirs.state["valid"] = q, 0
+    theirs.observe()
+    pose = mine.pose(dict(zip(mine.coordinates, q, strict=True)))
+    for k, body in enumerate(load_bodies()):
+        if body.name in pose:
+            carrier = theirs._base[0]["carrier"][k]
+            turn = theirs.state["xmat"][carrier].reshape(3, 3)
+            place = theirs.state["xpos"][carrier] + turn @ theirs._scaled[0]["place"][k]
+            assert np.abs(pose[body.name][0] - place).max() < 1e-5, body.name
+    assert {"femur_l", "hand_r", "toes_l"} <= set(pose)
+    usual = Skeleton.read(PLANT)
+    rest = dict.fromkeys(usual.coordinates, 0.0)
+    ratio = mine.volumes(mine.pose(rest))[:, 6:] / usual.volumes(usual.pose(rest))[:, 6:]
+    assert ratio.min() > 0.9 and ratio.max() < 1.15
+
+
 def test_drawing_is_made_from_the_tables() -> None:
     tools = str(Path(__file__).parents[2] / "tools")
     sys.path.insert(0, tools)
@@ -61,9 +90,7 @@ def test_drawing_is_made_from_the_tables() -> None:
         from make_skeleton import drawing
     finally:
         sys.path.remove(tools)
-    from fmus.plant.model import load_skeleton
-
-    assert json.loads(json.dumps(drawing(load_skeleton()))) == Skeleton.read(PLANT).content
+    assert json.loads(json.dumps(drawing())) == Skeleton.read(PLANT).content
 
 
 def test_sole_touches_the_platform_when_the_contact_does(braced: Landing) -> None:
