@@ -1108,6 +1108,7 @@ def _pair(text: str, option: str, form: str) -> tuple[str, str]:
 
 def main(arguments: list[str] | None = None) -> None:
     """Runs the command line; errors become one line on stderr and the exit code of interface and README."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of one thread, this process can be copied for its children
     received = signals.interrupt()
     _keep_stdout()
     code = _run(arguments, received)

@@ -34,12 +34,14 @@ import zlib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from statistics import median
 from time import monotonic
-from typing import IO, Any, NoReturn
+from typing import IO, Any, NoReturn, cast
 
 from .errors import EnvironmentProblem, SprainError, visible
+from .fork_server import Copy, ServerGone, copy_now, drop_server, live_as_child, server_for
 from .machine.here import SYSTEM
 from .sandbox.confinement import Confinement, enter
 from .sandbox.watch import Watch
@@ -230,24 +232,18 @@ class Child:
         self._scratch, self._watch = _Scratch(), watch
         requests, sink = os.pipe()
         source, replies = os.pipe()
-        report = -1 if watch is None or watch.far is None else watch.far.fileno()
-        names = [SYSTEM.name_of(requests), SYSTEM.name_of(replies)]
-        arguments = [*names, limits.memory, os.getpid(), report]
-        self._process = subprocess.Popen(
-            [*python_command(module), *(str(argument) for argument in arguments)],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            cwd=self._scratch,
-            env=_environment()
-            | SYSTEM.variables(str(self._scratch))
-            | {"NUMBA_CACHE_DIR": str(self._scratch), PARENTS_TEMPORARY: tempfile.gettempdir()},
-            **SYSTEM.options((requests, replies, *(() if report < 0 else (report,)))),
-        )
-        self._end = SYSTEM.group(self._process, limits.memory)
-        os.close(requests)
-        os.close(replies)
         self._line = Line(source, sink)
+        try:
+            report = [] if watch is None or watch.far is None else [watch.far.fileno()]
+            self._process = _started(module, limits.memory, [requests, replies, *report], str(self._scratch))
+            self._end = SYSTEM.group(cast("subprocess.Popen[bytes]", self._process), limits.memory)
+        except BaseException:
+            self._line.close()
+            self._scratch.remove()
+            raise
+        finally:
+            os.close(requests)
+            os.close(replies)
         self._tail = b""
         assert self._process.stdout is not None
         self._reader = threading.Thread(target=self._drain, args=(self._process.stdout,), daemon=True)
@@ -338,6 +334,41 @@ class Child:
                 self._tail = (self._tail + piece)[-TAIL:]
 
 
+def _started(module: str, memory: int, descriptors: Sequence[int], folder: str) -> subprocess.Popen[bytes] | Copy:
+    """A process that runs `module` in `folder`: a copy of this process's server, else a Python of its own."""
+    environment = _environment()
+    own = SYSTEM.variables(folder) | {"NUMBA_CACHE_DIR": folder, PARENTS_TEMPORARY: tempfile.gettempdir()}
+    root = Path(__file__).parent.parent
+    server = server_for(environment, python_command("sprain_cosim.fork_server"), root)
+
+    def arguments(places: Sequence[object], parent: int) -> list[str]:
+        requests, replies, *report = places
+        return [str(argument) for argument in (requests, replies, memory, parent, *(report or [-1]))]
+
+    if server is not None:
+        places = [f"{{{k}}}" for k in range(len(descriptors))]
+        try:
+            return server.start(module, arguments(places, server.process), descriptors, folder, environment | own)
+        except ServerGone:
+            drop_server(server)
+    requests, replies, *report = descriptors
+    names = [SYSTEM.name_of(requests), SYSTEM.name_of(replies), *report]
+    return subprocess.Popen(
+        [*python_command(module), *arguments(names, os.getpid())],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        cwd=folder,
+        env=environment | own,
+        **SYSTEM.options(descriptors),
+    )
+
+
+def prepare_copies() -> None:
+    """Where this process may be copied for its children, it is now: before it has threads and opens files."""
+    copy_now(_environment(), Path(__file__).parent.parent)
+
+
 def _error(kind: str, message: str) -> SprainError:
     """The error of that class; of the base class where no class has that name."""
     classes = [SprainError]
@@ -355,6 +386,10 @@ def serve(handlers: Callable[[Any], AbstractContextManager[Handlers]]) -> NoRetu
 
     `handlers(subject)` opens the subject and gives the functions that can be called, by name. A SprainError, also of
     opening, becomes a reply; any other exception ends the process."""
+    live_as_child(partial(_live, handlers))
+
+
+def _live(handlers: Callable[[Any], AbstractContextManager[Handlers]]) -> NoReturn:
     global _serving
     _serving = True
     requests, replies, memory, parent, report = (int(argument) for argument in sys.argv[1:6])

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from ..cosim.result import HALVED_WITHIN, Result
 from ..errors import InputError, SimulationError
 from ..fmu.messages import Messages
+from ..fmu.opener import import_libraries  # noqa: F401 - before the process is copied
 from ..folders.run import FILE, RunSummary
 from ..process import Child, Handlers, Limits, Overrun, ProcessEnded, serve
 from ..scenario import Scenario

@@ -22,6 +22,7 @@ from ..files import write
 from ..fmu.component import Component
 from ..fmu.confine import confinement
 from ..fmu.driver import own_step
+from ..fmu.opener import import_libraries  # noqa: F401 - before the process is copied
 from ..mapping import carried, load_mapping
 from ..process import Child, Handlers, Limits, ProcessEnded, serve
 from ..units import quantity

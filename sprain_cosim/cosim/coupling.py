@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from ..errors import InputError, nearest
 from .assembly import Assembly
 from .course import course_doubts
@@ -128,7 +126,7 @@ def _choose(found: Linearisation | None, states: bool, step: float, steps: int) 
     if found is None:
         return GaussSeidel.name, "no device gives the plant a torque"
     if found.period.all():
-        periods = " and ".join(f"{1e3 * p:g} ms" for p in np.unique(found.period).tolist())
+        periods = " and ".join(f"{1e3 * p:g} ms" for p in sorted(set(found.period.tolist())))
         return GaussSeidel.name, f"every torque is sampled, every {periods}, and held in between"
     if found.declared or found.identified:
         return Impedance.name, f"{_handed_over(found)}; {found.size()} at the start"

@@ -159,7 +159,7 @@ def own_doubts(device: Linearisation | None, span: float) -> list[str]:
     if device is None or device.inertia is None:
         return []
     found = []
-    for period in np.unique(device.period).tolist():
+    for period in sorted(set(device.period.tolist())):
         factor = own_growth(device, period, span)
         if factor > WARNING:
             found.append(_cause(_part(device, device.period == period), period, factor))

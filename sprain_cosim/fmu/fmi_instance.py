@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import inspect
 import itertools
 import os
 import threading
@@ -16,11 +17,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from time import sleep
-from typing import Any, ClassVar
+from types import UnionType
+from typing import Any, ClassVar, get_args
 
 import numpy as np
 
 from ..errors import EnvironmentProblem, SimulationError, SimulationStopped, StepDiscarded
+from ..fork_server import foreign_code_loads
 from . import cache
 from .description import Description, first_line
 from .element import Connector
@@ -52,10 +55,40 @@ class _Os:
 
 
 @lru_cache(maxsize=1)
-def _keep_working_folder() -> None:
+def _ease_loading() -> None:
+    """The constructor of all versions stands in fmi1: it keeps the working folder, and asks for the signatures of FMI's
+    functions once for each class and not for each FMU."""
     from fmpy import fmi1
 
-    fmi1.os = _Os()  # where the constructor of all versions stands
+    fmi1.os = _Os()
+    fmi1._FMU._loadFunctions = _load_functions
+
+
+def _load_functions(fmu: Any) -> None:
+    kind: Any = type(fmu)
+    for name, of_library, argument_names, argument_types, result in signatures(kind):
+        function = getattr(fmu.dll, of_library.format(fmu.modelIdentifier))
+        function.argnames, function.argtypes, function.restype = argument_names, argument_types, result
+        fmu._functions[name] = function
+
+
+@lru_cache(maxsize=8)
+def signatures(kind: Any) -> list[tuple[str, str, list[str], list[Any], Any]]:
+    """The functions of FMI that a class of fmpy calls: its method, the library's name for it ("{}" is the model's
+    identifier), names and types of the arguments, type of the result. As fmpy reads them off its own annotations."""
+    prefix = kind.__name__[:4].lower().replace("u", "i")
+    found = []
+    for name, method in inspect.getmembers(kind, inspect.isfunction):
+        if not name.startswith(prefix):
+            continue
+        signature = inspect.signature(method)
+        _, *arguments = signature.parameters.values()
+        types = [get_args(a.annotation)[0] if isinstance(a.annotation, UnionType) else a.annotation for a in arguments]
+        result = signature.return_annotation
+        result = ctypes.c_char_p if result is bytes else ctypes.c_int if result is int else result
+        of_library = "{}_" + name.replace("fmi1", "fmi") if prefix == "fmi1" else name
+        found.append((name, of_library, [a.name for a in arguments], types, result))
+    return found
 
 
 _one_at_a_time = threading.Lock()
@@ -113,8 +146,10 @@ class FmiInstance:
         self.component = component
         self.log = Log(component.name)
         self._floating = FloatingPoint() if is_foreign(component.fmu, component.sha256) else None
+        if self._floating is not None:
+            foreign_code_loads()
         folder = cache.unpacked(component.fmu, component.sha256)
-        _keep_working_folder()
+        _ease_loading()
         beside = contextlib.nullcontext() if self._floating is None else _loading((folder / component.library).parent)
         try:
             with beside:

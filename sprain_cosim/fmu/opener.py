@@ -6,17 +6,31 @@ from .description import Description
 from .instance import Instance
 
 
-def preload() -> None:
-    """Imports what opening an FMU imports, so that what happens from then on is the FMU's doing."""
+def import_libraries() -> None:
+    """What opening an FMU imports, and what it finds out once."""
     import fmpy.fmi1
     import fmpy.fmi2
     import fmpy.fmi3
     import fmpy.logging
-    import fmpy.validation  # noqa: F401
+    import fmpy.validation
+    import lxml.etree  # noqa: F401
 
+    from ..sandbox.confinement import library_folders, python_folders
+    from ..sandbox.kernel import offered
     from . import fmi1, fmi2, fmi3, model_exchange  # noqa: F401
+    from .fmi_instance import signatures
+
+    for kind in (fmpy.fmi2.FMU2Slave, fmpy.fmi3.FMU3Slave):
+        signatures(kind)
+    for find_out in (offered, python_folders, library_folders):
+        find_out()
+
+
+def preload() -> None:
+    """Loads what opening an FMU loads, so that what happens from then on is the FMU's doing."""
     from .messages import logger3, loggers
 
+    import_libraries()
     loggers()
     logger3()
 

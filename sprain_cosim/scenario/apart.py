@@ -14,10 +14,12 @@ import numpy as np
 from ..cosim.result import HALVED_WITHIN, Result
 from ..cosim.transport import encoded, packed, pieces, unpacked
 from ..errors import SimulationError, SprainError
+from ..fmu.opener import import_libraries  # noqa: F401 - before the process is copied
 from ..fmu.surroundings import Surroundings
 from ..process import Child, Handlers, Limits, Overrun, ProcessEnded, serve
 
 if TYPE_CHECKING:
+    from ..cosim.system import System
     from .scenario import Scenario
 
 FIRST_RUN = 600.0  # s of wall time, where no other limit is stated
@@ -82,11 +84,11 @@ class Apart:
             child.close()
 
     def _open(self, child: Child) -> None:
-        confinement = self.scenario.confinement()
+        confinement, placed = self.scenario.confinement(), self.scenario.absolute()
         self._confined = confinement is not None
         hint = f"; {HINT}" if confinement is not None else ""
         try:
-            child.open(self.scenario.absolute(), self._starts.seconds, confinement)
+            child.open((placed, placed.system()), self._starts.seconds, confinement)
         except ProcessEnded as end:
             hint = f"; {end.cure}" if isinstance(end, Overrun) else hint
             raise SimulationError(f"the system cannot be opened: its process {end}{child.last_words()}{hint}") from None
@@ -128,8 +130,9 @@ def served(run: Callable[..., Result]) -> Handlers:
 
 
 @contextlib.contextmanager
-def _handlers(scenario: Scenario) -> Iterator[Handlers]:
+def _handlers(subject: tuple[Scenario, System]) -> Iterator[Handlers]:
     """The child: runs the scenario."""
+    scenario, system = subject
 
     def run(parameters: dict[str, float]) -> Result:
         surroundings = Surroundings()
@@ -138,7 +141,7 @@ def _handlers(scenario: Scenario) -> Iterator[Handlers]:
         finally:
             surroundings.restore()
 
-    with scenario.open(in_process=True) as session:
+    with scenario.open(in_process=True, system=system) as session:
         yield {**served(run), "halved": session.at_half_the_step}
 
 

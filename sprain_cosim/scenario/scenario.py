@@ -360,12 +360,14 @@ class Scenario:
         named = {n: values.get(f"{component.name}.{n}") for n, c in component.inputs.items() if c.unit is None}
         return [n for n, value in named.items() if isinstance(value, str) and component.connectors[n].kind == "real"]
 
-    def open(self, in_process: bool = False, limits: Limits | None = None) -> Session | Apart:
+    def open(
+        self, in_process: bool = False, limits: Limits | None = None, system: System | None = None
+    ) -> Session | Apart:
         """Loads and instantiates the FMUs: in this process where all of them ship (or, with `in_process`, whatever they
-        are), else together in one of their own, in a sandbox and within `limits`. Raises InputError, SimulationError,
-        EnvironmentProblem."""
+        are), else together in one of their own, in a sandbox and within `limits`. `system`: its own, where that has
+        been described before. Raises InputError, SimulationError, EnvironmentProblem."""
         if in_process or self.in_process or not self.foreign():
-            return Session(self)
+            return Session(self, system)
         return Apart(self, limits)
 
     def coupling_check(self, result: Result) -> dict[str, float]:
@@ -405,9 +407,10 @@ class Session:
 
     Every run starts from the initial state; two sessions in one process do not disturb each other."""
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, system: System | None = None) -> None:
+        """`system`: that of the scenario; None: it is described here."""
         scenario.master.steps  # noqa: B018 - raises for times that do not fit
-        self.scenario, self.system = scenario, scenario.system()
+        self.scenario, self.system = scenario, system or scenario.system()
         self._assembly: Assembly | None = self.system.open()
 
     def run(self, parameters: Mapping[str, float] | None = None) -> Result:

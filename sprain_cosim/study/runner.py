@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import EnvironmentProblem, InputError
-from ..process import Limits
+from ..process import Limits, prepare_copies
 from . import originals
 from .adoption import adopt, version_before
 from .backends.backend import Task
@@ -95,6 +95,7 @@ def run(
                   folder was begun, where it runs here, else the lowest of the workers
 
     Raises InputError before any trial, SimulationError when too many failed or a search met a failed trial."""
+    prepare_copies()
     study.checked()
     limits = _stated(study, limits)
     folder = None if out is None else Path(out)
