@@ -23,7 +23,7 @@ from ..study.folder import TRIALS, load_study_plan, read_trials
 from ..study.ledger import FILE as LEDGER
 from ..study.ledger import Ledger
 from ..study.plan import Plan
-from ..study.trajectories import trajectory_path
+from ..study.trajectories import read_trajectory, trajectory_path
 from ..units import quantity
 from .comparison import FILE as COMPARISON
 from .comparison import member_path, read_comparison_summary
@@ -172,7 +172,7 @@ def _recorded(path: Path, row: pd.Series) -> Result | None:
     if not path.is_file():
         return None
     try:
-        return replace(Result.read_csv(path), status=str(row["status"]), message=str(row["message"]))
+        return replace(read_trajectory(path), status=str(row["status"]), message=str(row["message"]))
     except (ValueError, OSError, EOFError) as problem:
         raise InputError(f"{path}: cannot be read: {problem}") from None
 

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any, Self
 from ..cosim.result import Result
 from ..errors import InputError
 from ..files import read_toml
-from ..study import trajectories
 from ..study.folder import read_trials
 from ..study.manifest import FILE as MANIFEST
 from ..study.manifest import Manifest, read_manifest
 from ..study.summary import StudySummary, read_summary
+from ..study.trajectories import read_trajectory, trajectory_paths
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -141,16 +141,11 @@ class StudyFolder:
     @cached_property
     def trajectories(self) -> Mapping[int, Path]:
         """{trial: file} of the signals that were kept."""
-        found = {}
-        for path in sorted((self.path / trajectories.FOLDER).glob("*.csv.gz")):
-            number = path.name.removesuffix(".csv.gz")
-            if number.isdigit():
-                found[int(number)] = path
-        return found
+        return trajectory_paths(self.path)
 
     def trajectory(self, trial: int) -> Result:
         """Signals of a trial that were kept. Raises InputError."""
-        return Result.read_csv(self.trajectories[trial])
+        return read_trajectory(self.trajectories[trial])
 
 
 def read_study(path: Path) -> StudyFolder:

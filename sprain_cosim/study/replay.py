@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import gzip
-import io
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ..cosim.record import read_record
 from ..cosim.result import Result
 from ..errors import InputError
 from ..process import Limits
@@ -37,11 +36,10 @@ class Replay:
 
     @property
     def result(self) -> Result | None:
-        """The record of the repetition, with the digits of signals.csv; None when its process did not live to give
-        one."""
+        """The record of the repetition; None when its process did not live to give one."""
         if not self.outcome.trajectory:
             return None
-        record = Result.read_csv(io.BytesIO(gzip.decompress(self.outcome.trajectory)))
+        record = read_record(self.outcome.trajectory, f"trial {self.row.trial}")
         return replace(record, message=self.outcome.message, wall=self.outcome.wall, **self.outcome.about)
 
     @property

@@ -1,4 +1,5 @@
-"""The trajectories of a study: one record per trial, `trajectories/000123.csv.gz`, laid out as a run's signals.csv."""
+"""The trajectories of a study: one record per trial, `trajectories/000123.record` (cosim/record.py). Versions
+before 0.2 wrote `000123.csv.gz`, laid out as a run's signals.csv; it is read as well."""
 
 from __future__ import annotations
 
@@ -9,8 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..cosim.record import read_record
+from ..cosim.result import Result
 from ..errors import InputError
-from ..files import write
+from ..files import LARGEST_RECORD, write
 from .ledger import RESUME
 from .plan import Plan
 from .worker import Outcome
@@ -18,15 +21,39 @@ from .worker import Outcome
 if TYPE_CHECKING:
     import pandas as pd
 
-FOLDER = "trajectories"
+FOLDER, ENDING, BEFORE = "trajectories", ".record", ".csv.gz"
 FIRST = 100  # trials recorded by default
 ALL = 1 << 62
 ROLES = {"p5": 0.05, "p50": 0.50, "p95": 0.95, "min": 0.0, "max": 1.0}
 
 
 def trajectory_path(folder: Path, trial: int) -> Path:
-    """Where the folder of a study has the signals of a trial."""
-    return folder / FOLDER / f"{trial:06d}.csv.gz"
+    """Where the folder of a study has the signals of a trial, or is to have them."""
+    places = [folder / FOLDER / f"{trial:06d}{ending}" for ending in (ENDING, BEFORE)]
+    return next((place for place in places if place.is_file()), places[0])
+
+
+def trajectory_paths(folder: Path) -> dict[int, Path]:
+    """{trial: file} of the signals that the folder of a study has."""
+    found = {}
+    for ending in (BEFORE, ENDING):
+        for path in sorted((folder / FOLDER).glob(f"*{ending}")):
+            number = path.name.removesuffix(ending)
+            if number.isdigit():
+                found[int(number)] = path
+    return dict(sorted(found.items()))
+
+
+def read_trajectory(path: Path) -> Result:
+    """Raises InputError."""
+    if path.name.endswith(BEFORE):
+        return Result.read_csv(path)
+    try:
+        if path.stat().st_size > LARGEST_RECORD:
+            raise InputError(f"{path}: has more than {LARGEST_RECORD >> 20} MB")
+        return read_record(path.read_bytes(), str(path))
+    except OSError as problem:
+        raise InputError(f"{path}: cannot be read: {problem.strerror or problem}") from None
 
 
 @dataclass
@@ -47,15 +74,13 @@ class Trajectories:
         """Writes the record that came with a trial, if one did. Raises EnvironmentProblem."""
         if self.folder is None or not outcome.trajectory:
             return
-        write(trajectory_path(self.folder, trial), outcome.trajectory, RESUME, parents=True)
+        write(self.folder / FOLDER / f"{trial:06d}{ENDING}", outcome.trajectory, RESUME, parents=True)
 
     def take(self, source: Path, trial: int) -> None:
         """Copies the record of another study's folder, if it has one."""
-        try:
-            content = trajectory_path(source, trial).read_bytes()
-        except FileNotFoundError:
-            return
-        self.keep(trial, Outcome("completed", "", trajectory=content))
+        path = trajectory_path(source, trial)
+        if self.folder is not None and path.is_file():
+            write(self.folder / FOLDER / path.name, path.read_bytes(), RESUME, parents=True)
 
     def lacks(self, trials: Any) -> list[int]:
         """Those of the numbers that have no record yet."""

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import base64
 import contextlib
-import gzip
 import struct
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,11 +21,14 @@ from time import monotonic, perf_counter
 from typing import Any, Protocol
 
 from .. import processor
+from ..cosim.record import record_bytes
 from ..cosim.result import HALVED_WITHIN, PEAK, Result, unconverged
+from ..cosim.system import System
 from ..errors import SimulationError, SprainError
 from ..fmu import archive
 from ..fmu.cache import cache_folder
 from ..fmu.messages import Messages
+from ..fmu.opener import import_libraries  # noqa: F401 - before the process is copied
 from ..fmu.surroundings import Surroundings
 from ..process import Child, Handlers, Limits, Overrun, ProcessEnded, allow_processor_time, resident, serve
 from ..sandbox.confinement import Confinement
@@ -40,7 +42,7 @@ class Outcome:
     """How a trial ended: completed, failed (FMI error or a value that is not finite), crashed, timeout or lost (with
     the machine that ran it, several times); `message` says why, and of a completed trial that its coupling has not
     converged. `wall` [s] that it took; of a timeout the limit that ended it. `log` the last lines printed. Where a
-    record was asked for, and of a failed trial, `trajectory` is the record as a gzipped signals.csv and `about` its
+    record was asked for, and of a failed trial, `trajectory` is the record (cosim/record.py) and `about` its
     scheme, scheme_reason, warning, coupling_error and status. `messages` {component: what its FMU said}, of those that
     said anything."""
 
@@ -188,7 +190,7 @@ class Worker:
             child = Child(__name__, self.limits)
             problem, began = "", monotonic()
             try:
-                subject = self._placed(), self.names, self.level
+                subject = *self._placed(), self.names, self.level
                 child.open(subject, self._starts.seconds, self._confinement())
                 if not self._stopped:
                     self._starts.note(monotonic() - began)
@@ -206,8 +208,12 @@ class Worker:
                 raise SimulationError(problem)
         raise AssertionError("unreachable")
 
-    def _placed(self) -> Openable:
-        return self.scenario.absolute() if isinstance(self.scenario, Scenario) else self.scenario
+    def _placed(self) -> tuple[Openable, System | None]:
+        """What the child opens, with its system where it is a scenario: described once, here."""
+        if not isinstance(self.scenario, Scenario):
+            return self.scenario, None
+        placed = self.scenario.absolute()
+        return placed, placed.system()
 
     def _confinement(self) -> Confinement | None:
         """The sandbox that the system asks for; a stand-in asks for none."""
@@ -240,9 +246,9 @@ def _marks(scenario: Openable) -> list[Path]:
 
 
 @contextlib.contextmanager
-def _handlers(subject: tuple[Openable, tuple[str, ...], str]) -> Iterator[Handlers]:
+def _handlers(subject: tuple[Openable, System | None, tuple[str, ...], str]) -> Iterator[Handlers]:
     """The child: opens the scenario, then runs trials with values of `names`."""
-    scenario, names, level = subject
+    scenario, system, names, level = subject
     processor.take(level)
 
     def run(values: Sequence[float], record: bool, cpu: float) -> dict[str, Any]:
@@ -269,13 +275,15 @@ def _handlers(subject: tuple[Openable, tuple[str, ...], str]) -> Iterator[Handle
         surroundings.restore()
         return dict(finer)
 
-    with scenario.open(in_process=True) if isinstance(scenario, Scenario) else scenario.open() as session:
+    with (
+        scenario.open(in_process=True, system=system) if isinstance(scenario, Scenario) else scenario.open()
+    ) as session:
         yield {"run": run, "halved": halved}
 
 
 def _record(result: Result) -> dict[str, Any]:
     about = {key: getattr(result, key) for key in ("status", "scheme", "scheme_reason", "warning", "coupling_error")}
-    return {"trajectory": base64.b64encode(gzip.compress(result.csv().encode(), 1, mtime=0)).decode(), "about": about}
+    return {"trajectory": base64.b64encode(record_bytes(result)).decode(), "about": about}
 
 
 if __name__ == "__main__":

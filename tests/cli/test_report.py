@@ -208,8 +208,8 @@ def test_a_thousand_trials_in_ten_seconds_and_five_megabytes(results: Path, tmp_
     table.to_csv(tmp_path / "s" / "trials.csv", index=False)
     for trial in range(24, 100):
         shutil.copy(
-            tmp_path / "s" / "trajectories" / f"{trial % 24:06d}.csv.gz",
-            tmp_path / "s" / "trajectories" / f"{trial:06d}.csv.gz",
+            tmp_path / "s" / "trajectories" / f"{trial % 24:06d}.record",
+            tmp_path / "s" / "trajectories" / f"{trial:06d}.record",
         )
     head = json.loads((tmp_path / "s" / "summary.json").read_text())
     head["trajectories"]["first"] = 100

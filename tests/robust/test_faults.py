@@ -13,11 +13,11 @@ from click.testing import CliRunner
 
 import sprain_cosim as sc
 from sprain_cosim.cli import cli
-from sprain_cosim.cosim.result import Result
 from sprain_cosim.errors import SimulationError
 from sprain_cosim.fmu.messages import Log
 from sprain_cosim.process import Child, Limits, ProcessEnded
 from sprain_cosim.study.study import Study
+from sprain_cosim.study.trajectories import read_trajectory
 from sprain_cosim.study.worker import Worker
 from tests.native import FAULTS, compile_fmu
 from tests.processes import alive_in
@@ -121,7 +121,7 @@ def test_a_failed_trial_is_quarantined_with_what_its_replay_needs(study: Study, 
     assert crashed["inputs"]["brace.fault"] == FAULTS.index("segfault")
     assert crashed["replay"] == f"sprain-cosim trial {out} 1"
     assert failed["status"] == "failed"
-    record = Result.read_csv(out / "trajectories" / "000002.csv.gz")  # as far as it went
+    record = read_trajectory(out / "trajectories" / "000002.record")  # as far as it went
     assert 0.009 < record.time[-1] <= 0.011
     ran = CliRunner().invoke(cli, ["trial", str(out), "1"], standalone_mode=False)
     assert isinstance(ran.exception, SimulationError)
@@ -171,7 +171,7 @@ def test_a_hang_is_ended_in_time_with_its_grandchildren(study: Study) -> None:
     names, limits = ("brace.fault",), Limits(trial=LIMIT)
     child = Child("sprain_cosim.study.worker", limits)
     try:
-        child.open((study.scenario, names, ""), limits.of_starts().seconds)
+        child.open((study.scenario, study.scenario.system(), names, ""), limits.of_starts().seconds)
         for fault in ("none", "fork"):
             assert child.call("run", [float(FAULTS.index(fault))], False, 60.0, limit=60.0)["status"] == "completed"
         group = child._process.pid

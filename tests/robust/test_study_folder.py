@@ -15,13 +15,14 @@ from click.testing import CliRunner
 
 import sprain_cosim as sc
 from sprain_cosim.cli import cli
-from sprain_cosim.cosim.result import Result
 from sprain_cosim.errors import EnvironmentProblem, InputError
 from sprain_cosim.fmu.cache import cache_folder
+from sprain_cosim.folders.study import read_study
 from sprain_cosim.study.ledger import Ledger
 from sprain_cosim.study.merge import merge
 from sprain_cosim.study.replay import replay
 from sprain_cosim.study.shards import shard as part
+from sprain_cosim.study.trajectories import Trajectories, read_trajectory, trajectory_path
 
 TRIALS = 12
 
@@ -37,29 +38,39 @@ def test_trajectories_are_those_of_the_first_and_of_the_percentiles(whole: Path)
     summary = json.loads((whole / "summary.json").read_text())
     roles = {role: trial for role, trial in summary["trajectories"].items() if role != "first"}
     assert summary["trajectories"]["first"] == 4
-    kept = {int(p.name.removesuffix(".csv.gz")) for p in (whole / "trajectories").iterdir()}
+    kept = {int(p.name.removesuffix(".record")) for p in (whole / "trajectories").iterdir()}
     assert kept == {0, 1, 2, 3, *roles.values()}
     trials = pd.read_csv(whole / "trials.csv")
     response = trials["peak_subtalar_angle_deg"]
     assert (roles["min"], roles["max"]) == (response.idxmin(), response.idxmax())
     assert abs(response[roles["p50"]] - response.quantile(0.5)) == (response - response.quantile(0.5)).abs().min()
     for trial in kept:  # the record belongs to the row
-        record = Result.read_csv(whole / "trajectories" / f"{trial:06d}.csv.gz")
-        assert np.rad2deg(record["plant.subtalar_angle"].max()) == pytest.approx(response[trial], abs=1e-7)
+        record = read_trajectory(trajectory_path(whole, trial))
+        assert np.degrees(1.0) * record["plant.subtalar_angle"].max() == response[trial]
 
 
-def test_a_trajectory_is_laid_out_as_the_signals_of_a_run(whole: Path, tmp_path: Path) -> None:
+def test_a_trajectory_has_the_signals_of_a_run(whole: Path, tmp_path: Path) -> None:
     again = replay(whole, 2)
     assert again.same
-    assert gzip.decompress(again.outcome.trajectory) == gzip.decompress(
-        (whole / "trajectories" / "000002.csv.gz").read_bytes()
-    )
+    assert again.outcome.trajectory == (whole / "trajectories" / "000002.record").read_bytes()
     ran = CliRunner().invoke(cli, ["trial", str(whole), "2", "--out", str(tmp_path / "run"), "--json"])
     assert ran.exit_code == 0, ran.output
     assert json.loads(ran.stdout)["reproduced"] is True
-    assert (tmp_path / "run" / "signals.csv").read_bytes() == gzip.decompress(
-        (whole / "trajectories" / "000002.csv.gz").read_bytes()
-    )
+    kept = read_trajectory(whole / "trajectories" / "000002.record")
+    assert (tmp_path / "run" / "signals.csv").read_text() == kept.csv()
+
+
+def test_a_folder_with_records_of_version_0_1_is_read_and_sealed(whole: Path, tmp_path: Path) -> None:
+    """They were gzipped tables, of ten digits."""
+    shutil.copytree(whole, tmp_path / "old")
+    for path in (tmp_path / "old" / "trajectories").iterdir():
+        (path.parent / f"{path.stem}.csv.gz").write_bytes(gzip.compress(read_trajectory(path).csv().encode()))
+        path.unlink()
+    new, old = read_study(whole), read_study(tmp_path / "old")
+    assert list(old.trajectories) == list(new.trajectories)
+    for trial in new.trajectories:
+        assert np.allclose(old.trajectory(trial).values, new.trajectory(trial).values, rtol=1e-9, atol=0.0)
+    assert Trajectories(tmp_path / "old").lacks(new.trajectories) == []
 
 
 def test_a_trial_that_no_longer_gives_its_numbers_is_told(whole: Path, tmp_path: Path) -> None:
@@ -131,7 +142,7 @@ def test_shards_merge_into_the_whole(whole: Path, tmp_path: Path) -> None:
     assert (tmp_path / "merged" / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
     assert merged.summary["trajectories"] == json.loads((whole / "summary.json").read_text())["trajectories"]
     for role in ("p5", "max"):
-        assert (tmp_path / "merged" / "trajectories" / f"{merged.summary['trajectories'][role]:06d}.csv.gz").is_file()
+        assert (tmp_path / "merged" / "trajectories" / f"{merged.summary['trajectories'][role]:06d}.record").is_file()
     study.run(trials=TRIALS, seed=1, workers=1, out=tmp_path / "other", shard=(3, 3), trajectories=0)
     with pytest.raises(InputError, match="another study"):
         merge([*folders[:2], tmp_path / "other"], tmp_path / "mixed")

@@ -280,12 +280,12 @@ def test_a_finished_folder_is_not_computed_again(tmp_path: Path) -> None:
         lambda: (out / "trials.csv").write_bytes(before.replace(b"1", b"2")),
         lambda: (out / "trials.csv").unlink(),
         lambda: (out / "summary.json").write_text("{}"),
-        lambda: (out / "trajectories" / "000001.csv.gz").unlink(),
+        lambda: (out / "trajectories" / "000001.record").unlink(),
     ):
         damage()
         resumed()
         assert (out / "trials.csv").read_bytes() == before
-        assert (out / "trajectories" / "000001.csv.gz").is_file()
+        assert (out / "trajectories" / "000001.record").is_file()
         assert json.loads((out / "summary.json").read_text())["n_completed"] == 5
     assert resumed(trials=7).summary.n_completed == 7
     assert len(pd.read_csv(out / "trials.csv")) == 7
