@@ -29,6 +29,7 @@ docs: build
 	@echo "written: build/site/index.html"
 
 bench: build
+	$(BIN)/python tools/bench_versions.py
 	$(BIN)/python tools/bench.py
 
 # needs root on Debian when there is no Chromium yet
