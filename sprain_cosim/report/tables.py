@@ -227,9 +227,10 @@ def _of_factors(study: StudyFolder) -> PageTable:
             signed(v.dsd_dmean, 2),
             Cell(signed(v.dsd_dsd, 2), () if error is None else (f"± {error:.2f} SE",)),
         ]
-        rows.append([*row, *([f"{rounded(v.sobol_first)} / {rounded(v.sobol_total)}"] if sobol else [])])
+        shares = ((v.sobol_first, v.sobol_first_ci), (v.sobol_total, v.sobol_total_ci), (v.shapley, v.shapley_ci))
+        rows.append([*row, *([Cell(rounded(s), ends(*(ci or (None, None)))) for s, ci in shares] if sobol else [])])
     heads = [response_label(study.response), "Pearson's r", "dSD/dmean", "dSD/dSD"]
-    return PageTable(heads + (["Sobol' first / total"] if sobol else []), rows)
+    return PageTable(heads + (["Sobol' first", "Sobol' total", "Shapley share"] if sobol else []), rows)
 
 
 def metrics_tables(items: Sequence[Named]) -> list[Block]:

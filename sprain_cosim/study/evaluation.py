@@ -13,6 +13,7 @@ from ..cosim.result import CONVERGED, UNCONVERGED
 from ..metrics import THROWN_TEXT, pose_artefacts, unit_of
 from ..records import finite
 from ..uq import sensitivity, statistics
+from ..uq.dependent import dependent_shares
 from ..uq.design import DesignResult
 from ..uq.distributions import Array, LogNormal, Marginal, Normal, Weibull
 from ..uq.exceedance import Bounds, Exceedance, doubted_exceedance, input_interval, weighted_exceedance
@@ -26,6 +27,7 @@ from .marginals import Fitted
 from .plan import Plan
 from .questions import LITERATURE, Question, computed_response, threshold_text
 from .summary import (
+    PAIR,
     Axis,
     ChaosFit,
     Coefficient,
@@ -66,6 +68,7 @@ RESAMPLES = 1000  # of the bootstrap
 MANY = 20_000
 FOR_CHAOS = 100  # completed trials for polynomial chaos
 CHAOS_DEGREE = 3  # at most; seconds instead of minutes for ten inputs and thousands of trials
+SHARES = tuple(f"{kind}{end}" for kind in ("first", "total", "shapley") for end in ("", "_low", "_high"))
 FACTORS = ("dmean_dmean", "dmean_dsd", "dsd_dmean", "dsd_dsd")
 CURVE = 41  # thresholds of a curve
 REWEIGHTED = 4_000  # rows that specimens behind inputs are judged from
@@ -196,6 +199,7 @@ def _with_sample(
         x = done[study.headings].to_numpy(float)
         moved = {name: _sensitivity(study, x, values[name]) for name in study.responses}
     questions, curves = dict[str, Probability](), dict[str, Curve]()
+    notes += _apart(study, moved)
     if len(done) >= LEAST and study.method != "grid":
         asked = [q for q in study.exceedances if q.response in values]
         questions = {q.name: sample.question(q, values[q.response]) for q in asked}
@@ -448,26 +452,77 @@ def _sensitivity(study: Plan, x: Array, y: Array) -> Sensitivity:
     if smooth and len(y) > len(active) + 1:
         slopes = _Slopes.of(study, x, y)
     chaos = None
-    if smooth and study.correlation is None and len(y) >= FOR_CHAOS:
-        chaos = sensitivity.given_data_indices(x[:MANY], y[:MANY], marginals, CHAOS_DEGREE)
+    if smooth and len(y) >= FOR_CHAOS:
+        chaos = _indices(study, x[:MANY], y[:MANY])
     inputs = {}
     for k, i in enumerate(active):
+        shares = dict[str, Any]() if chaos is None else _shares_of(chaos, i)
         inputs[study.names[i]] = InputSensitivity(
             _coefficient(r, k),
             _coefficient(rho, k),
-            **{f: finite(getattr(factors, f)[i]) for f in FACTORS},
+            finite(factors.dmean_dmean[i]),
+            finite(factors.dmean_dsd[i]),
+            finite(factors.dsd_dmean[i]),
+            finite(factors.dsd_dsd[i]),
             standard_error=Factors(*(finite(getattr(factors.standard_error, f)[i]) for f in FACTORS)),
             ci=FactorIntervals(*(_factor_interval(factors, f, i) for f in FACTORS)),
             importance=None if slopes is None else finite(slopes.importance[i]),
             importance_standard_error=None if slopes is None else finite(slopes.error[i]),
-            sobol_first=None if chaos is None else finite(chaos.first[i]),
-            sobol_total=None if chaos is None else finite(chaos.total[i]),
+            **shares,
         )
     return Sensitivity(
         inputs,
         None if slopes is None else LinearFit(finite(slopes.r2)),
         None if chaos is None else ChaosFit(chaos.degree, chaos.terms, finite(chaos.q2)),
     )
+
+
+def _indices(study: Plan, x: Array, y: Array) -> sensitivity.GivenDataIndices:
+    """Of dependent inputs in one order, so that the last digit does not depend on the study's lines either."""
+    marginals, seed = tuple(study.marginals.values()), study.seed
+    if study.correlation is None:
+        return sensitivity.given_data_indices(x, y, marginals, CHAOS_DEGREE, seed=seed)
+    order = list(study.drawing)
+    correlation, column = study.correlation[np.ix_(order, order)], np.argsort(order)
+    drawn = [marginals[k] for k in order]
+    found = dependent_shares(x[:, order], y, drawn, correlation, max_degree=CHAOS_DEGREE, seed=seed)
+    return replace(found, **{name: getattr(found, name)[column] for name in SHARES})
+
+
+def _shares_of(found: sensitivity.GivenDataIndices, i: int) -> dict[str, Any]:
+    shares = dict[str, Any]()
+    for ours, theirs in (("sobol_first", "first"), ("sobol_total", "total"), ("shapley", "shapley")):
+        value, low, high = (finite(getattr(found, theirs + end)[i]) for end in ("", "_low", "_high"))
+        shares |= {ours: value, f"{ours}_ci": (low, high)} if value is not None else {}
+    return shares
+
+
+def _apart(study: Plan, moved: Mapping[str, Sensitivity]) -> list[str]:
+    """Where first and total shares of correlated inputs say different things: one line a response."""
+    lines = []
+    for response, found in moved.items() if study.correlation is not None else ():
+        gaps = [
+            (first - total, name, first, total, v.shapley)
+            for name, v in found.inputs.items()
+            if (first := v.sobol_first) is not None
+            and (total := v.sobol_total) is not None
+            and _disjoint(v.sobol_first_ci, v.sobol_total_ci)
+        ]
+        if gaps:
+            _, name, first, total, shapley = max(gaps, key=lambda gap: abs(gap[0]))
+            share = "" if shapley is None else f"; Shapley's share, which adds up over the inputs, is {shapley:.2f}"
+            lines.append(
+                f"{response}: {name} explains {first:.2f} of the variance with what goes along with it (first), and "
+                f"{total:.2f} when all other inputs are known (total){share}"
+            )
+    return lines
+
+
+def _disjoint(one: PAIR | None, other: PAIR | None) -> bool:
+    (low, high), (least, most) = one or (None, None), other or (None, None)
+    if low is None or high is None or least is None or most is None:
+        return False
+    return high < least or most < low
 
 
 def _factor_interval(factors: sensitivity.SensitivityFactors, name: str, i: int) -> tuple[float | None, float | None]:

@@ -154,23 +154,25 @@ def _correlations(moved: Sensitivity, published: Mapping[str, Any], without: str
     lines = [
         "",
         f"{'Pearson r':34}{'here':>10}{'95 % interval':>20}{'published':>12}{'importance ± SE':>18}"
-        f"{'Sobol first total':>19}{without}",
+        f"{'Sobol first total':>19}{'Shapley, 95 % interval':>26}{without}",
     ]
     for key, s in moved.inputs.items():
         alpha = ""
         if s.importance is not None:
             alpha = f"{s.importance:.2f} ± {_number(s.importance_standard_error, '.2f')}"
-        indices = ""
+        indices, shapley = "", ""
         if s.sobol_first is not None:
             indices = f"{s.sobol_first:.2f}  {_number(s.sobol_total, '.2f')}"
+        if s.shapley is not None:
+            shapley = f"{s.shapley:.2f} ({_interval(*(s.shapley_ci or (None, None)))})"
         lines.append(
             f"  {key:32}{_number(s.pearson.value, '.2f'):>10}{_interval(s.pearson.low, s.pearson.high):>20}"
-            f"{_number(published.get(key)):>12}{alpha:>18}{indices:>19}"
+            f"{_number(published.get(key)):>12}{alpha:>18}{indices:>19}{shapley:>26}"
         )
     if moved.chaos is not None:
         lines.append(
-            f"  Sobol' indices from polynomial chaos of degree {moved.chaos.degree}, {moved.chaos.terms} terms, which "
-            f"predicts {_number(moved.chaos.q2, '.0%')} of left-out variance"
+            f"  Sobol' indices and Shapley shares from polynomial chaos of degree {moved.chaos.degree}, "
+            f"{moved.chaos.terms} terms, which predicts {_number(moved.chaos.q2, '.0%')} of left-out variance"
         )
     return lines
 

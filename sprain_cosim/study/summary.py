@@ -99,7 +99,10 @@ class InputSensitivity(Record):
     importance                  its part in the unit vector of a linear fit in standard space; + raises the response. Of
                                 correlated inputs along each one's own standard score, the others held
     importance_standard_error   its standard error
-    sobol_first, sobol_total    Sobol' indices from polynomial chaos, 0 ... 1
+    sobol_first, sobol_total    Sobol' indices from polynomial chaos, 0 ... 1. Of correlated inputs: an input with all
+                                that goes along with it, and what is left of it when all others are known
+    shapley                     its share of the variance over all orders in which inputs become known; adds up to 1
+    sobol_first_ci ... shapley_ci  their 95 % intervals
     """
 
     pearson: Coefficient
@@ -114,6 +117,10 @@ class InputSensitivity(Record):
     importance_standard_error: float | None = optional()
     sobol_first: float | None = optional()
     sobol_total: float | None = optional()
+    shapley: float | None = optional()
+    sobol_first_ci: PAIR | None = optional()
+    sobol_total_ci: PAIR | None = optional()
+    shapley_ci: PAIR | None = optional()
 
 
 @dataclass(frozen=True)
@@ -152,7 +159,7 @@ class Sensitivity(Record):
 
     inputs   {"component.parameter": ...}
     linear   None where there were too few trials
-    chaos    None where there were too few trials, or correlated inputs
+    chaos    None where there were too few trials, or choices
     """
 
     inputs: Mapping[str, InputSensitivity] = field(default_factory=dict)

@@ -19,7 +19,7 @@ import numpy as np
 from .distributions import Array
 from .distributions.marginal import as_array
 
-__all__ = ["Chaos", "basis", "fit_chaos", "hermite", "multi_indices", "terms_of"]
+__all__ = ["Chaos", "basis", "fit_chaos", "hermite", "multi_indices", "redrawn", "terms_of"]
 
 _BLOCK = 4_000_000  # numbers of a basis held at a time
 
@@ -82,6 +82,19 @@ def fit_chaos(u: Array, y: Array, degree: int, ridge: float = 0.0) -> Chaos:
     variance = float(np.var(y))
     q2 = 1.0 - float(np.mean(left_out**2)) / variance if variance > 0 else math.nan
     return Chaos(degree, powers, as_array(coefficients), as_array(left_out), q2)
+
+
+def redrawn(columns: Array, coefficients: Array, left_out: Array, draws: int, rng: np.random.Generator) -> Array:
+    """(1 + draws, terms): the coefficients of a least squares fit, then as the rows leave them open (wild bootstrap: C.
+    F. J. Wu, Ann. Stat. 14 (1986) 1261-1295).
+
+    columns   (n, terms) of the fit
+    left_out  (n,) residuals of rows left out
+    """
+    q, r = np.linalg.qr(columns)
+    signs = rng.standard_normal((draws, len(left_out)))
+    moved = np.linalg.solve(r, q.T @ (signs * left_out).T).T
+    return np.vstack([coefficients, coefficients + moved])
 
 
 def basis(u: Array, powers: np.ndarray) -> Array:

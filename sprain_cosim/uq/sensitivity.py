@@ -15,14 +15,16 @@ Bonett, T. A. Wright, Psychometrika 65 (2000) 23-28 (Spearman's interval); B. Ef
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import eval_hermitenorm, eval_legendre, ndtr, ndtri, stdtrit
 
+from .chaos import redrawn
 from .distributions import JointDistribution, Marginal, Normal, Uniform
 from .sampling import Stream, generator, sobol
 
@@ -390,27 +392,62 @@ def _ratio_over_replicates(top: Array, s1: Array, s2: Array, confidence: float, 
 
 @dataclass(frozen=True)
 class GivenDataIndices:
-    """Sobol' indices read off a polynomial chaos fitted to a sample at hand: no further evaluation.
+    """Sobol' indices and Shapley shares read off a polynomial chaos fitted to a sample at hand: no further evaluation.
 
-    first, total (d,) shares of the expansion's variance; degree and terms of the expansion kept; q2, the
-    share of the sample's variance that it predicts at rows left out (leave-one-out), which is the quality of
-    these indices: what it does not predict (1 − q2) may belong to any of them.
+    first, total, shapley  (d,) shares of the expansion's variance, with the ends of their intervals: how far the rows
+                           leave its coefficients open. Shapley shares add up to 1
+    degree, terms          of the expansion kept
+    q2                     share of the sample's variance that it predicts at rows left out (leave-one-out), which is
+                           the quality of these indices: what it does not predict (1 − q2) may belong to any of them
     """
 
     first: Array
+    first_low: Array
+    first_high: Array
     total: Array
+    total_low: Array
+    total_high: Array
+    shapley: Array
+    shapley_low: Array
+    shapley_high: Array
     degree: int
     terms: int
     q2: float
 
+    @classmethod
+    def of(
+        cls,
+        shares: Mapping[str, Array],
+        joint: JointDistribution,
+        expansion: tuple[int, int, float],
+        confidence: float,
+    ) -> Self:
+        """`shares` {first, total, shapley: (1 + b, inputs that vary)}: the estimate, then b draws of it; `expansion`
+        its degree, terms and q2. The intervals are those of a normal law of the draws' spread, kept within 0 and 1."""
+        quantile, ends = float(ndtri(0.5 * (1.0 + confidence))), dict[str, Array]()
+        for name, values in shares.items():
+            half = quantile * np.std(values[1:], axis=0, ddof=1)
+            for suffix, end in (("", values[0]), ("_low", values[0] - half), ("_high", values[0] + half)):
+                ends[name + suffix] = np.zeros(len(joint))
+                ends[name + suffix][joint.active] = np.clip(end, 0.0, 1.0)
+        return cls(**ends, degree=expansion[0], terms=expansion[1], q2=expansion[2])
 
+
+_REDRAWN = 200  # draws of the coefficients, for the intervals
 _TERMS_PER_ROW = 0.4  # an expansion with more terms than this share of the rows overfits
 
 
 def given_data_indices(
-    x: ArrayLike, y: ArrayLike, marginals: Sequence[Marginal], max_degree: int = 4
+    x: ArrayLike,
+    y: ArrayLike,
+    marginals: Sequence[Marginal],
+    max_degree: int = 4,
+    *,
+    confidence: float = 0.95,
+    seed: int = 0,
 ) -> GivenDataIndices:
-    """First-order and total Sobol' indices of independent inputs from the rows of any sample of them.
+    """First-order and total Sobol' indices and Shapley shares of independent inputs from the rows of any sample of
+    them; of dependent ones `dependent_shares`.
 
     Polynomial chaos (Legendre for uniform inputs, Hermite in the standard space for the others) of the total
     degree ≤ max_degree that predicts left-out rows best.
@@ -422,7 +459,7 @@ def given_data_indices(
     n, variance = len(ys), float(np.var(ys))
     if variance == 0.0:
         raise ValueError("the response does not vary: it has no Sobol' indices")
-    best: tuple[float, int, list[tuple[int, ...]], Array] | None = None
+    best: tuple[float, int, list[tuple[int, ...]], Array, Array, Array] | None = None
     for degree in range(1, max_degree + 1):
         powers = _multi_indices(len(active), degree)
         if len(powers) > _TERMS_PER_ROW * n:
@@ -434,17 +471,18 @@ def given_data_indices(
         loo = (ys - basis @ coefficients) / np.maximum(1.0 - leverage, 1e-9)
         q2 = 1.0 - float(np.mean(loo**2)) / variance
         if best is None or q2 > best[0]:
-            best = q2, degree, powers, coefficients
+            best = q2, degree, powers, coefficients, basis, loo
     if best is None:
         raise ValueError(f"{n} rows are too few for an expansion in {len(active)} inputs")
-    q2, degree, powers, coefficients = best
-    order = np.array(powers)
-    shares = coefficients**2 / np.sum(coefficients[1:] ** 2)
-    first, total = np.zeros(len(joint)), np.zeros(len(joint))
-    for k, i in enumerate(active):
-        alone = (order[:, k] > 0) & (np.count_nonzero(order, axis=1) == 1)
-        first[i], total[i] = shares[alone].sum(), shares[order[:, k] > 0].sum()
-    return GivenDataIndices(first, total, degree, len(powers), q2)
+    q2, degree, powers, coefficients, basis, loo = best
+    squares = redrawn(basis, coefficients, loo, _REDRAWN, generator(seed, Stream.BOOTSTRAP, 2))[:, 1:] ** 2
+    shares = squares / squares.sum(axis=1, keepdims=True)
+    involved = np.array(powers)[1:] > 0
+    together = involved.sum(axis=1, keepdims=True)
+    found = {"first": shares @ (involved & (together == 1)), "total": shares @ involved}
+    return GivenDataIndices.of(
+        found | {"shapley": shares @ (involved / together)}, joint, (degree, len(powers), q2), confidence
+    )
 
 
 def _multi_indices(d: int, degree: int) -> list[tuple[int, ...]]:

@@ -425,3 +425,32 @@ def test_a_large_study_is_summed_up_in_seconds(study6) -> None:
     assert perf_counter() - began < 60
     drop = found.inputs["plant.drop_height"]
     assert drop.ci.dsd_dsd[1] - drop.ci.dsd_dsd[0] == pytest.approx(3.92 * drop.standard_error.dsd_dsd)
+
+
+def test_shares_of_correlated_inputs_do_not_depend_on_the_lines_and_say_where_they_differ(study6) -> None:
+    """Two inputs that go together: what each explains with the other, by itself, and Shapley's share between them."""
+    names = ("plant.drop_height", "plant.subtalar_angle_at_contact")
+    base = replace(study6, trials=300, marginals={n: study6.marginals[n] for n in names})
+    found = []
+    for order in (names, names[::-1]):
+        both = {n: base.marginals[n] for n in order}
+        study = replace(base, marginals=both, correlation=np.array([[1.0, 0.7], [0.7, 1.0]]))
+        x = study.sample()
+        y = {n: x[:, k] for k, n in enumerate(order)}
+        peaks = 40.0 * y[names[0]] + 20.0 * y[names[1]]
+        rows = dict(zip(study.headings, x.T, strict=True)) | {PEAK: peaks}
+        table = pd.DataFrame({"trial": np.arange(len(x)), "status": "completed", "message": "", **rows})
+        found.append(summarise(study, table, None))
+    one, other = (s.sensitivity[PEAK].inputs for s in found)
+    for name in names:
+        for kind in ("shapley", "sobol_first", "sobol_total", "importance"):
+            assert getattr(one[name], kind) == getattr(other[name], kind)
+        assert one[name].shapley_ci == other[name].shapley_ci
+        low, high = one[name].shapley_ci
+        assert 0.0 <= low <= one[name].shapley <= high <= 1.0
+        assert one[name].sobol_total < one[name].shapley < one[name].sobol_first
+    assert sum(v.shapley for v in one.values()) == pytest.approx(1.0)
+    assert any("with what goes along with it (first)" in note for note in found[0].notes)
+    text = study_listing(replace(base, correlation=None), replace(found[0], wall_s=1.0))
+    assert "Shapley, 95 % interval" in text
+    assert StudySummary.from_json(found[0].to_json(), "") == found[0]
