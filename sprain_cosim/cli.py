@@ -1079,7 +1079,7 @@ def _limits(text: str | None) -> Any:
 
     if text is None:
         return Limits()
-    seconds = quantity(text, unit("s"), "--trial-limit")
+    seconds = quantity(text, unit("s"), "--trial-limit", "s")
     if seconds <= 0:
         raise InputError(f"--trial-limit {text}: must be positive")
     return Limits(trial=seconds)

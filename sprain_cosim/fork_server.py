@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import ctypes
 import faulthandler
 import gc
 import importlib
@@ -38,6 +39,7 @@ from typing import IO, Any, NoReturn
 LARGEST = 1 << 17  # B of a request: module, arguments, environment
 DESCRIPTORS = 4  # of a child at most: its output, and what it talks with
 PATIENCE = 60.0  # s for an answer of the server, which may be starting
+SET_DEATH_SIGNAL = 1
 LOOK = 1000  # ms between two looks whether the process that is served is still there
 AT_START = (  # of variables that a process reads when it starts, or a library when it is loaded
     *("LD_", "PYTHON", "GLIBC_", "MALLOC_", "LC_", "LANG", "OMP_", "OPENBLAS_", "GOTO_", "MKL_", "KMP_", "NPY_"),
@@ -149,10 +151,11 @@ class ForkServer:
     def fresh(cls, environment: Mapping[str, str], command: Sequence[str]) -> ForkServer | None:
         """A Python of its own; None where none can be started."""
         near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        lasting = threading.current_thread() is threading.main_thread()
         with far:
             try:
                 started = subprocess.Popen(
-                    [*command, str(far.fileno()), str(os.getpid())],
+                    [*command, str(far.fileno()), str(os.getpid()), str(int(lasting))],
                     stdin=subprocess.DEVNULL,
                     stdout=subprocess.DEVNULL,
                     stderr=subprocess.DEVNULL,
@@ -444,7 +447,9 @@ def _close_all_but(kept: Sequence[int]) -> None:
 
 
 def _main() -> NoReturn:
-    wire, parent = socket.socket(fileno=int(sys.argv[1])), int(sys.argv[2])
+    wire, parent, lasting = socket.socket(fileno=int(sys.argv[1])), int(sys.argv[2]), int(sys.argv[3])
+    if lasting:  # the kernel goes by the thread that started this process; others end before their process does
+        ctypes.CDLL(None).prctl(SET_DEATH_SIGNAL, signal.SIGKILL)
     _usual_signals()
     _serve(wire, parent)
 

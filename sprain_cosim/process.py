@@ -41,7 +41,7 @@ from time import monotonic
 from typing import IO, Any, NoReturn, cast
 
 from .errors import EnvironmentProblem, SprainError, visible
-from .fork_server import Copy, ServerGone, copy_now, drop_server, live_as_child, server_for
+from .fork_server import Copy, ForkServer, ServerGone, copy_now, drop_server, live_as_child, server_for
 from .machine.here import SYSTEM
 from .sandbox.confinement import Confinement, enter
 from .sandbox.watch import Watch
@@ -54,8 +54,10 @@ NO_TRIAL = -1
 FACTOR, LEAST = 20.0, 10.0  # a learned limit of wall time: times the median, s
 ENOUGH, KEPT = 5, 101  # trials that it is learned from, at least and at most
 FIRST_TRIAL, FIRST_START = 60.0, 60.0  # s, before anything is known
+FIRST_RUN = 600.0  # s, of a run that is none of a study
 CORES = 4.0  # s of processor time per s of wall time
 PARENTS_TEMPORARY = "SPRAIN_COSIM_TEMPORARY"  # where a child finds what its parent keeps among temporary files
+ROOT = Path(__file__).parent.parent  # of the package
 STRANGE = "something else than the process wrote into the line to its parent"
 START = (  # packages that lie beside this one, in a clone that is not installed, come last
     "import runpy, sys; root, module = sys.argv.pop(1), sys.argv.pop(1); "
@@ -336,10 +338,8 @@ class Child:
 
 def _started(module: str, memory: int, descriptors: Sequence[int], folder: str) -> subprocess.Popen[bytes] | Copy:
     """A process that runs `module` in `folder`: a copy of this process's server, else a Python of its own."""
-    environment = _environment()
+    environment, server = _environment(), prepare_children()
     own = SYSTEM.variables(folder) | {"NUMBA_CACHE_DIR": folder, PARENTS_TEMPORARY: tempfile.gettempdir()}
-    root = Path(__file__).parent.parent
-    server = server_for(environment, python_command("sprain_cosim.fork_server"), root)
 
     def arguments(places: Sequence[object], parent: int) -> list[str]:
         requests, replies, *report = places
@@ -366,7 +366,12 @@ def _started(module: str, memory: int, descriptors: Sequence[int], folder: str) 
 
 def prepare_copies() -> None:
     """Where this process may be copied for its children, it is now: before it has threads and opens files."""
-    copy_now(_environment(), Path(__file__).parent.parent)
+    copy_now(_environment(), ROOT)
+
+
+def prepare_children() -> ForkServer | None:
+    """What children are copies of begins to load what they need; None where they start by themselves."""
+    return server_for(_environment(), python_command("sprain_cosim.fork_server"), ROOT)
 
 
 def _error(kind: str, message: str) -> SprainError:
@@ -507,7 +512,7 @@ def run_program(
 
 def python_command(module: str) -> list[str]:
     """Runs a module with this Python; nothing is imported from the current folder."""
-    return [sys.executable, "-P", "-c", START, str(Path(__file__).parent.parent), module]
+    return [sys.executable, "-P", "-c", START, str(ROOT), module]
 
 
 def _environment() -> dict[str, str]:

@@ -161,9 +161,9 @@ def split(text: str) -> tuple[float, str] | None:
     return (float(match[1]), match[2] or "") if match else None
 
 
-def quantity(value: float | str, target: Unit | None, what: str) -> float:
+def quantity(value: float | str, target: Unit | None, what: str, proposed: str = "") -> float:
     """A number or "number unit" in the unit `target` (None: not declared, so SI is assumed). `what` begins the
-    messages.
+    messages, which propose the unit `proposed` to a number without one; empty: what people usually write.
 
     Raises InputError when the unit is missing, unknown or of another dimension, or the number is not finite."""
     dimensionless = target is None or target.dimensionless
@@ -183,7 +183,7 @@ def quantity(value: float | str, target: Unit | None, what: str) -> float:
         raise InputError(f"{what} = {value!r}: must be finite")
     if not name:
         if not dimensionless:
-            raise InputError(f"{what} = {value}: needs a unit, for example {_example(target, number)}")
+            raise InputError(f"{what} = {value}: needs a unit, for example {_example(target, number, proposed)}")
         name = "1"
     try:
         own = unit(name)
@@ -201,10 +201,12 @@ def quantity(value: float | str, target: Unit | None, what: str) -> float:
     return target.from_base(own.to_base(number))
 
 
-def _example(target: Unit | None, number: float = 1.0) -> str:
+def _example(target: Unit | None, number: float = 1.0, proposed: str = "") -> str:
     """People write angles in degrees, and times of a landing in milliseconds."""
     if target is None or target.dimensionless:
         return f"{number:g}"
+    if proposed:
+        return f'"{number:g} {proposed}"'
     if target.name == "s":
         return f'"{number:g} ms"'
     return f'"{number:g} {target.name.replace("rad", "deg") if target.name in ("rad", "rad/s") else target.name}"'

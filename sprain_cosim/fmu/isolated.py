@@ -9,15 +9,17 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
+from time import monotonic
 from typing import Any
 
 import numpy as np
 
 from ..errors import SimulationError, SprainError
-from ..process import FIRST_START, LEAST, Child, Handlers, Limits, ProcessEnded, serve
+from ..process import FIRST_RUN, FIRST_START, LEAST, Child, Handlers, Limits, Overrun, ProcessEnded, serve
 from .component import Component
 from .confine import confinement
 from .instance import Instance, Values
@@ -42,13 +44,16 @@ DOING = {
 }
 
 
+@dataclass(frozen=True)
 class Isolated(Component):
-    """A component whose instances run in processes of their own."""
+    """A component whose instances run in processes of their own. `limits` of those."""
+
+    limits: Limits = field(default_factory=Limits)
 
     def open(self) -> Instance:
         """Starts a process and opens the FMU there. Raises what the FMU's opening raises there, and SimulationError
         when the process ends or takes too long."""
-        return Proxy(replace(Component(**_fields(self)), fmu=self.fmu.absolute()))
+        return Proxy(replace(Component(**_fields(self)), fmu=self.fmu.absolute()), self.limits)
 
 
 def isolated(component: Component) -> Isolated:
@@ -57,18 +62,21 @@ def isolated(component: Component) -> Isolated:
 
 
 def _fields(component: Component) -> dict[str, Any]:
-    return {f.name: getattr(component, f.name) for f in fields(component)}
+    return {f.name: getattr(component, f.name) for f in fields(Component)}
 
 
 class Proxy:
     """Implements Instance on the near side. Raises what the instance raises, and SimulationError when its process ends
-    or overruns its limit."""
+    or overruns its limit: that of a run, as stated or learned from those before, and unless it is stated STEP_LIMIT of
+    each call."""
 
-    def __init__(self, component: Component) -> None:
+    def __init__(self, component: Component, limits: Limits) -> None:
         self.name = component.name
+        self._runs = limits.of_trials(FIRST_RUN)
+        self._began = self._reached = math.inf  # of the run, by `monotonic`
         self._pending_inputs: list[float] | None = None
         self._outputs_current = False
-        self._child = Child("sprain_cosim.fmu.isolated", Limits())
+        self._child = Child("sprain_cosim.fmu.isolated", limits)
         try:
             self._guarded(lambda: self._child.open(component, START_LIMIT, confinement([component])), "opening it")
         except SprainError:
@@ -100,6 +108,7 @@ class Proxy:
             self._call("set_parameters", dict(values))
 
     def enter_initialization(self, time: float, stop: float) -> None:
+        self._began = self._reached = monotonic()
         self._call("enter_initialization", time, stop, limit=START_LIMIT)
 
     def exit_initialization(self) -> None:
@@ -148,6 +157,9 @@ class Proxy:
             return None
 
     def reset(self) -> None:
+        if self._began < self._reached < math.inf:
+            self._runs.note(self._reached - self._began)
+        self._began = self._reached = math.inf
         self._call("reset", limit=START_LIMIT)
 
     def close(self) -> None:
@@ -166,16 +178,24 @@ class Proxy:
     def _call(self, method: str, *arguments: Any, limit: float | None = None, doing: str = "") -> Any:
         self._outputs_current = False
         inputs, self._pending_inputs = self._pending_inputs, None
-        return self._guarded(
-            lambda: self._child.call(method, inputs, *arguments, limit=STEP_LIMIT if limit is None else limit),
-            doing or DOING.get(method, method),
+        seconds = STEP_LIMIT if limit is None else limit
+        if self._began < math.inf:
+            left = max(0.0, self._began + self._runs.seconds - monotonic())
+            seconds = left if self._runs.stated is not None else min(seconds, left)
+        value = self._guarded(
+            lambda: self._child.call(method, inputs, *arguments, limit=seconds), doing or DOING.get(method, method)
         )
+        if self._began < math.inf:
+            self._reached = monotonic()
+        return value
 
     def _guarded(self, request: Callable[[], Any], doing: str) -> Any:
         """Raises SimulationError when the process ends."""
         try:
             return request()
         except ProcessEnded as end:
+            if isinstance(end, Overrun) and self._began < math.inf and self._runs.stated is not None:
+                end = Overrun(self._runs.seconds, self._runs.origin)
             last_words = self._child.last_words()
             self._child.close()
             raise SimulationError(f"{self.name}: {doing}: its process {_past(str(end))}{last_words}") from None

@@ -16,13 +16,12 @@ from ..cosim.transport import encoded, packed, pieces, unpacked
 from ..errors import SimulationError, SprainError
 from ..fmu.opener import import_libraries  # noqa: F401 - before the process is copied
 from ..fmu.surroundings import Surroundings
-from ..process import Child, Handlers, Limits, Overrun, ProcessEnded, serve
+from ..process import FIRST_RUN, Child, Handlers, Limits, Overrun, ProcessEnded, serve
 
 if TYPE_CHECKING:
     from ..cosim.system import System
     from .scenario import Scenario
 
-FIRST_RUN = 600.0  # s of wall time, where no other limit is stated
 HINT = "it ran in a sandbox: `sprain-cosim check FMU` says what it needs, --in-process runs it without"
 
 

@@ -367,7 +367,7 @@ class Scenario:
         are), else together in one of their own, in a sandbox and within `limits`. `system`: its own, where that has
         been described before. Raises InputError, SimulationError, EnvironmentProblem."""
         if in_process or self.in_process or not self.foreign():
-            return Session(self, system)
+            return Session(self, system, limits)
         return Apart(self, limits)
 
     def coupling_check(self, result: Result) -> dict[str, float]:
@@ -407,10 +407,12 @@ class Session:
 
     Every run starts from the initial state; two sessions in one process do not disturb each other."""
 
-    def __init__(self, scenario: Scenario, system: System | None = None) -> None:
-        """`system`: that of the scenario; None: it is described here."""
+    def __init__(self, scenario: Scenario, system: System | None = None, limits: Limits | None = None) -> None:
+        """`system`: that of the scenario; None: it is described here. `limits` of FMUs with a process of their own."""
         scenario.master.steps  # noqa: B018 - raises for times that do not fit
-        self.scenario, self.system = scenario, system or scenario.system()
+        self.scenario, system = scenario, system or scenario.system()
+        limited = [replace(c, limits=limits) if limits and isinstance(c, Isolated) else c for c in system.components]
+        self.system = replace(system, components=tuple(limited))
         self._assembly: Assembly | None = self.system.open()
 
     def run(self, parameters: Mapping[str, float] | None = None) -> Result:

@@ -206,9 +206,14 @@ class Ledger:
         ledger = cls.__new__(cls)
         ledger.folder, ledger._lock, ledger._names = folder, None, {}
         ledger.dropped, ledger.mended = [], False
-        for mode in ("mode=ro", "immutable=1"):  # a folder that cannot be written holds no writer either
+        # the last connection that could write removes what SQLite laid beside the file, one that only reads leaves it;
+        # where somebody writes, or was killed at that, all stays as it is. A folder that cannot be written holds no
+        # writer either
+        tidy = ("mode=rw",) if not path.with_name(f"{FILE}-wal").exists() else ()
+        for mode in (*tidy, "mode=ro", "immutable=1"):
             try:
                 ledger._database = sqlite3.connect(f"{path.absolute().as_uri()}?{mode}", uri=True, isolation_level=None)
+                ledger._database.execute("PRAGMA query_only=ON")
                 version = ledger._database.execute("PRAGMA user_version").fetchone()[0]
                 facts = dict(ledger._database.execute("SELECT key, value FROM study"))
             except sqlite3.Error as problem:

@@ -20,6 +20,7 @@ from sprain_cosim.fmu import isolated as module
 from sprain_cosim.fmu.component import Component
 from sprain_cosim.fmu.driver import Driver
 from sprain_cosim.fmu.isolated import Proxy, isolated
+from sprain_cosim.process import Limits
 from tests.native import compile_fmu, device
 from tests.processes import alive_in
 
@@ -146,6 +147,22 @@ def test_a_fault_ends_the_run_and_names_the_component(
         assert process.poll() is not None
         if fault == "segfault":
             assert session.run().message == result.message  # opened anew
+
+
+def test_a_hang_ends_within_the_stated_limit_of_the_run(tmp_path: Path) -> None:
+    """Not after STEP_LIMIT of the call; a limit that suffices changes nothing."""
+    chosen = sc.load_scenario("incline30").isolated("controller").with_master(stop="15 ms")
+    assert chosen.run(limits=Limits(trial=60.0)).metrics == chosen.run().metrics
+    hanging = compile_fmu(tmp_path / "device.fmu", fault="hang_step")
+    scenario = sc.load_scenario("incline30").replace_fmu("brace", hanging).isolated("brace").with_master(stop="15 ms")
+    with scenario.open(limits=Limits(trial=0.7)) as session:
+        began = time.monotonic()
+        result = session.run()
+    assert time.monotonic() - began < 0.5 * module.STEP_LIMIT
+    assert result.message == (
+        "brace: in the step from 0.01 s to 0.0105 s: its process overran its limit of wall time (0.7 s: as stated) and "
+        "was ended"
+    )
 
 
 def test_the_command_survives_a_crash(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -157,6 +157,27 @@ def test_rows_of_another_study_do_not_count(written: Path, tmp_path: Path) -> No
         assert len(ledger.finished()[0]) == TRIALS
 
 
+def test_reading_leaves_nothing_beside_and_disturbs_no_writer(written: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "read"
+    shutil.copytree(written, folder)
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    with Ledger.read(folder) as one, Ledger.read(folder) as other:
+        assert one.count() == other.count() == TRIALS
+        with pytest.raises(sqlite3.OperationalError, match="readonly"):
+            one._database.execute("DELETE FROM trials")
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    with Ledger.read(folder) as early, Ledger(folder, "digest", IDENTITY, '"the study"') as writer:
+        writer.add(row(TRIALS))
+        writer.commit()
+        early.close()
+        with Ledger.read(folder) as late:
+            assert late.count() == TRIALS + 1
+        writer.add(row(TRIALS + 1))
+        writer.commit()
+    with Ledger.read(folder) as ledger:
+        assert [found.trial for found in ledger.rows()] == list(range(TRIALS + 2))
+
+
 def test_a_ledger_without_checksums_is_read(written: Path, tmp_path: Path) -> None:
     """As version 0.1 wrote them."""
     folder = tmp_path / "old"

@@ -111,6 +111,12 @@ def test_the_example_for_an_angle_is_in_degrees() -> None:
         quantity(30.0, unit("rad"), "plant.platform_incline")
 
 
+def test_the_example_for_a_time_is_in_milliseconds_unless_seconds_are_usual() -> None:
+    for proposed, shown in (("", "ms"), ("s", "s")):
+        with pytest.raises(InputError, match=f'needs a unit, for example "20 {shown}"'):
+            quantity("20", unit("s"), "--trial-limit", proposed)
+
+
 @given(st.floats(-1e6, 1e6), st.sampled_from(sorted(SYMBOLS)))
 def test_there_and_back(value: float, symbol: str) -> None:
     u = unit(symbol)

@@ -10,6 +10,7 @@ import numpy as np
 
 from ... import processor, signals
 from ...machine.here import SYSTEM
+from ...process import prepare_children
 from ..ledger import Row
 from ..worker import Stopped, Worker
 from .backend import Job, Task
@@ -27,6 +28,7 @@ class Local:
         self._threads: list[threading.Thread] = []
         self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
         self._done: queue.SimpleQueue[Row | BaseException] = queue.SimpleQueue()
+        prepare_children()
 
     def workers(self) -> int:
         return self._count
