@@ -745,11 +745,7 @@ def brace_from_csv(table: Path, out: Path | None) -> None:
     from .shipped import fmu_path
 
     target = out or table.with_suffix(".fmu")
-    for axis, (low, high) in from_csv(table, target, fmu_path("brace_table", Path.cwd(), "brace_table")).items():
-        _show(
-            f"{axis}: {57.29577951308232 * low:.4g} ... {57.29577951308232 * high:.4g} deg; outside, the torque goes "
-            "straight on with the end slope"
-        )
+    _show_spans(from_csv(table, target, fmu_path("brace_table", Path.cwd(), "brace_table")))
     _show(f"written: {target}\nnext: sprain-cosim check {target}")
 
 
@@ -786,6 +782,60 @@ def brace_calibrate(fmu: Path, bench: Path, varied: tuple[str, ...], mapping: Pa
     write_calibration(target, found, bench.name)
     _show(f"{found.listing()}\n\nwritten: {target}, {target.with_suffix('.png')}")
     _show(f"next: sprain-cosim design STUDY --fmu brace={fmu} {found.settings()} --vary ... --goal ...")
+
+
+@cli.group("anatomy")
+def anatomy_group() -> None:
+    """Take the passive ankle from measurements."""
+
+
+@anatomy_group.command("from-csv")
+@click.argument("table", type=click.Path(path_type=Path))
+@click.option(
+    "--with-brace",
+    "worn",
+    type=click.Path(path_type=Path),
+    metavar="TABLE2.csv",
+    help="The same ankle with a brace on: their difference becomes the brace's FMU.",
+)
+@click.option("--base", default="incline30", show_default=True, metavar="SCENARIO", help="What the ankle changes.")
+@click.option("--talocrural", metavar='"0 deg"', help="Where it was held while the subtalar joint was turned.")
+@click.option("--subtalar", metavar='"0 deg"', help="Where it was held while the talocrural joint was turned.")
+@out_option("Scenario file, a figure and the brace beside it (default: TABLE's name .toml, here).")
+def anatomy_from_csv(
+    table: Path, worn: Path | None, base: str, talocrural: str | None, subtalar: str | None, out: Path | None
+) -> None:
+    """Fit the passive ankle to a torque-angle TABLE measured without a brace (CSV: angle [deg], subtalar_resistance
+    [N.m], or about rotation_x, rotation_y, rotation_z)."""
+    from .brace.ankle import brace_between, measured_ankle, write_ankle, write_difference
+    from .shipped import fmu_path
+    from .units import quantity, unit
+
+    held = {
+        name: quantity(text, unit("rad"), f"--{name}")
+        for name, text in (("talocrural", talocrural), ("subtalar", subtalar))
+        if text is not None
+    }
+    found, curves = measured_ankle(table, base, **held)
+    brace = None if worn is None else brace_between(worn, curves, table)
+    target = out or Path(f"{table.stem}.toml")
+    write_ankle(target, found, table.name, base)
+    _show(f"{found.listing()}\n\nwritten: {target}, {target.with_suffix('.png')}")
+    device = target.with_name(f"{target.stem}_brace.fmu")
+    if brace is not None and worn is not None:
+        spans = write_difference(device, brace, worn, fmu_path("brace_table", Path.cwd(), "brace_table"))
+        _show_spans(spans)
+        _show(f"written: {device}")
+    _show(f"next: sprain-cosim run {target}{'' if brace is None else f' --fmu brace={device}'}")
+
+
+def _show_spans(spans: Mapping[str, tuple[float, float]]) -> None:
+    """Where the data of a table's brace end."""
+    for axis, (low, high) in spans.items():
+        _show(
+            f"{axis}: {57.29577951308232 * low:.4g} ... {57.29577951308232 * high:.4g} deg; outside, the torque goes "
+            "straight on with the end slope"
+        )
 
 
 @cli.command("plot")

@@ -32,12 +32,6 @@ from ..units import Unit, unit
 
 AXES = ("talocrural", "subtalar")
 HEADER = re.compile(r"\s*([A-Za-z_]+)\s*\[\s*([^\]]+?)\s*\]\s*")
-NAMES = {
-    f"{a}_{kind}{branch}": (a, kind, branch.removeprefix("_"))
-    for a in AXES
-    for kind in ("torque", "resistance")
-    for branch in ("", "_loading", "_unloading")
-}
 AGAINST = {  # motions that count negative about an axis
     "eversion": "inversion",
     "plantarflexion": "dorsiflexion",
@@ -45,6 +39,8 @@ AGAINST = {  # motions that count negative about an axis
     "pronation": "subtalar",
 }
 CAPACITY = 8192  # points of all curves together, as in fmus/brace_table/device.py
+Column = tuple[str, str, str]  # axis; torque or resistance; "", loading or unloading
+Curves = Mapping[str, Mapping[str, list[list[float]]]]
 Branches = dict[str, tuple[np.ndarray, np.ndarray]]  # angles [rad] and torques [N.m] of "", loading, unloading
 
 
@@ -53,7 +49,11 @@ def from_csv(table: Path, target: Path, template: Path) -> dict[str, tuple[float
     each axis.
 
     Raises InputError naming row and column, EnvironmentProblem where `target` cannot be written."""
-    curves = read_curves(table)
+    return curves_to_fmu(table, read_curves(table), target, template)
+
+
+def curves_to_fmu(table: Path, curves: Curves, target: Path, template: Path) -> dict[str, tuple[float, float]]:
+    """The same of curves about AXES as read_curves gives them; `table` is named where they do not fit."""
     files = {}
     with zipfile.ZipFile(read(template).path) as content:
         # but the reference experiment, which is that of the other table
@@ -75,7 +75,7 @@ def from_csv(table: Path, target: Path, template: Path) -> dict[str, tuple[float
     return {axis: (c["loading"][0][0], c["loading"][-1][0]) for axis, c in curves.items()}
 
 
-def _constants(path: Path, curves: Mapping[str, Mapping[str, list[list[float]]]]) -> bytes:
+def _constants(path: Path, curves: Curves) -> bytes:
     """The record that fmus/brace_table/device.py describes. Raises InputError for a table that it cannot hold."""
     record = np.zeros((), [("first", "<i8", (2, 2)), ("count", "<i8", (2, 2)), ("point", "<f8", (CAPACITY, 3))])
     points: list[list[float]] = []
@@ -89,13 +89,13 @@ def _constants(path: Path, curves: Mapping[str, Mapping[str, list[list[float]]]]
     return record.tobytes()
 
 
-def read_curves(path: Path) -> dict[str, dict[str, list[list[float]]]]:
-    """{axis: {loading, unloading: rows of angle [rad], torque [N.m] in the contract's sign, slope [N.m/rad]}}. Raises
-    InputError."""
+def read_curves(path: Path, axes: tuple[str, ...] = AXES) -> dict[str, dict[str, list[list[float]]]]:
+    """{axis: {loading, unloading: rows of angle [rad], torque [N.m] in the contract's sign, slope [N.m/rad]}} about
+    some of `axes`. Raises InputError."""
     lines = list(read_csv(path))
     if len(lines) < 4:
         raise InputError(f"{path}: needs a header and at least three rows")
-    columns, angle = _header(path, lines[0][1])
+    columns, angle = _header(path, lines[0][1], axes)
     numbers = _numbers(path, lines[0][1], lines[1:])
     problems_to_error(str(path), _falling(numbers[:, 0], [number for number, _ in lines[1:]])[:5])
     problems: list[str] = []
@@ -106,7 +106,7 @@ def read_curves(path: Path) -> dict[str, dict[str, list[list[float]]]]:
     out = {}
     for axis, branches in measured.items():
         both = (branches[""], branches[""]) if "" in branches else (branches["loading"], branches["unloading"])
-        out[axis] = {name: _curve(*points) for name, points in zip(("loading", "unloading"), both, strict=True)}
+        out[axis] = {name: curve_rows(*points) for name, points in zip(("loading", "unloading"), both, strict=True)}
     return out
 
 
@@ -120,15 +120,15 @@ def _falling(angles: np.ndarray, rows: list[int]) -> list[str]:
 
 
 def _measured(
-    columns: dict[int, tuple[str, Unit]], angle: Unit, numbers: np.ndarray, problems: list[str]
+    columns: dict[int, tuple[Column, Unit]], angle: Unit, numbers: np.ndarray, problems: list[str]
 ) -> dict[str, Branches]:
     """By axis, the points of each column in the contract's sign; columns with too few of them are added to
     `problems`."""
     found: dict[str, Branches] = {}
-    for place, (name, own) in columns.items():
-        axis, kind, branch = NAMES[name]
+    for place, ((axis, kind, branch), own) in columns.items():
         have = np.isfinite(numbers[:, place])
         if have.sum() < 3:
+            name = f"{axis}_{kind}{'_' + branch if branch else ''}"
             problems.append(f"column {name}: fewer than three values")
             continue
         torque = (-1.0 if kind == "resistance" else 1.0) * own.factor * numbers[have, place]
@@ -160,14 +160,25 @@ def _passivity(axis: str, branches: Branches, angle: Unit, compare: bool) -> lis
     return problems
 
 
-def _curve(x: np.ndarray, torque: np.ndarray) -> list[list[float]]:
+def curve_rows(x: np.ndarray, torque: np.ndarray) -> list[list[float]]:
+    """Rows of angle, torque and slope of the shape-preserving cubic through the points."""
     slopes = PchipInterpolator(x, torque).derivative()(x)
     return [[float(v) for v in row] for row in zip(x, torque, slopes, strict=True)]
 
 
-def _header(path: Path, cells: list[str]) -> tuple[dict[int, tuple[str, Unit]], Unit]:
+def _column_names(axes: tuple[str, ...]) -> dict[str, Column]:
+    return {
+        f"{a}_{kind}{branch}": (a, kind, branch.removeprefix("_"))
+        for a in axes
+        for kind in ("torque", "resistance")
+        for branch in ("", "_loading", "_unloading")
+    }
+
+
+def _header(path: Path, cells: list[str], axes: tuple[str, ...]) -> tuple[dict[int, tuple[Column, Unit]], Unit]:
     problems: list[str] = []
-    columns: dict[int, tuple[str, Unit]] = {}
+    known = _column_names(axes)
+    columns: dict[int, tuple[Column, Unit]] = {}
     angle = unit("rad")
     for k, cell in enumerate(cells):
         match = HEADER.fullmatch(cell)
@@ -180,8 +191,8 @@ def _header(path: Path, cells: list[str]) -> tuple[dict[int, tuple[str, Unit]], 
         expected = unit("rad") if k == 0 else unit("N.m")
         if k == 0 and name != "angle":
             problems.append(f"column 1 {cell.strip()!r}: must be angle [deg] or angle [rad]")
-        if k > 0 and name not in NAMES:
-            problems.append(f"column {k + 1} {name!r}: is no torque of an axis{_hint(name)}")
+        if k > 0 and name not in known:
+            problems.append(f"column {k + 1} {name!r}: is no torque of an axis{_hint(name, axes)}")
             continue
         try:
             own = unit(text)
@@ -192,10 +203,10 @@ def _header(path: Path, cells: list[str]) -> tuple[dict[int, tuple[str, Unit]], 
             problems.append(f"column {k + 1} {name}: {text} is not a unit of {'angle' if k == 0 else 'torque'}")
         elif k == 0:
             angle = own
-        elif name in (c for c, _ in columns.values()):
+        elif known[name] in (c for c, _ in columns.values()):
             problems.append(f"column {k + 1} {name}: given twice")
         else:
-            columns[k] = (name, own)
+            columns[k] = (known[name], own)
     if not columns and not problems:
         problems.append("no torque column")
     problems_to_error(str(path), problems)
@@ -219,7 +230,7 @@ def _numbers(path: Path, header: list[str], lines: list[tuple[int, list[str]]]) 
     return numbers
 
 
-def _hint(name: str) -> str:
+def _hint(name: str, axes: tuple[str, ...]) -> str:
     """What the column may have been meant to be: never another axis than the one that its name begins with."""
     along = {axis: axis for axis in PROFILES["jcs"]}
     motion = next((m for m in (*along, *AGAINST) if name.startswith(m)), None)
@@ -227,12 +238,13 @@ def _hint(name: str) -> str:
         turned = "" if motion in along else f"{motion} is {axis} with angle and torque of the other sign; "
         return (
             f" of such a table: {turned}{axis} is an axis of the joint coordinate system, another rotation than "
-            f"{' and '.join(AXES)}; measure about one of these, or write the law in a project of its own "
-            "(sprain-cosim brace new DIR)"
+            f"{', '.join(axes[:-1])} and {axes[-1]}; measure about one of these, or write the law in a project of "
+            "its own (sprain-cosim brace new DIR)"
         )
     if motion is not None:
         return f": {motion} turns against {axis}; turn the signs of angle and torque, and name the column {axis}_torque"
     if name.startswith("supination"):
         return ": supination is the positive direction of subtalar; name the column subtalar_torque"
-    close = difflib.get_close_matches(name.partition("_")[0], AXES, 1, 0.7)
-    return nearest(name, [n for n in NAMES if n.startswith(close[0])]) if close else f" (known: {', '.join(AXES)})"
+    close = difflib.get_close_matches(name.partition("_")[0], axes, 1, 0.7)
+    names = [n for n in _column_names(axes) if n.startswith(close[0])] if close else []
+    return nearest(name, names) if close else f" (known: {', '.join(axes)})"
