@@ -349,9 +349,12 @@ def write_ankle(target: Path, found: MeasuredAnkle, source: str, base: str) -> N
     """The scenario, and the figure beside it (.png). Raises EnvironmentProblem."""
     from ..figures import calibration, picture
 
-    note = f"{source}; faint: the model's law; deviation {found.rms:.3g} N·m RMS. From the law alone: no landing."
+    note = f"{source}; deviation {found.rms:.3g} N·m RMS. From the law alone: no landing, no initial pose."
     write(target, found.toml(source, base), parents=True)
-    write(target.with_suffix(".png"), picture(calibration(found.curves, note), "png"))
+    write(
+        target.with_suffix(".png"),
+        picture(calibration(found.curves, note, "ankle, fitted", "ankle of the model"), "png"),
+    )
 
 
 def write_difference(target: Path, curves: Curves, source: Path, template: Path) -> dict[str, tuple[float, float]]:

@@ -58,10 +58,16 @@ def torque_angle(braces: Mapping[str, float] = BRACES, span: float = 35.0) -> Fi
 
 
 @styled
-def calibration(curves: Mapping[str, NDArray[np.float64]], note: str = "") -> Figure:
-    """Torques of a device about each axis: measured, at the start values of its parameters, fitted.
+def calibration(
+    curves: Mapping[str, NDArray[np.float64]],
+    note: str = "",
+    fitted: str = "device, fitted",
+    start: str = "device, at its start values",
+) -> Figure:
+    """Torques of a device, or of the ankle, about each axis: measured, at the start values of its parameters, fitted.
 
-    - curves: {axis: (n, 4) angle [rad], measured, start and fitted torque [N·m], of the brace on the foot}
+    - curves: {axis: (n, 4) angle [rad], measured, start and fitted torque [N·m], on the foot}
+    - fitted, start: what the two laws are called
     """
     figure, axes = sheet([4.2] * len(curves), note)
     for axis, (name, rows) in zip(axes, curves.items(), strict=True):
@@ -74,8 +80,8 @@ def calibration(curves: Mapping[str, NDArray[np.float64]], note: str = "") -> Fi
         axis.grid()
     entries = [
         (legend_line(SERIES[1], "none", marker="o"), "measured on the bench"),
-        (legend_line(SERIES[0]), "device, fitted"),
-        (legend_line(FAINT, LINES[1]), "device, at its start values"),
+        (legend_line(SERIES[0]), fitted),
+        (legend_line(FAINT, LINES[1]), start),
     ]
     legend_above(figure, entries)
     return figure

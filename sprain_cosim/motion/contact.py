@@ -15,21 +15,16 @@ from ..scenario import Scenario
 Array = NDArray[np.float64]
 TOUCH = 1e-4  # m, within which the first row stands on the platform: as much as the plant forgives
 FALL = 0.5  # m/s, slower than which no foot comes down from a jump or a step
-STANCE = 0.15  # s after the fall over which the foot stands
+WINDOW = 0.01  # s over which the speed of the sole is taken, or one row
+UNBRAKED, BRAKED = 0.8, 0.2  # of the fastest: still falling, standing
 
 
 @dataclass(frozen=True)
 class FirstContact:
-    """When the foot touches.
-
-    - at: [s]
-    - how: a sentence
-    - level: [m] the height of the sole at which it stands; None where it was not needed
-    """
+    """When [s] the foot touches, and a sentence about how that is known."""
 
     at: float
     how: str
-    level: float | None = None
 
 
 def sole_heights(scenario: Scenario, rows: Sequence[Mapping[str, float]]) -> Array:
@@ -49,29 +44,29 @@ def sole_heights(scenario: Scenario, rows: Sequence[Mapping[str, float]]) -> Arr
 
 
 def first_contact(time: Array, heights: Array) -> FirstContact:
-    """The last row before the sole comes down to the level at which it stands afterwards. `heights`: (n,) [m] of the
-    sole over a level floor. Raises InputError where no landing is seen."""
-    rate = np.gradient(heights, time) if len(time) > 2 else np.zeros(len(time))
-    falling = int(np.argmin(rate))
-    if rate[falling] > -FALL:
+    """The last row at which the sole still comes down unbraked, of the first fall that is half as fast as the fastest.
+    `heights`: (n,) [m] of the sole over a level floor: only their change counts, so that the size of the person and
+    the place of the floor do not. Raises InputError where no landing is seen."""
+    if len(time) < 3:
+        raise InputError(f"{len(time)} rows do not show a landing; say the instant with --at")
+    row = float(time[-1] - time[0]) / (len(time) - 1)
+    back = max(1, round(WINDOW / row))
+    rate = np.zeros(len(time))
+    rate[back:] = (heights[back:] - heights[:-back]) / (time[back:] - time[:-back])
+    fastest = float(rate.min())
+    if fastest > -FALL:
         raise InputError(
-            f"no landing is seen: the foot never comes down faster than {FALL:g} m/s (most: {-rate[falling]:.2g}); say "
-            "the instant with --at"
+            f"no landing is seen: the foot never comes down faster than {FALL:g} m/s (most: {-fastest:.2g}); say the "
+            "instant with --at"
         )
-    fast = rate < 0.5 * rate[falling]
-    first = int(np.argmax(fast))  # of the first fall that is as fast as half the fastest
-    end = first + int(np.argmax(rate[first:] > 0.2 * rate[falling]))
-    stance = (time > time[end]) & (time <= time[end] + STANCE)
-    if end == first or stance.sum() < 3:
+    start = int(np.argmax(rate < 0.5 * fastest))
+    after = np.flatnonzero(rate[start:] > BRAKED * fastest)
+    if not len(after):
         raise InputError("the file ends before the foot stands; say the instant with --at")
-    level = float(np.median(heights[stance]))
-    down = first + int(np.argmax(heights[first:] <= level))
-    k = max(down - 1, 0)
-    step = 1e3 * float(time[min(k + 1, len(time) - 1)] - time[k])
+    fall = rate[start : start + int(after[0])]
+    unbraked = np.flatnonzero(fall <= UNBRAKED * fall.min())
     return FirstContact(
-        float(time[k]),
-        f"found: the last row before the sole comes down to the level ({1e3 * level:.0f} mm in the file's height) at "
-        f"which it stands in the {1e3 * STANCE:.0f} ms after the fall; the foot touches within the {step:.3g} ms that "
-        "follow",
-        level,
+        float(time[start + unbraked[-1]]),
+        f"found: the last row at which the sole comes down unbraked (with {100 * UNBRAKED:g} % of its fastest "
+        f"{-fall.min():.2f} m/s or more); the foot touches within about {1e3 * max(row, WINDOW):.0f} ms of it",
     )

@@ -105,8 +105,6 @@ def _draw_speeds(axis: Axes, values: list[StartValue], factor: float, unit: str)
 def _draw_height(axis: Axes, start: MotionStart) -> None:
     axis.plot(start.course.time, 1e3 * start.heights, color=GROUND, lw=1.3)
     axis.axvline(start.contact.at, color=SUBTALAR, lw=1.2)
-    if start.contact.level is not None:
-        axis.axhline(1e3 * start.contact.level, color=FAINT, lw=1.0, ls="--")
     axis.set_title("lowest point of the sole over a level floor [mm], in the file's height", loc="left", fontsize=8)
     axis.set_xlabel("time in the file [s]", fontsize=8)
     axis.tick_params(labelsize=7)

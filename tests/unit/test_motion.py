@@ -19,6 +19,7 @@ from sprain_cosim.export.landing import COORDINATES, TRANSLATIONS, write_landing
 from sprain_cosim.folders.landing import Landing
 from sprain_cosim.motion.contact import first_contact
 from sprain_cosim.motion.coordinates import MIRRORED, read_course
+from sprain_cosim.motion.osim import read_osim
 from sprain_cosim.motion.page import motion_page, motion_warnings
 from sprain_cosim.motion.speeds import smoothed, spline_speed, value_at
 from sprain_cosim.motion.start import MotionStart, motion_start
@@ -92,15 +93,22 @@ def test_the_command_leaves_a_scenario_a_page_and_a_picture(tmp_path: Path, caps
     assert (tmp_path / "own.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_first_contact_is_the_last_row_in_the_air(tmp_path: Path) -> None:
+def test_first_contact_is_the_last_row_of_the_fall(tmp_path: Path) -> None:
     start = motion_start(storage(tmp_path / "fall.mot", fall()))
-    assert start.contact.at == pytest.approx(FLOOR - 0.01)
-    assert start.values["pelvis_ty"].speed == pytest.approx(-9.80665 * (FLOOR - 0.01), rel=1e-6)
-    assert start.drop == pytest.approx(0.5 * 9.80665 * (FLOOR - 0.01) ** 2, rel=1e-6)
+    assert start.contact.at == pytest.approx(FLOOR)
+    assert start.values["pelvis_ty"].speed == pytest.approx(-9.80665 * FLOOR, rel=1e-6)
+    assert start.drop == pytest.approx(0.5 * 9.80665 * FLOOR**2, rel=1e-6)
     named = motion_start(start.table.path, at=0.3)
     assert named.values["pelvis_ty"].speed == pytest.approx(-9.80665 * 0.3, rel=1e-6)
     between = motion_start(start.table.path, at=0.305).values["pelvis_ty"]
     assert between.value == pytest.approx(1.05 + 0.5 * 9.80665 * (FLOOR**2 - 0.305**2), abs=1e-7)
+    for rate in (50, 100, 1000):
+        for floor in (0.401, 0.405, 0.409):
+            time = np.arange(rate) / rate
+            found = first_contact(time, -0.5 * 9.80665 * np.minimum(time, floor) ** 2).at
+            assert abs(found - floor) <= 1.0 / min(rate, 100), (rate, floor)
+    hops = np.interp(np.arange(120) / 100, [0, 0.2, 0.4, 0.5, 0.8, 1.0, 1.2], [0.4, 0.4, 0, 0, 0.3, 0, 0])
+    assert first_contact(np.arange(120) / 100, hops).at == pytest.approx(0.4)
     time = np.arange(100) / 100
     with pytest.raises(InputError, match="never comes down faster"):
         first_contact(time, np.full(100, 0.1) - 0.01 * time)
@@ -316,3 +324,57 @@ def test_a_measured_drop_jump_lands() -> None:
     left = motion_start(FILE, side="left")
     assert left.values["ankle_angle_r"].label == "ankle_angle_l"
     assert left.scenario.run().status == "completed"
+
+
+def osim(path: Path, foot: str = "0.9 0.91 0.92", knee: str = "0 2.4", mass: str = "8") -> Path:
+    scales = {"pelvis": "0.95 0.96 0.97", "femur_r": "0.92 0.92 0.92", "femur_l": "0.95 0.92 0.92", "calcn_r": foot}
+    drawn = "<attached_geometry><Mesh><scale_factors>{}</scale_factors></Mesh></attached_geometry>"
+    bodies = [f'<Body name="{n}">{drawn.format(s)}<mass>{mass}</mass></Body>' for n, s in scales.items()]
+    path.write_text(
+        f"<OpenSimDocument><Model name='S01'><BodySet>{''.join(bodies)}"
+        "<Body name='head'><mass>30</mass></Body></BodySet>"
+        f'<Coordinate name="knee_angle_r"><range>{knee}</range></Coordinate></Model></OpenSimDocument>'
+    )
+    return path
+
+
+def test_the_size_of_a_person_comes_from_a_model_file(tmp_path: Path) -> None:
+    columns = fall(knee=5.0) | {"knee_angle_l": np.zeros(70)}
+    file = storage(tmp_path / "x.mot", columns)
+    start = motion_start(file, at=0.3, model=osim(tmp_path / "x.osim"))
+    assert any("range of the knee in the model file" in line for line in start.course.turned)
+    parameters = start.scenario.parameters
+    assert parameters["plant.body_mass"] == "62.0 kg"
+    assert [parameters[f"plant.foot_scale_{a}"] for a in "xyz"] == [0.9, 0.91, 0.92]
+    assert parameters["plant.thigh_scale_x"] == 0.92
+    assert "plant.torso_scale_x" not in parameters
+    assert start.scenario.run().status == "completed"
+    page = motion_page(start, {}, "x.toml", "x.png")
+    for words in ("thigh: the factors of femur_r are taken; those of femur_l differ", "plant has not: head", "62 kg"):
+        assert words in page
+    assert "torso: the file has no scale factors of torso; 1 is taken" in page
+    assert read_osim(tmp_path / "x.osim", "left").parameters()["thigh_scale_x"] == 0.95
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (
+            {"foot": "0.2 0.2 0.2"},
+            "scale_factors of calcn_r are 0.2 0.2 0.2: no person is 0.2 times as large as the model",
+        ),
+        ({"foot": "1 1"}, "scale_factors of calcn_r: '1 1' are not three numbers"),
+        ({"mass": "-1"}, "mass of pelvis: '-1' is no mass"),
+        ({"mass": "200"}, "plant.body_mass = 830"),
+    ],
+)
+def test_a_model_file_that_fits_no_person_is_refused(more: dict[str, str], said: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError) as problem:
+        motion_start(storage(tmp_path / "x.mot", fall()), at=0.3, model=osim(tmp_path / "x.osim", **more))
+    assert said in str(problem.value)
+    (tmp_path / "y.osim").write_text("<OpenSimDocument>")
+    with pytest.raises(InputError, match="is no XML of an OpenSim model"):
+        motion_start(tmp_path / "x.mot", at=0.3, model=tmp_path / "y.osim")
+    (tmp_path / "y.osim").write_text("<Model/>")
+    with pytest.raises(InputError, match=r"it has no <Model> with bodies"):
+        motion_start(tmp_path / "x.mot", at=0.3, model=tmp_path / "y.osim")
