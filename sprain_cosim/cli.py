@@ -966,10 +966,13 @@ def motion_command(
 def report_command(folders: tuple[Path, ...], out: Path | None) -> None:
     """Write one HTML file about what the FOLDERS of runs, studies and comparisons hold: verdict, tables, figures,
     inputs, provenance, limits."""
-    from .folders.read import read_folders
+    from .folders.read import edited_since, read_folders
     from .report.page import write_report
 
-    _show(f"written: {write_report(read_folders(folders), out or folders[0])}")
+    found = read_folders(folders)
+    for line in edited_since(found):
+        _show(f"warning: {line}", err=True)
+    _show(f"written: {write_report(found, out or folders[0])}")
 
 
 @cli.command("scenarios")

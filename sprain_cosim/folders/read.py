@@ -4,12 +4,14 @@ Raises InputError for a folder that is none of them, is not finished, or cannot 
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import InputError
 from ..study import ledger
-from ..study.folder import TRIALS
+from ..study.folder import TRIALS, recorded_plan
+from ..study.originals import edited_files
 from . import run
 from .comparison import FILE, ComparisonFolder, member_path, read_comparison_summary
 from .run import RunFolder, read_run
@@ -35,6 +37,17 @@ def read_folder(path: Path) -> Folder:
 def read_folders(paths: Sequence[Path]) -> list[Folder]:
     """Each folder once."""
     return [read_folder(path) for path in dict.fromkeys(paths)]
+
+
+def edited_since(folders: Sequence[Folder]) -> list[str]:
+    """What has been edited of the files that studies were run with, a line each that begins with the folder."""
+    found = []
+    for folder in folders:
+        members = folder.members.values() if isinstance(folder, ComparisonFolder) else (folder,)
+        for path in (member.path for member in members if isinstance(member, StudyFolder)):
+            with contextlib.suppress(InputError), ledger.Ledger.read(path) as held:
+                found += [f"{path}: {line}" for line in edited_files(recorded_plan(path, held), held.said("identity"))]
+    return found
 
 
 def _read_landings(path: Path) -> RunFolder | StudyFolder | None:

@@ -302,6 +302,7 @@ class _Sample:
             )
         elif study.method == "table":
             notes.append("intervals hold if the given rows are independent draws")
+            notes += _held_in_table(study, done)
         elif study.method == "grid":
             notes.append("a grid is no sample: moments and percentiles describe its points, no probability is theirs")
         confidence = confidence_of(study)
@@ -361,6 +362,16 @@ class _Sample:
             return Response(finite(mean.value), finite(sd.value), percentiles, failed=self.failed or None)
         mean_ci, sd_ci = ((finite(e.low), finite(e.high)) for e in (mean, sd))
         return Response(finite(mean.value), finite(sd.value), percentiles, mean_ci, sd_ci, self.failed or None)
+
+
+def _held_in_table(study: Plan, done: pd.DataFrame) -> list[str]:
+    """The inputs that were meant to vary and have one value in all rows of a table."""
+    held = [
+        name
+        for (name, marginal), heading in zip(study.marginals.items(), study.headings, strict=True)
+        if not marginal.is_fixed and len(done) > 1 and done[heading].nunique() == 1
+    ]
+    return [f"the same in all rows of the table, so that nothing here is due to it: {', '.join(held)}"] if held else []
 
 
 def _unbalanced(n: int, sequences: int) -> list[str]:

@@ -3,12 +3,14 @@ changes no trial; the copies stay in the cache by the hash of their content."""
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 from ..fmu import cache
 from ..scenario import Scenario
+from .plan import Plan
 
 
 def with_kept_files(scenario: Scenario) -> Scenario:
@@ -35,6 +37,29 @@ def changed_files(scenario: Scenario, copies: Scenario) -> list[str]:
                     f"{path} {became} since the study began; all its trials are of the file as it was then "
                     f"(SHA-256 {sha256[:12]}), kept as {kept_files[name]}"
                 )
+    return found
+
+
+def edited_files(study: Plan, hashes: Mapping[str, Mapping[str, str]]) -> list[str]:
+    """The files of a finished study that have another content now than `hashes` {"fmus" or "maps": {component:
+    SHA-256}}, and its own file, a line each; files that are not here are passed over, they may be another machine's."""
+    found = []
+    for kind, files in (("fmus", study.scenario.fmus), ("maps", study.scenario.maps)):
+        for name, path in files.items():
+            then = hashes.get(kind, {}).get(name)
+            try:
+                now = cache.file_sha256(path)
+            except OSError:
+                continue
+            if then is not None and now != then:
+                found.append(
+                    f"{name}: {path.name} has another content now (SHA-256 {now[:12]}) than when this ran "
+                    f"({then[:12]}); what is shown is of then"
+                )
+    source = Path(study.source)
+    with contextlib.suppress(OSError, UnicodeDecodeError):
+        if study.text and source.is_file() and source.read_text("utf-8") != study.text:
+            found.append(f"{study.source} has been edited since; what is shown is of the copy in study.toml")
     return found
 
 

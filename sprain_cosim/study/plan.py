@@ -632,6 +632,12 @@ class Plan:
         own = {name: m for name, m in self.marginals.items() if name in persons or not is_of_subject(name)}
         marginals = {**own, **{name: Fixed(0.0) for name in rows.columns if name not in own}}
         table = np.column_stack([rows.columns.get(name, np.full(n, m.mean)) for name, m in marginals.items()])
+        held = ", ".join(
+            f"{name} ({m.mean:.5g} {self.units[name]})".replace(" )", ")")
+            for name, m in own.items()
+            if name not in rows.columns and not m.is_fixed
+        )
+        left = (f"{path}: has no column for {held}; held at that, its mean, in all rows",) if held else ()
         return replace(
             self,
             method="table",
@@ -642,5 +648,5 @@ class Plan:
             units={**self.units, **rows.units},
             correlation=None,
             grid={},
-            warnings=(*self.warnings, *rows.warnings),
+            warnings=(*self.warnings, *rows.warnings, *left),
         )

@@ -13,9 +13,11 @@ import pytest
 import sprain_cosim as sc
 from sprain_cosim.errors import InputError
 from sprain_cosim.fmu import cache
+from sprain_cosim.folders.read import edited_since, read_folders
 from sprain_cosim.process import Limits
 from sprain_cosim.study.plan import Plan
 from sprain_cosim.study.replay import replay
+from tests.light import study_file
 from tests.native import device
 
 MAP = '[outputs]\nsubtalar_torque = { from = "subtalar_torque", factor = 1 }\n'
@@ -104,3 +106,20 @@ def test_none_of_400_rows_is_of_the_new_file(workers: int, fmus: tuple[Path, Pat
 
 def test_nothing_changed_no_warning(fmus: tuple[Path, Path], tmp_path: Path) -> None:
     assert study(tmp_path, fmus).run(trials=2, workers=1).warnings == ()
+
+
+def test_a_report_says_which_files_were_edited_since(tmp_path: Path) -> None:
+    """A line each; a file that is not here may be another machine's."""
+    path = study_file(tmp_path)
+    sc.load_study(path).run(workers=1, out=tmp_path / "out", trajectories=0)
+    folders = read_folders([tmp_path / "out"])
+    assert edited_since(folders) == []
+    path.write_text(path.read_text().replace("0.03 m", "0.04 m"))
+    fmu = tmp_path / "light.fmu"
+    fmu.write_bytes(fmu.read_bytes() + b"x")
+    device, file = edited_since(folders)
+    assert device.startswith(f"{tmp_path / 'out'}: plant: light.fmu has another content now (SHA-256 ")
+    assert "study.toml has been edited since" in file
+    fmu.unlink()
+    path.unlink()
+    assert edited_since(folders) == []

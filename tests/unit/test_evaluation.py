@@ -454,3 +454,18 @@ def test_shares_of_correlated_inputs_do_not_depend_on_the_lines_and_say_where_th
     text = study_listing(replace(base, correlation=None), replace(found[0], wall_s=1.0))
     assert "Shapley, 95 % interval" in text
     assert StudySummary.from_json(found[0].to_json(), "") == found[0]
+
+
+def test_an_input_without_a_column_is_named_before_and_after(study6, tmp_path: Path) -> None:
+    """It stays at its mean in every row, so that nothing is due to it."""
+    path = tmp_path / "rows.csv"
+    lines = [f"{0.25 + 0.001 * k:.3f},{k - 15}" for k in range(30)]
+    path.write_text("\n".join(["plant.drop_height [m],plant.subtalar_angle_at_contact [deg]", *lines, ""]))
+    study = study6.with_inputs(path)
+    (warning,) = (w for w in study.warnings if "no column" in w)
+    assert "brace.angle_scale (1.5)" in warning
+    assert "plant.talocrural_angle_at_contact (-0.59341 rad)" in warning
+    assert "plant.drop_height" not in warning
+    (note,) = (n for n in summarise(study, landings(study), None).notes if "the same in all rows" in n)
+    assert "brace.angle_scale" in note
+    assert "plant.drop_height" not in note
