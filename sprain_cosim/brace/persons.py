@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from ..uq.distributions import Array
 
-SHOWN = (STATURE, MASS, "foot_length")
+SHOWN = (STATURE, MASS, "foot_length", "foot_breadth")
 BANDS = 5
 FEWEST = 20  # landings a band
 TENTH = 0.1

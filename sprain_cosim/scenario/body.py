@@ -16,7 +16,7 @@ from ..units import unit
 OWNER = "subject."
 SEX = f"{OWNER}sex"
 PLANT = "plant."
-SPREAD = (0.4, 2.0)  # of the smallest and the largest mean: beyond lies a mistake of units
+SPREAD = (0.2, 4.0)  # of the smallest and the largest mean: beyond lies a mistake of units
 
 
 class SexConnector(Connector):

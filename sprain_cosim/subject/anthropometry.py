@@ -92,9 +92,10 @@ class Anthropometry:
                 continue
             others = {n: v for n, v in given.items() if n != name}
             if others and not USUAL[0] <= (share := self._share_beside(name, value, others)) <= USUAL[1]:
+                shared = " and ".join(self._measure(n, v) for n, v in others.items())
                 lines.append(
-                    f"{self._measure(name, value)} beside {' and '.join(_spelled(n) for n in others)} is {_side(share)}"
-                    f" of the {NOUNS_OF_MANY[self.sex]} measured who share the rest"
+                    f"{self._measure(name, value)} is {_side(share)} of the {NOUNS_OF_MANY[self.sex]} measured with "
+                    f"{shared}"
                 )
         return lines
 

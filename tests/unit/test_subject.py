@@ -118,7 +118,7 @@ def test_unusual_measures_are_told() -> None:
     (one,) = parse_subject("male, 2.10 m").warnings
     assert "stature 2.1 m is above all but" in one
     beside = parse_subject("female, 1.75 m, foot length 23 cm").warnings
-    assert any("beside" in line for line in beside)
+    assert any("measured with stature 1.75 m" in line for line in beside)
     assert "age 70" in parse_subject("female, 1.63 m, 70 years").warnings[0]
 
 
