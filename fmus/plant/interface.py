@@ -114,6 +114,7 @@ PARAMETERS = (
     *(_at_contact(c, name, False) for c, name in PLACED.items()),
     *(_at_contact(c, name, True) for c, name in MOVING.items()),
     *PERSON,
+    ("evertor_strength_scale", "1", 1.0, 0.0, 10.0, "scales the maximal forces of the four evertors besides"),
 )  # fmt: skip
 
 

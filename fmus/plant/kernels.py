@@ -17,7 +17,7 @@ NQ, NB, NM, NP = 15, 8, 49, 175
 GROUND = 0
 PELVIS, FEMUR, TIBIA, TALUS, CALCN, PATELLA, TORSO = range(1, 8)
 KNEE, TALOCRURAL, SUBTALAR, LUMBAR = 9, 10, 11, 12
-N_ANKLE = 8
+N_ANKLE, N_EVERTORS = 8, 4  # the evertors first
 N_AXES = len(AXES)
 N_KNOTS = 13
 MAX_FACETS = 8192
@@ -1299,6 +1299,8 @@ def prepare(m, s, p):
         j = m.ankle_muscle[k]
         first = p.initial_ankle_activation if p.initial_ankle_activation != 0.0 else s.excitation[k]
         s.strength[j], s.a[j] = p.ankle_strength_scale, min(max(first, MIN_ACTIVATION), 1.0)
+        if k < N_EVERTORS:
+            s.strength[j] *= p.evertor_strength_scale
     for k in range(len(PLACED_AT)):
         s.q[PLACED_AT[k]] = p.placed[k]
     for k in range(len(MOVING_AT)):

@@ -38,6 +38,7 @@ class Landing:
     pelvis_vertical_velocity: float = 0.0
     passive_angle_scale: float = 1.0
     ankle_strength_scale: float = 1.0
+    evertor_strength_scale: float = 1.0
     body_reflex_scale: float = 1.0
     initial_ankle_activation: float = 0.0
     internal_brace_angle_scale: float = 0.0

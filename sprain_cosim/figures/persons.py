@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..folders.comparison import NONE, ComparisonSummary, Persons
+from ..literature import INJURY_INVERSION_TEXT
 from .style import BLACK, label, legend_above, legend_line, looks, sheet, styled
 
 INJURY = "probability_of_injury"
@@ -34,7 +35,7 @@ def persons_figure(summary: ComparisonSummary) -> Figure:
         right.set_ylim(bottom=0.0)
         if row == 0:
             left.set_title("peak inversion [deg]")
-            right.set_title("P(injury) [%]")
+            right.set_title(f"P(> {INJURY_INVERSION_TEXT}°) [%]")
     names = [(legend_line(*shown[b]), "no brace" if b == NONE else b) for b in braces]
     legend_above(drawn, names, columns=min(3, len(names)))
     return drawn

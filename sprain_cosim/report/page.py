@@ -40,8 +40,9 @@ LIMITS = (
         "are not."
     ),
     Markup(
-        "<b>One subject.</b> One skeleton of 67.5 kg with 49 muscles, one foot, no shoe. What the studies vary is the "
-        "landing, the ankle's stiffness and its muscles, not the person."
+        "<b>One skeleton.</b> One subject of 67.5 kg with 49 muscles, one foot, no shoe. Another person is that "
+        "subject scaled in size and mass; strength, stiffness and reflexes stay unless a result names a rule, and no "
+        "person but that subject was ever compared with measurements."
     ),
     Markup(
         f"<b>No injury threshold is known.</b> {INJURY_INVERSION_TEXT}° of inversion is where ankles of cadavers "

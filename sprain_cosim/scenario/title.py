@@ -20,6 +20,7 @@ ONE = Unit("1")
 SHIPPED = {"plant": "plant", "controller": "reflex_controller"}  # not worth a word
 INCLINE, MASS = "plant.platform_incline", "plant.body_mass"
 COACTIVATION, GAIN = "controller.coactivation", "controller.reflex_gain"
+PASSIVE_SCALE, EVERTORS = "plant.passive_angle_scale", "plant.evertor_strength_scale"
 ANGLE_SCALE, TORQUE_SCALE = "brace.angle_scale", "brace.torque_scale"
 
 
@@ -61,7 +62,8 @@ class Ran:
         if "plant" not in self.fmus:
             return "", set()
         parts, named = list[str](), set[str]()
-        for words, names in (self._slope(), self._body(), self._brace(), self._muscles(), self._others()):
+        found = (self._slope(), self._body(), self._ankle(), self._brace(), self._muscles(), self._others())
+        for words, names in found:
             parts += words
             named |= names
         return ", ".join(parts), named
@@ -91,6 +93,16 @@ class Ran:
             return [], set()
         mass = self._value(MASS, unit("kg"))
         return ([] if mass is None else [f"{mass:.4g} kg"]), {MASS}
+
+    def _ankle(self) -> tuple[list[str], set[str]]:
+        """A passive ankle that is not the model's, evertors that are not as strong as the model's."""
+        words, named = list[str](), set[str]()
+        for name, text in ((PASSIVE_SCALE, "passive ankle {:.4g} %"), (EVERTORS, "evertors {:.4g} %")):
+            value = self._value(name, ONE) if name in self.parameters else None
+            if value is not None and value != 1.0:
+                words.append(text.format(100 * value))
+                named.add(name)
+        return words, named
 
     def _brace(self) -> tuple[list[str], set[str]]:
         path = self.fmus.get("brace")

@@ -183,7 +183,8 @@ def _factors(inputs: Mapping[str, InputSensitivity], without: str) -> list[str]:
         f"{'sensitivity factors ± SE':34}{'dmean/dmean':>16}{'dmean/dsd':>16}{'dsd/dmean':>16}{'dsd/dsd':>16}    "
         f"(* 95 % interval without 0){without}",
     ]
-    for key, s in inputs.items():
+    known = {key: s for key, s in inputs.items() if any(getattr(s, f) is not None for f in FACTORS)}
+    for key, s in known.items():
         cells = []
         for f in FACTORS:
             value, error, interval = (getattr(held, f) for held in (s, s.standard_error, s.ci))

@@ -128,13 +128,18 @@ UNCERTAINTY = Section(
     shown=(
         "intervals of every percentile, correlation and sensitivity in a study's summary.json, failed trials "
         "counted and bounded",
+        "over a population: who lands is drawn from ANSUR II with its correlations, and `groups` says what share of "
+        "the variance the person explains",
     ),
     supply=(
         "distributions of the inputs for your population and brace, and where they come from",
         "correlations between inputs, if there are any",
     ),
     missing=(
-        "uncertainty of the model's form (one subject's anatomy, rigid foot, straight muscle paths) is in no interval",
+        "uncertainty of the model's form (one subject's anatomy, scaled; rigid foot, straight muscle paths) is in no "
+        "interval",
+        "a person given by few measures is estimated by conditional means; what they leave open is in no interval of "
+        "one landing, a population or a marginal carries it",
     ),
 )
 APPLICABILITY = Section(
@@ -143,9 +148,14 @@ APPLICABILITY = Section(
     supply=(
         "a comparison of your context with that domain: posture, slope, drop, surface, brace, person",
         "why evidence from one subject may be used for others",
+        "for persons: that soldiers of 17 to 58 years (ANSUR II) stand for yours",
+        "for unstable ankles: which of the assumptions in docs/unstable-ankles.md hold for yours",
     ),
     missing=(
-        "one subject (67.5 kg), one landing movement; braces that act beyond ankle and subtalar joint are outside",
+        "persons other than the base person (67.5 kg, 1.80 m) were compared with scaled models of OpenSim 4.6 alone, "
+        "never with landings of measured persons; their forces, stiffness and reflexes are the base person's",
+        "unstable ankles were compared with nothing: their numbers are published group differences or assumptions",
+        "one landing movement unless you bring your own; braces that act beyond ankle and subtalar joint are outside",
     ),
 )
 DOMAIN = (

@@ -1,0 +1,229 @@
+"""Persons land: a subject as parameters of the plant, persons as inputs of studies, ankles that have sprained."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import sprain_cosim as sc
+from sprain_cosim.cli import main
+from sprain_cosim.errors import InputError
+from sprain_cosim.folders.comparison import read_comparison_summary
+from sprain_cosim.folders.read import read_folders
+from sprain_cosim.folders.run import RunSummary
+from sprain_cosim.report.page import write_report
+from sprain_cosim.scenario import Scenario, load_scenario
+from sprain_cosim.study.manifest import read_manifest
+from sprain_cosim.study.replay import replay
+from sprain_cosim.study.study import Study
+
+PEAK = "peak_subtalar_angle_deg"
+WOMAN = "female, 1.63 m, 62 kg"
+SMALL = {"stop": "60 ms"}  # persons differ well before
+
+
+@pytest.fixture(scope="module")
+def mixed() -> Scenario:
+    return load_scenario("incline30_mixed").with_master(stop="60 ms")
+
+
+def test_the_base_person_lands_as_without_a_subject(mixed: Scenario) -> None:
+    base = mixed.with_subject("female, 1.80 m, 67.54377325440001 kg")
+    assert base.run().metrics == mixed.run().metrics
+
+
+def test_a_subject_is_its_parameters(mixed: Scenario) -> None:
+    woman = mixed.with_subject(WOMAN)
+    values = woman.values()
+    assert values["plant.body_mass"] == "62.0 kg"
+    explicit = mixed
+    for name, value in values.items():
+        explicit = explicit.override(name, value)
+    ran = woman.run()
+    assert ran.metrics == explicit.run().metrics
+    assert ran.metrics[PEAK] != pytest.approx(mixed.run().metrics[PEAK], abs=0.1)
+    assert woman.heading.startswith("30° slope, woman, 1.63 m, 62 kg, 150 % brace")
+    summary = RunSummary.of(woman, ran)
+    assert summary.subject is not None
+    assert summary.subject.measures["foot_length"].sd > 0.005
+    assert RunSummary.from_json(summary.to_json(), "x").subject == summary.subject
+    assert mixed.override("plant.drop_height", "0.3 m").subject is None
+
+
+def test_one_measure_may_be_set_and_a_parameter_wins_over_the_subject(mixed: Scenario) -> None:
+    woman = mixed.with_subject(WOMAN)
+    heavier = woman.override("subject.mass", "70 kg")
+    assert heavier.heading.startswith("30° slope, woman, 1.63 m, 70 kg")
+    assert heavier.system().parameters["plant.body_mass"] == 70.0
+    stated = woman.override("plant.body_mass", "80 kg")
+    assert stated.system().parameters["plant.body_mass"] == 80.0
+    assert stated.system().parameters["plant.thigh_scale_x"] == woman.system().parameters["plant.thigh_scale_x"]
+    lax = mixed.with_subject(f"{WOMAN}, passive mass-height").system().parameters
+    own = mixed.system().find("plant.passive_x_cubic").start
+    assert own is not None
+    assert lax["plant.passive_x_cubic"] == pytest.approx(own * 1.63 * 62 / (1.80 * 67.54377325440001))
+
+
+def test_a_file_says_who_lands(tmp_path: Path) -> None:
+    path = tmp_path / "woman.toml"
+    path.write_text(
+        'base = "incline30"\n[subject]\nsex = "female"\nstature = "163 cm"\nmass = "62 kg"\nfoot_scale = 1.05\n'
+    )
+    scenario = load_scenario(path)
+    assert scenario.system().parameters["plant.foot_scale_z"] == 1.05
+    assert "foot scaled by 1.05" in scenario.heading
+    path.write_text('base = "incline30"\n[subject]\nstature = "163 cm"\n')
+    with pytest.raises(InputError, match=r"subject: needs sex"):
+        load_scenario(path)
+
+
+@pytest.mark.parametrize(
+    ("options", "part"),
+    [
+        (["--subject", "female, 1,63 m"], "decimal comma"),
+        (["--subject", "male, 300 kg"], "body_mass = 300 lies outside the plant's"),
+        (["--set", "subject.mass=60 kg"], "nobody is described"),
+        (["--subject", WOMAN, "--set", "subject.masss=60 kg"], "no such name (did you mean subject.mass?)"),
+        (["--subject", WOMAN, "--set", "subject.mass=60"], "needs a unit"),
+        (["--subject", WOMAN, "--set", "subject.sex=x"], "must be female or male"),
+    ],
+)
+def test_bad_persons_get_one_line(options: list[str], part: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "incline30", *options])
+    said = capsys.readouterr().err
+    assert ended.value.code == 2
+    assert part in said
+    assert said.count("\n") == 1
+
+
+# ---- studies
+
+
+@pytest.fixture(scope="module")
+def population() -> Study:
+    return sc.load_study("population_mixed").with_master(stop="60 ms")
+
+
+def test_a_population_lands(population: Study, tmp_path: Path) -> None:
+    """Its rows repeat to the bit, alone and continued, and the folder says who landed."""
+    done = population.run(trials=24, workers=2, out=tmp_path / "all", trajectories=0)
+    rows = done.trials
+    assert set(rows["subject.sex"]) == {0.0, 1.0}
+    assert rows["subject.stature [m]"].between(1.3, 2.2).all()
+    assert (rows["status"] == "completed").all()
+    assert done.summary.groups is not None
+    assert "person" in done.summary.groups[population.responses[0]]
+    population.run(trials=10, workers=1, out=tmp_path / "part", trajectories=0)
+    again = population.run(trials=24, workers=1, out=tmp_path / "part", resume=True, trajectories=0)
+    assert again.trials.equals(rows)
+    repeated = replay(tmp_path / "all", 5)
+    assert repeated.same
+    assert repeated.study.scenario.subject is not None
+    assert repeated.study.scenario.subject.measures["mass"] == rows["subject.mass [kg]"][5]
+    assert read_manifest(tmp_path / "all").identity["population"]["Population"]["shares"] == {
+        "female": 0.5,
+        "male": 0.5,
+    }
+
+
+def test_measures_of_ones_own_persons(population: Study, tmp_path: Path, mixed: Scenario) -> None:
+    """A measure without a column is estimated person by person, so a row is a run of that subject."""
+    table = tmp_path / "team.csv"
+    table.write_text("subject.sex,subject.stature [m],subject.mass [kg]\nfemale,1.63,62\nmale,1.91,104\n")
+    done = population.with_inputs(table).run(workers=1)
+    for row, words in zip(done.trials.to_dict("records"), (WOMAN, "male, 1.91 m, 104 kg"), strict=True):
+        alone = mixed.with_subject(words)
+        for name, marginal in population.marginals.items():
+            if not name.startswith("subject."):
+                unit = population.units[name]
+                alone = alone.override(name, f"{marginal.mean!r} {unit}" if unit else marginal.mean)
+        assert alone.run().metrics[PEAK] == row[PEAK]
+    table.write_text("subject.stature [m]\n1.63\n")
+    with pytest.raises(InputError, match=r"needs a column subject.sex"):
+        population.with_inputs(table)
+    table.write_text("plant.drop_height [m]\n0.3\n")
+    with pytest.raises(InputError, match="needs columns of the persons"):
+        population.with_inputs(table)
+
+
+def test_a_population_may_share_a_measure(population: Study) -> None:
+    tall = population.override("subject.stature", "1.90 m").override("subject.sex", "male")
+    assert "stature 1.9 m" in tall.heading
+    x = pd.DataFrame(tall.sample()[:50], columns=list(tall.names))
+    assert set(x["subject.stature"]) == {1.9}
+    assert "subject.sex" not in x
+    assert x["subject.trochanterion_height"].mean() > 0.95
+    assert tall.correlation is not None
+
+
+def test_what_no_population_allows(population: Study, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="samples a population of women and men"):
+        population.with_subject(WOMAN)
+    with pytest.raises(InputError, match="independent inputs only"):
+        population.run(method="sobol-indices", trials=64)
+    with pytest.raises(InputError, match="choices have no slope"):
+        population.run(method="amv")
+    women = sc.load_study("population_women")
+    assert women.correlation is not None
+    path = tmp_path / "twice.toml"
+    path.write_text(
+        'scenario = "incline30"\n[population]\nmen = 1\n[marginals]\n'
+        '"subject.mass" = { normal = { mean = "80 kg", sd = "5 kg" } }\n'
+    )
+    with pytest.raises(InputError, match=r"subject.mass describes persons too"):
+        sc.load_study(path)
+
+
+def test_one_measure_of_a_subject_varies(tmp_path: Path) -> None:
+    (tmp_path / "woman.toml").write_text('base = "incline30"\n[subject]\nsex = "female"\nstature = "1.63 m"\n')
+    path = tmp_path / "mass.toml"
+    text = 'scenario = "woman.toml"\n[marginals]\n"subject.mass" = { lognormal = { mean = "62 kg", sd = "8 kg" } }\n'
+    path.write_text(text)
+    study = sc.load_study(path)
+    assert "woman, 1.63 m, varied mass" in study.heading
+    path.write_text(text.replace("woman.toml", "incline30"))
+    with pytest.raises(InputError, match="nobody is described"):
+        sc.load_study(path)
+
+
+@pytest.mark.long
+def test_for_whom_does_a_brace_work(population: Study, tmp_path: Path) -> None:
+    from sprain_cosim.brace.compare import compare_braces
+
+    out = tmp_path / "compared"
+    compare_braces(population, {"paper": "brace_bushing"}, trials=120, out=out)
+    persons = read_comparison_summary(out).persons
+    assert persons is not None
+    assert len(persons.bands["subject.stature"]) == 5
+    assert set(persons.worst) == {"none", "paper"}
+    assert (out / "figures" / "persons.png").is_file()
+    page = write_report(read_folders([out]), tmp_path / "page.html").read_text("utf-8")
+    assert "For whom does each brace work?" in page
+    assert "The worst tenth: paper" in page
+
+
+# ---- ankles that have sprained
+
+
+def test_unstable_ankles_roll_farther() -> None:
+    names = ("stable", "functional_instability", "mechanical_instability", "chronic_instability")
+    peaks = {name: load_scenario(f"ankle_{name}").run().metrics[PEAK] for name in names}
+    assert peaks["stable"] < peaks["functional_instability"] < peaks["chronic_instability"]
+    assert peaks["stable"] < peaks["mechanical_instability"] < peaks["chronic_instability"]
+
+
+def test_every_number_of_an_unstable_ankle_has_its_source() -> None:
+    """The page names each parameter that differs from the stable ankle, and its range is the study's."""
+    page = (Path(__file__).parents[2] / "docs" / "unstable-ankles.md").read_text("utf-8")
+    stable, worst = (dict(load_scenario(f"ankle_{n}").parameters) for n in ("stable", "chronic_instability"))
+    different = {name for name in worst if worst[name] != stable.get(name)}
+    assert len(different) == 4
+    study = sc.load_study("unstable_ankles")
+    for name in different:
+        assert f"`{name}`" in page
+        low, high = study.marginals[name].support
+        value = load_scenario("ankle_chronic_instability").system().parameters[name]
+        assert low < value <= high
