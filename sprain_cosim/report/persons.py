@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 from ..brace.comparison import INJURY
 from ..figures.style import PARAMETERS, label
 from ..folders.comparison import NONE, MeanEstimate, Persons
+from ..folders.run import RunFolder
+from ..folders.study import StudyFolder
+from ..scenario.body import is_of_subject
 from ..study.summary import VarianceShare
 from .blocks import Block, Cell, Heading, PageTable, Paragraph, Row
 from .words import ends, percentage, percentage_ends, rounded, signed
@@ -27,6 +31,32 @@ def persons_tables(persons: Persons) -> list[Block]:
     for brace in persons.worst:
         blocks += [Heading(f"The worst tenth: {_named(brace)}"), _worst(persons, brace)]
     return [*blocks, Paragraph(OF_WORST, "about")]
+
+
+def who_landed(item: RunFolder | StudyFolder) -> list[Row]:
+    """Rows of the table of inputs: the subject, or the population of a study; none for the base person."""
+    if isinstance(item, RunFolder):
+        return [["who lands", item.summary.subject.words]] if item.summary.subject else []
+    drawn = [str(column) for column in item.trials.columns if is_of_subject(str(column))]
+    if not drawn:
+        subject = item.manifest.identity.get("subject")
+        return [["who lands", _subject_words(subject)]] if isinstance(subject, Mapping) else []
+    values = item.done
+    rows: list[Row] = []
+    for column in drawn:
+        name, _, unit = column.partition(" [")
+        mean, sd = values[column].mean(), values[column].std()
+        text = f"{mean:.4g} ± {sd:.3g} {unit.rstrip(']')} in these landings"
+        rows.append([Cell(PARAMETERS[name][0], name=name) if name in PARAMETERS else Cell(name, code=True), text])
+    return rows
+
+
+def _subject_words(subject: Mapping[str, Any]) -> str:
+    """The subject of an identity in words."""
+    inner = subject.get("Subject", {})
+    measures = inner.get("measures", {}) if isinstance(inner, Mapping) else {}
+    told = [f"{name} {value:g}" for name, value in measures.items() if isinstance(value, float)]
+    return ", ".join([str(inner.get("sex", "")), *told])
 
 
 def _bands(persons: Persons) -> PageTable:

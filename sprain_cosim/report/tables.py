@@ -21,7 +21,7 @@ from ..study.manifest import FmuFile
 from ..study.summary import FormSearch, LevelSearch, Percentile, Probability, Response, SobolSearch
 from .blocks import Block, Cell, Folded, Heading, PageTable, Paragraph, Row
 from .design import design_blocks
-from .persons import groups_table, persons_tables
+from .persons import groups_table, persons_tables, who_landed
 from .words import ends, fine_ends, percent, percentage, percentage_ends, rounded, signed
 
 FAILURES = 20  # rows of the table of failed trials
@@ -274,7 +274,8 @@ def inputs_tables(items: Sequence[Named]) -> list[Block]:
         else:
             fixed = item.ran_with or item.file.parameters
             varied = {k: v for k, v in item.file.marginals.items() if k in item.varied} | _searched(item)
-        rows: list[Row] = [[_parameter(k), _distribution(v)] for k, v in varied.items()]
+        rows: list[Row] = who_landed(item)
+        rows += [[_parameter(k), _distribution(v)] for k, v in varied.items()]
         rows += [[_parameter(k), str(v)] for k, v in fixed.items() if k not in varied]
         if item.summary.dropped:
             rows.append(["dropped, the device has none", ", ".join(item.summary.dropped)])
