@@ -268,6 +268,7 @@ def load_study(name: str | Path) -> Study:
     except InputError as problem:
         problems_to_error(str(path), [*problems, str(problem)] if problems else [])
         raise
+    _check_population(content, scenario, path)
     system = scenario.system()
     measured = Measurements(path.parent)
 
@@ -305,13 +306,17 @@ def load_study(name: str | Path) -> Study:
     return (study if asked is None else study.with_goal(*asked)).checked()
 
 
+def _check_population(content: Mapping[str, Any], scenario: Scenario, path: Path) -> None:
+    """Raises InputError for persons described twice."""
+    varied = [name for table in ("marginals", "grid") for name in content.get(table, {}) if is_of_subject(name)]
+    who = varied or (["the scenario's [subject]"] if scenario.subject else [])
+    if "population" in content and who:
+        raise InputError(f"{path}: population: {who[0]} describes persons too; keep one of the two")
+
+
 def _of_population(study: Study, content: Mapping[str, Any], path: Path) -> Study:
     if "population" not in content:
         return study
-    twice = [name for name in (*study.marginals, *study.grid) if is_of_subject(name)]
-    if twice or study.scenario.subject is not None:
-        who = twice[0] if twice else "the scenario's [subject]"
-        raise InputError(f"{path}: population: {who} describes persons too; keep one of the two")
     return study.with_population(*population_of(content["population"], f"{path}: population"))
 
 

@@ -43,7 +43,7 @@ def input_groups(
     headings: Sequence[str], done: pd.DataFrame, values: Mapping[str, Array], responses: Sequence[str]
 ) -> dict[str, dict[str, VarianceShare]] | None:
     """{response: {group: its share of the variance}} over the trials that are `done`, the largest first; None where no
-    measures of persons are among the inputs, or too few trials are done."""
+    measures of persons are among the inputs, or too few trials are done to judge every group."""
     members: dict[str, list[str]] = {}
     for heading in headings:
         name = heading.partition(" [")[0]
@@ -54,12 +54,12 @@ def input_groups(
     found = {}
     for response in responses:
         shares = {group: group_share(done[names].to_numpy(float), values[response]) for group, names in members.items()}
-        known = {group: share for group, share in shares.items() if np.isfinite(share.value)}
-        found[response] = {
-            group: VarianceShare(finite(share.value), finite(share.low), finite(share.high))
-            for group, share in sorted(known.items(), key=lambda item: -item[1].value)
-        }
-    return found
+        if all(np.isfinite(share.value) for share in shares.values()):  # else the rest would not be a rest
+            found[response] = {
+                group: VarianceShare(finite(share.value), finite(share.low), finite(share.high))
+                for group, share in sorted(shares.items(), key=lambda item: -item[1].value)
+            }
+    return found or None
 
 
 def groups_listing(response: str, shares: Mapping[str, VarianceShare]) -> list[str]:

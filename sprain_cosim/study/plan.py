@@ -163,7 +163,7 @@ class Plan:
         return self._law(self.marginals, self.correlation)
 
     def _law(self, marginals: Mapping[str, Marginal], correlation: Array | None) -> JointDistribution:
-        if self.population is not None:
+        if self.population is not None and self.method != "table":
             return self.population.joint(marginals, correlation)
         return JointDistribution(tuple(marginals.values()), correlation)
 

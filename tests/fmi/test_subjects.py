@@ -109,7 +109,7 @@ def population() -> Study:
 
 def test_a_population_lands(population: Study, tmp_path: Path) -> None:
     """Its rows repeat to the bit, alone and continued, and the folder says who landed."""
-    done = population.run(trials=24, workers=2, out=tmp_path / "all", trajectories=0)
+    done = population.run(trials=44, workers=2, out=tmp_path / "all", trajectories=0)
     rows = done.trials
     assert set(rows["subject.sex"]) == {0.0, 1.0}
     assert rows["subject.stature [m]"].between(1.3, 2.2).all()
@@ -117,7 +117,7 @@ def test_a_population_lands(population: Study, tmp_path: Path) -> None:
     assert done.summary.groups is not None
     assert "person" in done.summary.groups[population.responses[0]]
     population.run(trials=10, workers=1, out=tmp_path / "part", trajectories=0)
-    again = population.run(trials=24, workers=1, out=tmp_path / "part", resume=True, trajectories=0)
+    again = population.run(trials=44, workers=1, out=tmp_path / "part", resume=True, trajectories=0)
     assert again.trials.equals(rows)
     repeated = replay(tmp_path / "all", 5)
     assert repeated.same
