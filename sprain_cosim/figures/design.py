@@ -96,7 +96,7 @@ def _draw_resistance(axis: Axes, resistance: Mapping[str, Sequence[tuple[float, 
         axis.plot(at, ten, marker=".", color=color)
         axis.plot(at, five, marker=".", color=color, linestyle=(0, (1.2, 1.2)))
     axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
-    axis.set_ylabel("[N·m]")
+    axis.set_ylabel("resists [N·m]")
     axis.grid()
 
 

@@ -96,7 +96,7 @@ def draw(folders: Sequence[Folder]) -> Iterator[Drawn]:
         "the three body-fixed axes. "
         "For comparison with Figures 1C and 2 of Yoder et al. 2021."
     )
-    yield Drawn("torque_angle", "Torque-angle laws of ankle and brace", caption, plots.torque_angle())
+    yield Drawn("torque_angle", "Torque-angle laws of the paper's ankle and braces", caption, plots.torque_angle())
 
 
 def write_figures(folders: Sequence[Folder], out: Path) -> list[Path]:
@@ -244,8 +244,7 @@ def _designs(studies: Studies) -> Iterator[Drawn]:
 def _designed(design: DesignSearch, quantity: str) -> plots.Designed:
     (point,) = design.points
     curve, at = point.curve, point.comfort
-    motions = dict.fromkeys(name.rpartition("_")[0] for c in at for name in c.resistance_Nm)
-    resistance = {motion: [(c.value, *_at_both(c.resistance_Nm, motion)) for c in at] for motion in motions}
+    resistance = {m: [(c.value, *_at_both(c.resistance_Nm, m)) for c in at] for m in point.motions[0]}
     event = design.goal.partition("(")[2].rpartition(")")[0].partition(" ")
     return plots.Designed(
         f"{plots.label(event[0]).partition(', +')[0]} {event[2]}".replace(" = ", "\u00a0=\u00a0"),
@@ -256,7 +255,7 @@ def _designed(design: DesignSearch, quantity: str) -> plots.Designed:
         np.array(curve.low, float),
         np.array(curve.high, float),
         (point.value, point.ci_low, point.ci_high) if point.status == "met" else None,
-        point.value_95,
+        None if point.value_95 is None else design.on_the_safe_side(point.value_95, 3),
         design.find == "least",
         resistance,
     )

@@ -8,7 +8,7 @@ from markupsafe import Markup
 
 from .. import figures as plots
 from ..folders.study import StudyFolder
-from ..study.summary import Comfort, DesignPoint, DesignSearch
+from ..study.summary import DesignPoint, DesignSearch
 from .blocks import Block, Cell, PageTable, Paragraph, Row, Verdict, rich
 from .words import fine_ends, percent, rounded
 
@@ -80,10 +80,14 @@ def _answer(found: DesignSearch, point: DesignPoint) -> Markup:
         text += rich(
             " To be 95 % sure, as far as landings go, take {word} <b>{sure}{unit}</b>.",
             word=word,
-            sure=rounded(point.value_95),
+            sure=_on_the_safe_side(found, point.value_95),
             unit=unit,
         )
     return text + _threshold(found, point) + _comfort(point)
+
+
+def _on_the_safe_side(found: DesignSearch, value: float | None) -> str:
+    return "none in the range" if value is None else rounded(found.on_the_safe_side(value, 3))
 
 
 def _value_ends(point: DesignPoint, unit: str) -> str:
@@ -116,12 +120,10 @@ def _comfort(point: DesignPoint) -> str:
     held = next((c for c in point.comfort if c.at == "value_95"), None)
     if held is None:
         return ""
-    words = [f"{rounded(held.resistance_Nm.get(f'{m}_10deg'))} N·m against 10° of {m}" for m in _motions(held)]
-    return f" What it costs in comfort: the device then resists with {', '.join(words)}."
-
-
-def _motions(held: Comfort) -> list[str]:
-    return list(dict.fromkeys(name.rpartition("_")[0] for name in held.resistance_Nm))
+    resisted, free = point.motions
+    words = [f"with {rounded(held.resistance_Nm.get(f'{m}_10deg'))} N·m against 10° of {m}" for m in resisted]
+    words += [f"not at all against {' and '.join(free)}"] if free else []
+    return f" What it costs in comfort: the device then resists {', '.join(words)}."
 
 
 def _answers(found: DesignSearch) -> Markup:
@@ -157,13 +159,14 @@ def _rows(found: DesignSearch, point: DesignPoint) -> list[Row]:
         doubts += [f"threshold's shape {e}" for e in fine_ends(min(p.shapes.values()), max(p.shapes.values()))]
     rows: list[Row] = [
         [f"{found.find} {_named(found.parameter)}", Cell(status or f"{rounded(point.value)}{unit}", notes)],
-        ["95 % sure", "none in the range" if point.value_95 is None else f"{rounded(point.value_95)}{unit}"],
+        ["95 % sure", f"{_on_the_safe_side(found, point.value_95)}{unit if point.value_95 is not None else ''}"],
         [f"probability at {rounded(point.value)}{unit} [%]", Cell(percent(p.value), tuple(doubts))],
         ["landings", Cell(str(found.landings), (f"{point.fresh} of them fresh, at the value",))],
     ]
     for held in (c for c in point.comfort if c.at in PLACES):
         label = f"resists 5 / 10° {PLACES[held.at]}, {rounded(held.value)}{unit} [N·m]"
-        rows.append([label, Cell("; ".join(f"{m} {_pair(held.resistance_Nm, m)}" for m in _motions(held)))])
+        shown = [f"{m} {_pair(held.resistance_Nm, m)}" for m in point.motions[0]]
+        rows.append([label, Cell("; ".join(shown) or "nothing")])
     return rows
 
 
@@ -174,7 +177,7 @@ def _trade_off(found: DesignSearch) -> list[Row]:
         met = p.status != "nowhere"
         ends = (f"{rounded(p.ci_low)} … {rounded(p.ci_high)}",) if p.status == "met" else ()
         value = f"{rounded(p.value)}{unit}" if met else "none in the range"
-        sure = "none in the range" if p.value_95 is None else f"{rounded(p.value_95)}{unit}"
+        sure = f"{_on_the_safe_side(found, p.value_95)}{unit if p.value_95 is not None else ''}"
         doubt = fine_ends(*(p.probability.sampling_ci or (None, None)))
         rows.append([rounded(p.second), Cell(value, ends), sure, Cell(percent(p.probability.value), doubt)])
     return rows

@@ -339,7 +339,7 @@ def _cells(found: DesignSearch, point: DesignPoint) -> tuple[str, str, str]:
         return f"none in the range{most}", "", "none in the range"
     low = "below the range" if point.ci_low is None else f"{point.ci_low:.4g}"
     high = "above the range" if point.ci_high is None else f"{point.ci_high:.4g}"
-    sure = "none in the range" if point.value_95 is None else f"{point.value_95:.4g}"
+    sure = "none in the range" if point.value_95 is None else f"{found.on_the_safe_side(point.value_95, 4):.4g}"
     if point.status == "everywhere":
         return f"{point.value:.4g} (all of the range)", "", sure
     return f"{point.value:.4g}", f"{low} ... {high}", sure
@@ -370,7 +370,10 @@ def _comfort(found: DesignSearch, point: DesignPoint) -> list[str]:
         f"{'resists in ordinary motion, 5 / 10° [N·m]':44}" + "".join(f"{names[c.at]:>18}" for c in shown),
         f"{'  ' + found.parameter:44}" + "".join(f"{c.value:18.4g}" for c in shown),
     ]
-    for motion in _motions(point):
+    resisted, free = point.motions
+    if free:
+        lines.append(f"  nothing against {' and '.join(free)}")
+    for motion in resisted:
         lines.append(f"{'  ' + motion:44}" + "".join(f"{_resisted(c.resistance_Nm, motion):>18}" for c in shown))
     return lines
 

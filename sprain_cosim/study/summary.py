@@ -5,6 +5,7 @@ estimated is `evaluation.py`'s, how it is printed `listing.py`'s."""
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -18,6 +19,7 @@ from ..records import FORMAT, Record, Summary, known_format, optional
 
 FILE = "summary.json"
 PAIR = tuple[float | None, float | None]
+TORQUE = 5e-3  # N.m that are shown as something
 
 
 @dataclass(frozen=True)
@@ -461,6 +463,17 @@ class DesignPoint(Record):
     other_end: float | None = optional()
     comfort: tuple[Comfort, ...] = ()
 
+    @property
+    def motions(self) -> tuple[list[str], list[str]]:
+        """The ordinary motions against which the device resists at some value of the parameter, and those against which
+        it never does."""
+        most = dict[str, float]()
+        for held in self.comfort:
+            for posture, torque in held.resistance_Nm.items():
+                motion = posture.rpartition("_")[0]
+                most[motion] = max(most.get(motion, 0.0), TORQUE if torque is None else abs(torque))
+        return [m for m, t in most.items() if t >= TORQUE], [m for m, t in most.items() if t < TORQUE]
+
 
 @dataclass(frozen=True)
 class DesignSearch(Record):
@@ -498,6 +511,14 @@ class DesignSearch(Record):
     def met(self) -> bool:
         """Whether a value was found at every point."""
         return all(point.status != "nowhere" for point in self.points)
+
+    def on_the_safe_side(self, value: float, figures: int) -> float:
+        """A value that holds with confidence, rounded to where the goal holds: a least value up, a largest down."""
+        if value == 0.0:
+            return value
+        step = 10.0 ** (math.floor(math.log10(abs(value))) + 1 - figures)
+        steps = value / step
+        return step * (math.ceil(steps - 1e-9) if self.find == "least" else math.floor(steps + 1e-9))
 
     def to_json(self) -> dict[str, Any]:
         alone = self.points[0].to_json() if len(self.points) == 1 else {}

@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from sprain_cosim.errors import InputError
-from sprain_cosim.study.summary import FORMAT, FormSearch, LevelSearch, StudySummary, Threshold, read_summary
+from sprain_cosim.study.summary import (
+    FORMAT,
+    Comfort,
+    DesignCurve,
+    DesignPoint,
+    DesignSearch,
+    DoubtedProbability,
+    FormSearch,
+    LevelSearch,
+    StudySummary,
+    Threshold,
+    read_summary,
+)
 
 BEFORE = Path(__file__).parent.parent / "folders_0_1"  # folders of version 0.1.0, signals with fewer rows and columns
 PEAK = "peak_subtalar_angle_deg"
@@ -74,3 +87,28 @@ def test_an_edited_summary_is_named_to_the_key(tmp_path: Path, changed: dict[str
         read_summary(tmp_path)
     assert str(caught.value).startswith(f"{tmp_path / 'summary.json'}")
     assert cause in str(caught.value)
+
+
+def test_a_value_that_holds_is_rounded_to_where_it_holds() -> None:
+    """1.1702 is the least: 1.17 would not do."""
+    found = DesignSearch("P(x above 1) <= 2 %", 0.02, "x", "brace.k", "", (0.2, 4.0), "least", (), 300, 0, 0.9, 0.1)
+    most = replace(found, find="largest")
+    for value, figures, up, down in (
+        (1.1702, 3, 1.18, 1.17),
+        (0.02349, 3, 0.0235, 0.0234),
+        (1250.0, 2, 1300.0, 1200.0),
+    ):
+        assert found.on_the_safe_side(value, figures) == pytest.approx(up)
+        assert most.on_the_safe_side(value, figures) == pytest.approx(down)
+    for value in (1.17, 0.5, -2.25, 0.0):
+        assert found.on_the_safe_side(value, 3) == pytest.approx(value)
+
+
+def test_motions_against_which_a_device_does_nothing_stand_apart() -> None:
+    held = (
+        Comfort("value", 1.0, {"supination_5deg": 0.3, "supination_10deg": 0.9, "dorsiflexion_10deg": 0.001}),
+        Comfort("low", 0.2, {"supination_10deg": 0.0, "dorsiflexion_10deg": 0.0, "plantarflexion_10deg": None}),
+    )
+    p, curve = DoubtedProbability(0.02), DesignCurve((), (), (), ())
+    point = DesignPoint("met", 1.0, 0.9, 1.1, 1.1, p, curve, 100, 0, comfort=held)
+    assert point.motions == (["supination", "plantarflexion"], ["dorsiflexion"])
