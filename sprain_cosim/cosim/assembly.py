@@ -20,7 +20,7 @@ from .hand_over import HandOver
 from .loops import make_consistent
 from .own_rate import OwnRate
 from .rest import outputs_at_rest
-from .schedule import Rate
+from .schedule import Rate, Schedule, schedule
 
 if TYPE_CHECKING:
     from .recorder import Recorder
@@ -106,6 +106,7 @@ class Assembly:
         self.parameters: Mapping[str, float] = {}
         self.time, self.stop = 0.0, math.inf
         self._started = False
+        self._schedules: dict[tuple[float, float, int], Schedule] = {}
         self._watched: list[tuple[Member, Values]] = []
         try:
             for component, layout in zip(system.components, layouts, strict=True):
@@ -210,6 +211,13 @@ class Assembly:
         if member.scaled:
             member.input_values *= member.factor
             member.input_values += member.offset
+
+    def schedule(self, start: float, step: float, steps: int) -> Schedule:
+        """Made once for all runs with these times. Raises InputError."""
+        times = start, step, steps
+        if times not in self._schedules:
+            self._schedules[times] = schedule(self.system.components, *times)
+        return self._schedules[times]
 
     def start(
         self, parameters: Mapping[str, float], time: float, stop: float, rates: Mapping[str, Rate] | None = None

@@ -54,7 +54,8 @@ def turning_jumps(passed: Exchange) -> dict[int, float]:
         peak = int(np.argmax(angle))
         if BESIDE < peak < len(angle) - BESIDE:
             changes = np.abs(np.diff(torque))
-            jump, usual = changes[peak - 2 : peak + 2].max(), np.median(changes[peak - BESIDE : peak + BESIDE])
+            near = np.sort(changes[peak - BESIDE : peak + BESIDE])
+            jump, usual = changes[peak - 2 : peak + 2].max(), 0.5 * (near[BESIDE - 1] + near[BESIDE])  # its median
             if jump > max(SLIDING * abs(float(torque[peak])), SLIDING_LEAST, 3.0 * usual):
                 out[axis] = float(jump)
     return out

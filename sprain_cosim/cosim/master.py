@@ -29,7 +29,7 @@ from .coupling import Coupling, begin
 from .native_steps import NativeSteps
 from .recorder import Recorder
 from .result import Held, Result
-from .schedule import Schedule, schedule
+from .schedule import Schedule
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Master:
 
     def _run(self, assembly: Assembly, parameters: Mapping[str, float]) -> Result:
         began = perf_counter()
-        plan = schedule(assembly.system.components, self.start, self.communication_step, self.steps)
+        plan = assembly.schedule(self.start, self.communication_step, self.steps)
         coupling, points, status, message = None, 0, "completed", ""
         recorder: Recorder | None = None
         try:
@@ -116,7 +116,7 @@ class Master:
         if coupling and recorder and not message:
             error, warning = coupling.judgement(assembly, recorder.passed, plan)
         return Result(
-            time=plan.record[: len(values)],
+            time=plan.record[: len(values)].copy(),
             values=values,
             names=recorder.names if recorder else tuple(assembly.names),
             units=recorder.units if recorder else tuple(assembly.units),

@@ -33,7 +33,7 @@ def growth(scheme: str, device: Linearisation, step: float, steps: int) -> float
     coupled system does; at most 1 where it adds nothing."""
     device = _part(device, device.period == 0)
     with np.errstate(over="ignore", invalid="ignore"):
-        exact, ours = _eigenvalues(_exact(device, step)), _eigenvalues(_matrix(scheme, device, step))
+        exact, ours = _exact(device, step), _eigenvalues(_matrix(scheme, device, step))
     nearest = exact[np.abs(ours[:, None] - exact[None, :]).argmin(axis=1)]
     return _power(float((np.abs(ours) / np.maximum(1.0, np.abs(nearest))).max(initial=0.0)), steps)
 
@@ -44,8 +44,8 @@ def own_growth(device: Linearisation, period: float, span: float) -> float:
     part = _part(device, device.period == period)
     steps = max(1, round(span / period)) if period else 1000
     with np.errstate(over="ignore", invalid="ignore"):
-        matrix = _matrix("gauss-seidel", part, period) if period else _exact(part, span / steps)
-    return _power(float(np.abs(_eigenvalues(matrix)).max(initial=0.0)), steps)
+        own = _eigenvalues(_matrix("gauss-seidel", part, period)) if period else _exact(part, span / steps)
+    return _power(float(np.abs(own).max(initial=0.0)), steps)
 
 
 def _part(device: Linearisation, rows: NDArray[np.bool_]) -> Linearisation:
@@ -91,10 +91,12 @@ def _matrix(scheme: str, device: Linearisation, step: float) -> Matrix:
     return inside[: 2 * d, : 2 * d] + inside[: 2 * d, 2 * d :] @ (handed - law)
 
 
-def _exact(device: Linearisation, step: float) -> Matrix:
-    """The coupled system itself over `step`."""
+def _exact(device: Linearisation, step: float) -> NDArray[Any]:
+    """Eigenvalues of the coupled system itself over `step`: the exponentials of those of its motion."""
     n = 2 * len(device.axes)
-    return _exponential(step * _motion(device, np.hstack([device.stiffness, device.damping])))[:n, :n]
+    rates = _eigenvalues(_motion(device, np.hstack([device.stiffness, device.damping]))[:n, :n])
+    values = np.exp(step * rates)
+    return np.where(np.isfinite(values), values, HUGE)
 
 
 def _motion(device: Linearisation, law: Matrix) -> Matrix:

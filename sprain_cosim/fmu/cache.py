@@ -326,7 +326,7 @@ def _files(folder: Path) -> Iterator[tuple[str, os.stat_result]]:
     waiting = [""]
     while waiting:
         inside = waiting.pop()
-        with os.scandir(folder / inside) as listed:
+        with os.scandir(f"{folder}/{inside}") as listed:
             for found in listed:
                 name = f"{inside}{found.name}"
                 if found.is_dir(follow_symlinks=False):

@@ -8,6 +8,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from ..errors import InputError, nearest
 from ..units import Unit, quantity
@@ -172,17 +173,17 @@ class Element(ABC):
         """{name: connector} of one causality, in the order of the description."""
         return {n: c for n, c in self.connectors.items() if c.causality == causality}
 
-    @property
+    @cached_property
     def inputs(self) -> dict[str, Connector]:
         """What can be fed."""
         return self.select("input")
 
-    @property
+    @cached_property
     def outputs(self) -> dict[str, Connector]:
         """What can feed an input."""
         return self.select("output")
 
-    @property
+    @cached_property
     def parameters(self) -> dict[str, Connector]:
         """What may be set before a run."""
         return self.select("parameter")
