@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import click
 
-from . import __version__, signals
+from . import __version__, signals, terminal
 from .errors import InputError, SimulationError, SprainError, visible
 
 if TYPE_CHECKING:
@@ -1164,6 +1164,7 @@ def main(arguments: list[str] | None = None) -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of one thread, this process can be copied for its children
     received = signals.interrupt()
     _keep_stdout()
+    terminal.make_readable()
     code = _run(arguments, received)
     if received:
         signals.settle()

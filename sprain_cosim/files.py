@@ -265,9 +265,16 @@ def parse_toml(text: str, place: str) -> dict[str, Any]:
             raise ValueError(f"a key has more than {DEEPEST} parts")
         return tomllib.loads(text.removeprefix("\ufeff"))
     except tomllib.TOMLDecodeError as problem:
-        raise InputError(f"{place}: not valid TOML: {problem}") from None
+        raise InputError(f"{place}: not valid TOML: {problem}{_backslash(text, str(problem))}") from None
     except (ValueError, RecursionError) as problem:
         raise InputError(f"{place}: not valid TOML: {_reason(problem)}") from None
+
+
+def _backslash(text: str, problem: str) -> str:
+    """What to do where a path was written as Windows has it."""
+    found = re.search(r"at line (\d+)", problem)
+    line = text.splitlines()[int(found[1]) - 1] if found else ""
+    return "; write a path of Windows with / , or between single quotes" if re.search(r'"[^"]*\\', line) else ""
 
 
 def _reason(problem: Exception) -> str:

@@ -152,6 +152,12 @@ static int one_step(Run *run) {
    `point`, `member` and `status` say which. */
 EXPORT int take_steps(Run *run, double limit) {
     double end = seconds() + limit;
+#ifdef _WIN32 /* what the C library of Python saved is not laid out as fesetenv of this library reads it */
+    fenv_t own;
+    fegetenv(&own);
+    for (int64_t k = 0; k < run->count; k++)
+        if (run->members[k].environment) run->members[k].environment = &own;
+#endif
     while (run->point < run->points) {
         int outcome = one_step(run);
         if (outcome != FINISHED) return outcome;

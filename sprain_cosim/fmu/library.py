@@ -22,6 +22,7 @@ MACHINES = {
     "riscv64": 243,
 }  # e_machine of the ELF specification
 
+OWN_PE = {"AMD64": 0x8664, "ARM64": 0xAA64, "x86": 0x14C}  # Machine of the PE format, by platform.machine()
 SYSTEMS = {"win": "Windows", "x86-win": "Windows", "x86_64-win": "Windows", "darwin": "macOS", "linux": "Linux"}
 SOURCES = (".c", ".cc", ".cpp", ".cxx")
 FROM_SOURCES = "docs/exporting.md, From C sources"
@@ -77,7 +78,8 @@ def problem(data: bytes) -> str:
     )
     if magic and not data.startswith(magic):
         return "is no shared library for this platform; export the FMU for it"
-    return _elf(data) if sys.platform == "linux" else ""
+    judge = {"linux": _elf, "win32": _pe}.get(sys.platform)
+    return judge(data) if judge else ""
 
 
 def missing_functions(data: bytes, fmi_version: str, model_exchange: bool, identifier: str) -> list[str]:
@@ -97,6 +99,23 @@ def missing_functions(data: bytes, fmi_version: str, model_exchange: bool, ident
     if prefix == "fmi1":
         functions = [f"{identifier}_{n.replace('fmi1', 'fmi')}" for n in functions]
     return [n for n in functions if n.encode() not in data]
+
+
+def _pe(data: bytes) -> str:
+    """Of a DLL."""
+    place = struct.unpack_from("<I", data, 60)[0] if len(data) >= 64 else 0
+    if len(data) < place + 24 or data[place : place + 4] != b"PE\0\0":
+        return "is no DLL; export the FMU again"
+    machine, sections, options = (struct.unpack_from("<H", data, place + at)[0] for at in (4, 6, 20))
+    wide, own = sys.maxsize > 2**32, OWN_PE.get(platform.machine())
+    if own is not None and machine != own:
+        return f"is no {64 if wide else 32}-bit DLL for {platform.machine()}; export the FMU for this platform"
+    table = place + 24 + options
+    if len(data) < table + 40 * sections:
+        return "is cut off; export the FMU again"
+    parts = [struct.unpack_from("<II", data, table + 40 * k + 16) for k in range(sections)]
+    cut = any(place and place + size > len(data) for size, place in parts)
+    return "is cut off; export the FMU again" if cut else ""
 
 
 def _elf(data: bytes) -> str:

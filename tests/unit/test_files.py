@@ -166,3 +166,11 @@ def test_control_characters_are_shown_not_sent() -> None:
     from sprain_cosim.errors import visible
 
     assert visible("a\x1b[31mred\x07\x9b2J\u202eé ·\n") == "a\\x1b[31mred\\x07\\x9b2J\\u202eé ·\n"
+
+
+def test_a_path_of_windows_in_toml_is_explained() -> None:
+    with pytest.raises(InputError, match="write a path of Windows with / , or between single quotes"):
+        files.parse_toml('[components.brace]\nfmu = "C:\\vendor\\brace.fmu"\n', "own.toml")
+    with pytest.raises(InputError) as other:
+        files.parse_toml("[components.brace\n", "own.toml")
+    assert "Windows" not in str(other.value)
