@@ -217,7 +217,7 @@ class _Sample:
             notes.append("its distributions are not recorded")
         else:
             marginals, joint = _distributions(path, plan, names)
-            correlated = not joint.is_independent
+            correlated = not joint.is_independent or plan.population is not None  # of two sexes, by the choice of one
         size = _base_points(path, x, numbers, failed) if method == INDICES else 0
         units = {name: heading_of(name)[1] or "1" for name in names} | {name: unit_of(name) or "1" for name in y}
         return cls(method, names, x, y, units, numbers, failed, marginals, joint, correlated, size, tuple(notes))

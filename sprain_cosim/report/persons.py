@@ -21,8 +21,8 @@ OF_WORST = (
     "input their mean lies from that of the other landings. Small: 95 % intervals."
 )
 OF_GROUPS = (
-    "What each group of inputs explains of the response's variance by itself, judged by landings left out; the rest "
-    "needs several groups together, or is not smooth. Small: 95 % intervals."
+    "What each group of inputs explains of the response's variance by itself, by a polynomial of degree 1 or 2; the "
+    "rest needs several groups together, or is not smooth. Small: 95 % intervals."
 )
 
 
