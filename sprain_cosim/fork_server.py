@@ -38,7 +38,7 @@ from typing import IO, Any, NoReturn
 
 LARGEST = 1 << 17  # B of a request: module, arguments, environment
 DESCRIPTORS = 4  # of a child at most: its output, and what it talks with
-PATIENCE = 60.0  # s for an answer of the server, which may be starting
+PATIENCE, ANSWER = 60.0, 10.0  # s for the first answer of a server, which may be starting; for any other
 SET_DEATH_SIGNAL = 1
 LOOK = 1000  # ms between two looks whether the process that is served is still there
 AT_START = (  # of variables that a process reads when it starts, or a library when it is loaded
@@ -248,6 +248,7 @@ class ForkServer:
                 socket.send_fds(self._wire, [content], list(descriptors))
                 while reply.get("number") != self._number:
                     reply = json.loads(self._wire.recv(LARGEST))
+                self._wire.settimeout(ANSWER)
             except (OSError, ValueError) as problem:
                 raise ServerGone(str(problem)) from None
         if "error" in reply:
@@ -291,6 +292,7 @@ def _begin_as_copy(wire: socket.socket, parent: int, package: Path) -> NoReturn:
     """Nothing of the program that was copied goes on here: no signal handler, no descriptor, no text that it had still
     to write, no current folder."""
     try:
+        gc.freeze()  # what the program has left over is never finalised here: its descriptors are others' from now on
         os.setsid()
         _usual_signals()
         _close_all_but([wire.fileno()])

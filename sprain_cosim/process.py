@@ -192,11 +192,11 @@ class Line:
     def receive(self, deadline: float = math.inf) -> Frame:
         """`deadline` [s] by `monotonic`. Raises TimeoutError after it, EOFError when the other end is closed,
         ValueError for what is no frame."""
-        head = self._read(HEADER.size, deadline)
+        start = self._read(HEADER.size + CHECKSUM.size, deadline)
+        head, checksum = start[: HEADER.size], CHECKSUM.unpack(start[HEADER.size :])[0]
         length, trial, number, process = HEADER.unpack(head)
         if length > FRAME_LIMIT:
             raise ValueError(STRANGE)
-        checksum = CHECKSUM.unpack(self._read(CHECKSUM.size, deadline))[0]
         content = self._read(length, deadline)
         if checksum != _checksum(head, content):
             raise ValueError(STRANGE)
