@@ -237,10 +237,11 @@ def recursion(laboratory: Laboratory) -> list[CheckRow]:
     landings. Frames show in pose, angles and ground forces; mass matrix and bias in speeds and effective inertias.
     Of the random states the muscles' own signals are left out: a tendon that starts slack turns rounding into the 1e-10
     to which the fibres' start is found."""
-    found = {name: _random_states(name) for name in ("plant", "plant_mujoco")}
-    first, second = found.values()
-    off = np.abs(first - second).max(axis=0) / np.maximum(np.abs(first).max(axis=0), 1e-12)
-    rows = [CheckRow(f"{len(first)} random states", float(off.max()), 0.0, 1e-9)]
+    rows = []
+    for whose, more in (("", {}), (f" of {N_LANDINGS} scaled persons", RANDOM_PERSONS)):
+        first, second = (_random_states(name, RANDOM_PARAMETERS | more) for name in ("plant", "plant_mujoco"))
+        off = np.abs(first - second).max(axis=0) / np.maximum(np.abs(first).max(axis=0), 1e-12)
+        rows.append(CheckRow(f"{len(first)} random states{whose}", float(off.max()), 0.0, 1e-9))
     for entry in laboratory.figures["landing"]:
         overrides = {"plant.initial_pose": entry["pose"], **entry.get("set", {})}
         ours = laboratory.run("incline30", overrides, step="0.25 ms")
@@ -251,7 +252,7 @@ def recursion(laboratory: Laboratory) -> list[CheckRow]:
     return rows
 
 
-def _random_states(name: str) -> Values:
+def _random_states(name: str, parameters: Mapping[str, tuple[float, float]]) -> Values:
     """(states, outputs and locals but those of muscles) of one plant; the same states for the other."""
     random = np.random.default_rng(20211208)
     chosen = Component.read("plant", FMUS / f"{name}.fmu")
@@ -261,7 +262,7 @@ def _random_states(name: str) -> Values:
     with Driver(chosen, outputs=outputs) as driver:
         driver.instance.watch_locals(hidden, reached)
         for _ in range(N_LANDINGS):
-            driver.start({key: float(random.uniform(*bounds)) for key, bounds in RANDOM_PARAMETERS.items()}, stop=1.0)
+            driver.start({key: float(random.uniform(*bounds)) for key, bounds in parameters.items()}, stop=1.0)
             for _ in range(N_STATES):
                 inputs = {
                     key: float(random.uniform(-1.0, 1.0) * size)
@@ -285,6 +286,11 @@ RANDOM_PARAMETERS = {  # SI
     "passive_angle_scale": (0.5, 2.0),
     "body_reflex_scale": (0.0, 2.0),
     "initial_ankle_activation": (0.2, 1.0),
+}
+RANDOM_PERSONS = {
+    "body_mass": (45.0, 120.0),
+    "muscle_force_scale": (0.7, 1.4),
+    **{f"{part}_scale_{k}": (0.8, 1.25) for part in ("pelvis", "thigh", "shank", "foot", "torso") for k in "xyz"},
 }
 RANDOM_INPUTS = {"_excitation": 1.0, "_torque": 20.0}  # largest
 
