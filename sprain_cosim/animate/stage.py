@@ -241,9 +241,9 @@ class _Actor:
         run.need(self.skeleton.coordinates, "a drawing")
         self.braced = bool(brace_torques(run.result))
         self.incline = run.parameter(self.skeleton.content["platform"]["incline"])
-        self.pivot = np.array(self.skeleton.content["platform"]["pivot"])
         sine, cosine = math.sin(self.incline), math.cos(self.incline)
         self.turn = np.array([[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]])
+        self.pivot, self.raised = self._stand()
         self.colours = np.array([part_colour(part) for part in self.skeleton.parts])
         worn = np.array([self.braced or part != "brace" for part in self.skeleton.parts])
         self.whole, self.near = (
@@ -253,6 +253,17 @@ class _Actor:
                 [not part.startswith("left") and part not in ("shirt", "shorts") for part in self.skeleton.parts]
             ),
         )
+
+    def _stand(self) -> tuple[np.ndarray, float]:
+        """The middle (3,) of the drawn part of the platform, and how far it lies above the pivot [m]: the pivot, or
+        under the foot of a motion that lands beside what is drawn there."""
+        pivot = np.array(self.skeleton.content["platform"]["pivot"], float)
+        first = {c: float(self.run.result[f"plant.{c}"][0]) for c in self.skeleton.coordinates}
+        along = self.turn @ (self.skeleton.point("ankle", self.skeleton.pose(first)) - pivot)
+        if (np.abs(along) <= HALF)[[0, 2]].all():
+            return pivot, 0.0
+        moved = pivot + along[0] * self.turn[0] + along[2] * self.turn[2]
+        return moved, float(moved[1] - pivot[1])
 
     def __getitem__(self, name: str) -> np.ndarray:
         """(n,) a signal of the record; zeros where the record has none."""
@@ -279,7 +290,7 @@ class _Panel:
         self.stage, self.actor, self.view, self.left, self.top, self.tall = stage, actor, view, left, top, tall
         self.reach, self.degrees = reach, degrees  # px/N and degrees of arc per N.m
         middle = actor.pivot + view.at * view.right
-        middle[1] = 0.5 * (view.low + view.high)
+        middle[1] = 0.5 * (view.low + view.high) + actor.raised
         self.camera = Camera(view.right, Y, middle, tall / (view.high - view.low), view.width, tall)
         page = stage.page
         page.add_patch(

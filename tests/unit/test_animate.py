@@ -54,6 +54,23 @@ def test_pose_is_that_of_the_kernels() -> None:
             assert np.abs(pose[name][1] - theirs.state["xmat"][k].reshape(3, 3)).max() < 1e-12
 
 
+def test_the_platform_is_drawn_where_a_motion_lands(braced: Landing) -> None:
+    """A foot beside the drawn part takes it and the camera along: two places give the same picture."""
+    pictures = []
+    for place in ("-1 m", "-2.5 m"):
+        chosen = load_scenario("incline30").override("plant.pelvis_tz_at_contact", place).override(
+            "plant.pelvis_tx_at_contact", place
+        )  # fmt: skip
+        result = chosen.with_master(stop="0.5 ms").recording("plant.*").run()
+        landing = Landing("", "", None, result, {"plant.platform_incline": np.pi / 6}, PLANT)
+        stage = Stage([landing], 20.0)
+        pictures.append(next(iter(stage.frames(np.zeros(1)))).astype(int))
+        assert np.abs(stage.actors[0].pivot - stage.actors[0].skeleton.content["platform"]["pivot"]).max() > 0.5
+    assert np.abs(pictures[0] - pictures[1]).mean() < 0.05
+    usual = Stage([braced], 20.0).actors[0]
+    assert usual.pivot.tolist() == usual.skeleton.content["platform"]["pivot"]
+
+
 def test_the_drawing_scales_with_the_person() -> None:
     """Bodies where the kernels have them, and every fused body where the scaling of the plant puts it."""
     from fmus.plant.model import load_bodies
