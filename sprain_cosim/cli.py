@@ -880,7 +880,10 @@ def animate_command(folders: tuple[Path, ...], trial: str | None, slow: float, o
 @click.argument("folder", type=click.Path(path_type=Path))
 @TRIAL
 @click.option(
-    "--format", "kind", type=click.Choice(["sto", "mot", "csv", "parquet"]), help="Default: by the ending of the file."
+    "--format",
+    "kind",
+    type=click.Choice(["sto", "mot", "csv", "parquet", "glb"]),
+    help="Default: by the ending of the file.",
 )
 @click.option(
     "--content",
@@ -892,10 +895,18 @@ def animate_command(folders: tuple[Path, ...], trial: str | None, slow: float, o
 def export_command(
     folder: Path, trial: str | None, kind: str | None, content: str | None, speeds: bool, out: Path
 ) -> None:
-    """Write the landing in FOLDER for other tools: OpenSim .sto and .mot, CSV, Parquet."""
+    """Write the landing in FOLDER for other tools: OpenSim .sto and .mot, CSV, Parquet, glTF (.glb)."""
     from .export.landing import write_landing
     from .folders.landing import load_landing
 
+    if (kind or out.suffix.lower().removeprefix(".")) == "glb":
+        from .export.gltf import write_glb
+
+        if content or speeds:
+            raise InputError(f"{out}: a .glb holds what moves; leave --content and --speeds out")
+        poses, seconds = write_glb(load_landing(folder, trial), out)
+        _show(f"written: {out} ({poses} poses, an animation of {seconds:.1f} s, {out.stat().st_size / 1e6:.1f} MB)")
+        return
     rows, columns = write_landing(load_landing(folder, trial), out, kind, content, speeds)
     _show(f"written: {out} ({rows} rows, {columns} columns and time)")
 
@@ -962,8 +973,13 @@ def motion_command(
 
 @cli.command("report")
 @FOLDERS
+@click.option(
+    "--trial",
+    metavar="N|worst|pXX|none",
+    help="Landing of a study that can be turned (default p50); none: no landing, nothing is simulated.",
+)
 @out_option("Where report.html goes (default: the first folder).", metavar="FILE|DIR")
-def report_command(folders: tuple[Path, ...], out: Path | None) -> None:
+def report_command(folders: tuple[Path, ...], trial: str | None, out: Path | None) -> None:
     """Write one HTML file about what the FOLDERS of runs, studies and comparisons hold: verdict, tables, figures,
     inputs, provenance, limits."""
     from .folders.read import edited_since, read_folders
@@ -972,7 +988,7 @@ def report_command(folders: tuple[Path, ...], out: Path | None) -> None:
     found = read_folders(folders)
     for line in edited_since(found):
         _show(f"warning: {line}", err=True)
-    _show(f"written: {write_report(found, out or folders[0])}")
+    _show(f"written: {write_report(found, out or folders[0], trial)}")
 
 
 @cli.command("scenarios")

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
@@ -18,9 +19,10 @@ from matplotlib.text import Text
 
 from ..errors import InputError
 from ..figures import DEGREES
-from ..figures.style import ANATOMY, BRACE, FAINT, GROUND, INK, MUTED, SERIES, SUBTALAR, TALOCRURAL
+from ..figures.style import ANATOMY, BRACE, FAINT, GROUND, INK, MUTED, SUBTALAR, TALOCRURAL, palette
 from ..folders.landing import Landing
 from ..metrics import brace_torques
+from .moving import HALF_PLATFORM
 from .skeleton import Pose, Skeleton
 from .solid import PAPER, Camera
 
@@ -32,8 +34,9 @@ COLOURS = {
     "skin": (0.86, 0.68, 0.56),
     "foot": (0.86, 0.68, 0.56),
     "sole": (0.78, 0.60, 0.48),
+    "bone": (0.93, 0.90, 0.82),
 }
-PLATFORM, HALF = np.array([0.68, 0.735, 0.79]), np.array([0.24, 0.018, 0.24])  # colour, half extents [m]
+PLATFORM, HALF = np.array([0.68, 0.735, 0.79]), np.array(HALF_PLATFORM)  # colour, half extents [m]
 X, Y, Z = np.eye(3)
 EDGE, HEAD, GAP, CHART, FOOT = 14, 58, 12, 196, 28  # px
 # s; the force arrow's scale leaves out the first contact, which may be five times larger in the published pose
@@ -83,11 +86,16 @@ class Stage:
     """`frames(times)` yields pictures (height, width, 3) uint8 of the landings side by side, all at the same time after
     contact [s]."""
 
-    def __init__(self, runs: Sequence[Landing], slow: float) -> None:
+    def __init__(self, runs: Sequence[Landing], slow: float, looks: Sequence[str] | None = None) -> None:
+        """`looks`: a colour for each of the landings; None: as figures of them would have."""
         if not 1 <= len(runs) <= MOST:
             raise InputError(f"{len(runs)} landings: up to {MOST} can be shown side by side")
         self.runs, self.slow = runs, slow
-        self.actors = [_Actor(run) for run in runs]
+        titles = [f"{n} {run.title}" for n, run in enumerate(runs)]
+        bare = [title for title, run in zip(titles, runs, strict=True) if not brace_torques(run.result)]
+        chosen = palette(titles, bare if len(bare) == 1 < len(runs) else ())
+        self.colours = [chosen[title][0] for title in titles] if looks is None else list(looks)
+        self.actors = [_Actor(run, colour if len(runs) > 1 else None) for run, colour in zip(runs, self.colours)]
         views, tall = _views(len(runs))
         block = sum(v.width for v in views) + GAP * (len(views) - 1)
         self.width = 2 * EDGE + len(runs) * block + (len(runs) - 1) * 2 * GAP
@@ -164,7 +172,9 @@ class Stage:
             room = block - (120 if n == len(self.runs) - 1 else 0)
             many = len(self.runs) > 1
             if many:
-                self.page.plot([left, left + 22], [20, 20], color=SERIES[n], linewidth=3.5, solid_capstyle="round")
+                self.page.plot(
+                    [left, left + 22], [20, 20], color=self.colours[n], linewidth=3.5, solid_capstyle="round"
+                )
             pose = f"initial pose {run.pose}" if run.pose else ""
             self._text(left + (30 if many else 0), 20, _short(run.title, room / 8.6), 14, INK, weight="bold")
             self._text(
@@ -216,7 +226,7 @@ class Stage:
             for where, values, colour, label, style in lines:
                 if (many and colour == TALOCRURAL) or (colour == BRACE and not actor.braced):
                     continue
-                charts[where].add(ms, values, SERIES[n] if many else colour, "" if many else label, style)
+                charts[where].add(ms, values, self.colours[n] if many else colour, "" if many else label, style)
         ends = max(1e3 * run.result.time[-1] for run in self.runs)
         for where, chart in enumerate(charts):
             chart.axes.set_xlim(0, ends)
@@ -236,7 +246,8 @@ class Stage:
 class _Actor:
     """A landing: its signals, and the pose at each time of the film."""
 
-    def __init__(self, run: Landing) -> None:
+    def __init__(self, run: Landing, cuff: str | None = None) -> None:
+        """`cuff`: its colour, where several braces are told apart."""
         self.run, self.skeleton = run, Skeleton.read(run.plant).scaled(run.parameter)
         run.need(self.skeleton.coordinates, "a drawing")
         self.braced = bool(brace_torques(run.result))
@@ -245,6 +256,8 @@ class _Actor:
         self.turn = np.array([[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]])
         self.pivot, self.raised = self._stand()
         self.colours = np.array([part_colour(part) for part in self.skeleton.parts])
+        if cuff is not None:
+            self.colours[[part == "brace" for part in self.skeleton.parts]] = to_rgb(cuff)
         worn = np.array([self.braced or part != "brace" for part in self.skeleton.parts])
         self.whole, self.near = (
             worn,
@@ -449,6 +462,7 @@ class _Chart:
 
 
 def part_colour(part: str) -> np.ndarray:
+    """(3,) of 0...1: the colour of a part of the drawn body."""
     colour = np.array(COLOURS[part.removeprefix("left ")])
     return 0.75 * colour + 0.25 * PAPER if part in ("left skin", "left foot") else colour
 

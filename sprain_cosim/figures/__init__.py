@@ -6,7 +6,21 @@ from .landings import DEGREES, PANELS, fan, landing_signals, moment_angle, phase
 from .law import calibration, torque_angle
 from .questions import Answer, Exceeded, questions
 from .samples import Sample, cdf, grid, level_search, percentiles, poses, published, tornado
-from .style import ANATOMY, BRACE, FAINT, GROUND, INK, SUBTALAR, TALOCRURAL, label, picture, save, shorten
+from .style import (
+    ANATOMY,
+    BRACE,
+    FAINT,
+    GROUND,
+    INK,
+    SUBTALAR,
+    TALOCRURAL,
+    Form,
+    drawn_as,
+    label,
+    picture,
+    save,
+    shorten,
+)
 
 __all__ = [
     "ANATOMY",
@@ -21,10 +35,12 @@ __all__ = [
     "Answer",
     "Designed",
     "Exceeded",
+    "Form",
     "Sample",
     "calibration",
     "cdf",
     "design_curve",
+    "drawn_as",
     "fan",
     "grid",
     "label",

@@ -1,5 +1,5 @@
-"""The figure of a comparison: how far the foot rolled, what each brace changed, who bore the moment, what ordinary
-motion costs."""
+"""The figures of a comparison: what each brace changed, and how sure that is; how far the foot rolled, who bore the
+moment, what ordinary motion costs."""
 
 from __future__ import annotations
 
@@ -9,20 +9,26 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 
-from ..folders.comparison import NONE, BraceSummary, ComparisonSummary
+from ..folders.comparison import NONE, BraceSummary, ComparisonSummary, MeanEstimate
+from ..literature import INJURY_INVERSION_TEXT
 from ..metrics import Signals
-from .style import ANATOMY, BLACK, BLUE, BRACE, FAINT, INK, PURPLE, SKY, SMALL, VERMILION, looks, sheet, shorten, styled
+from .style import ANATOMY, BRACE, FAINT, INK, Look, legend_line, letters, palette, sheet, shorten, small, styled
 
-PEAKS = (
-    ("peak_subtalar_angle_deg", "supination", BLUE, "o", -0.14),
-    ("peak_inversion_from_neutral_deg", "inversion", VERMILION, "s", 0.14),
+PEAKS = (  # response, name, marker, filled, place on the line
+    ("peak_subtalar_angle_deg", "supination", "o", True, -0.14),
+    ("peak_inversion_from_neutral_deg", "inversion", "s", False, 0.14),
 )
+INJURY = "probability_of_injury"
 PAD = 8.0  # points between a panel and its title
-MOTIONS = {"plantarflexion": SKY, "dorsiflexion": BLUE, "supination": PURPLE}
+MOTIONS = {"plantarflexion": 0.3, "dorsiflexion": 0.6, "supination": 1.0}  # how strong the brace's colour is
+FLOOR = 1e-5  # of a probability on a logarithmic axis
+Doubt = tuple[float, float]
 
 
 @styled
@@ -43,18 +49,18 @@ def comparison_figure(
         1.7 + 0.75 * len(braces),
     ]
     drawn, (first, changes, moments, motion) = sheet(heights, note.strip())
-    look = dict(zip(summary.braces, [(BLACK, "-"), *looks(len(summary.braces) - 1)], strict=True))
+    look = palette(list(summary.braces), [NONE])
     if runs:
         _curves(first, {n: runs[n] for n in shown}, look)
     else:
         _distribution(first, {n: peaks[n] for n in shown}, look)
-    _changes(changes, summary, braces)
+    _changes(changes, summary, braces, look)
     _moments(moments, summary.completed)
-    _motion(motion, {n: held for n in braces if (held := summary.braces[n].resistance_Nm)})
+    _motion(motion, {n: held for n in braces if (held := summary.braces[n].resistance_Nm)}, look)
     return drawn
 
 
-def _curves(axis: Axes, runs: Mapping[str, Signals], look: Mapping[str, tuple[str, Any]]) -> None:
+def _curves(axis: Axes, runs: Mapping[str, Signals], look: Mapping[str, Look]) -> None:
     for name, run in runs.items():
         angle = math.degrees(1.0) * run["plant.subtalar_angle"]
         colour, style = look[name]
@@ -76,7 +82,7 @@ def _curves(axis: Axes, runs: Mapping[str, Signals], look: Mapping[str, tuple[st
     axis.grid(axis="y")
 
 
-def _distribution(axis: Axes, peaks: Mapping[str, NDArray[np.float64]], look: Mapping[str, tuple[str, Any]]) -> None:
+def _distribution(axis: Axes, peaks: Mapping[str, NDArray[np.float64]], look: Mapping[str, Look]) -> None:
     """5 to 95 % as a line, the middle half as a bar, the median as a gap in it, the landings as ticks below."""
     for place, (name, values) in enumerate(peaks.items()):
         y = np.sort(values)
@@ -94,23 +100,85 @@ def _distribution(axis: Axes, peaks: Mapping[str, NDArray[np.float64]], look: Ma
     axis.set_xlabel("[deg], + supination")
 
 
-def _changes(axis: Axes, summary: ComparisonSummary, names: Sequence[str]) -> None:
-    for key, label, colour, marker, shift in PEAKS:
+def _changes(
+    axis: Axes, summary: ComparisonSummary, names: Sequence[str], look: Mapping[str, Look], numbers: bool = False
+) -> None:
+    """`numbers`: the change of the first peak in words at the right."""
+    for key, label, marker, filled, shift in PEAKS:
         for place, name in enumerate(names):
             e = summary.braces[name].difference_to_none.get(key)
             if e is None or e.value is None:
                 continue
-            ends = None
+            colour, ends = look[name][0], None
             if e.ci_low is not None and e.ci_high is not None:
                 ends = [[e.value - e.ci_low], [e.ci_high - e.value]]
-            axis.errorbar(e.value, place + shift, xerr=ends, fmt=marker, color=colour, capsize=2, elinewidth=1)
-        axis.plot([], [], marker, color=colour, label=label)
+            style: Any = dict(fmt=marker, color=colour, markerfacecolor=colour if filled else "white")
+            axis.errorbar(e.value, place + shift, xerr=ends, capsize=2, elinewidth=1, **style)
+            if numbers and filled:
+                words = _interval_words(e)
+                at: Any = dict(transform=axis.get_yaxis_transform(), ha="left", va="center", fontsize=small())
+                axis.text(1.02, place, words, color=letters(colour), **at)
+        axis.plot([], [], marker, color=INK, markerfacecolor=INK if filled else "white", label=label)
     axis.axvline(0, color=FAINT, linewidth=0.6, zorder=0)
     _named(axis, names, 0.75)
     interval = ", 95 % interval" if summary.has_intervals else ""
     axis.set_title(f"Change of the peak against no brace{interval}", pad=PAD)
     axis.set_xlabel("[deg], − less than without a brace")
     axis.legend(ncols=2, loc="lower left", handletextpad=0.2)
+
+
+def _interval_words(e: MeanEstimate) -> str:
+    value = f"{e.value:+.1f}°"
+    if e.ci_low is not None and e.ci_high is not None:
+        value += f"\n{e.ci_low:+.1f} … {e.ci_high:+.1f}"
+    return value.replace("-", "−")
+
+
+@styled
+def paired(summary: ComparisonSummary, doubts: Mapping[str, Doubt], look: Mapping[str, Look]) -> Figure:
+    """What each brace changed, paired over the same landings, and how likely the injury threshold is exceeded with
+    each: the answer of a comparison with both of its doubts.
+
+    - doubts: {brace: ends of the probability as far as the threshold is known}
+    - look: {brace: colour and line style}
+    """
+    shown = list(summary.completed)
+    braces = [n for n in shown if n != NONE]
+    risks = {n: e for n in shown if (e := summary.braces[n].metrics.get(INJURY)) and e.value is not None}
+    heights = [1.7 + 0.75 * len(braces)] + ([1.9 + 0.75 * len(risks)] if risks else [])
+    note = f"{summary.source}: {summary.count}, the same for every brace. "
+    note += f"Initial pose: {summary.initial_pose}." if summary.initial_pose else ""
+    figure, axes = sheet(heights, note.strip())
+    _changes(axes[0], summary, braces, look, numbers=True)
+    if risks:
+        _risks(axes[1], risks, doubts, look)
+    return figure
+
+
+def _risks(
+    axis: Axes, risks: Mapping[str, MeanEstimate], doubts: Mapping[str, Doubt], look: Mapping[str, Look]
+) -> None:
+    """Probabilities on a logarithmic axis: thick what the landings leave open, thin what the threshold does."""
+    at: Any = dict(transform=axis.get_yaxis_transform(), ha="left", va="center", fontsize=small())
+    for place, (name, e) in enumerate(risks.items()):
+        colour = look[name][0]
+        if name in doubts:
+            low, high = (100 * max(FLOOR, d) for d in doubts[name])
+            axis.plot([low, high], [place] * 2, color=colour, linewidth=1.0, marker="|", markersize=5)
+        if e.ci_low is not None and e.ci_high is not None:
+            low, high = (100 * max(FLOOR, d) for d in (e.ci_low, e.ci_high))
+            axis.plot([low, high], [place] * 2, color=colour, linewidth=5.5, alpha=0.45, solid_capstyle="butt")
+        value = 100 * max(FLOOR, e.value or 0.0)
+        axis.plot(value, place, "o", color=colour)
+        axis.text(1.02, place, f"{value:.2g} %", color=letters(colour), **at)
+    _named(axis, list(risks), 0.75)
+    axis.set_xscale("log")
+    axis.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axis.xaxis.set_minor_formatter(NullFormatter())
+    axis.set_title("Probability that inversion exceeds the injury range", pad=PAD)
+    axis.set_xlabel(f"[%], {INJURY_INVERSION_TEXT}° from neutral")
+    lines = [legend_line(INK, linewidth=5.5, alpha=0.45), legend_line(INK, linewidth=1.0, marker="|")]
+    axis.legend(lines, ["landings", "threshold"], ncols=2, loc="lower left", handletextpad=0.5)
 
 
 def _moments(axis: Axes, braces: Mapping[str, BraceSummary]) -> None:
@@ -129,7 +197,7 @@ def _moments(axis: Axes, braces: Mapping[str, BraceSummary]) -> None:
                 (3, 0),
                 textcoords="offset points",
                 va="center",
-                fontsize=SMALL,
+                fontsize=small(),
             )
     axis.margins(x=0.34)
     if axis.dataLim.x0 >= 0:
@@ -140,12 +208,13 @@ def _moments(axis: Axes, braces: Mapping[str, BraceSummary]) -> None:
     _squares(axis, {"anatomy": ANATOMY, "brace": BRACE})
 
 
-def _motion(axis: Axes, resistance: Mapping[str, Mapping[str, float]]) -> None:
+def _motion(axis: Axes, resistance: Mapping[str, Mapping[str, float]], look: Mapping[str, Look]) -> None:
     """`resistance` {brace: {posture: moment [N·m]}}. Bars at 10 degrees, a tick in each at 5."""
     height = 0.25
-    for k, (motion, colour) in enumerate(MOTIONS.items()):
-        for place, held in enumerate(resistance.values()):
+    for k, (motion, strength) in enumerate(MOTIONS.items()):
+        for place, (name, held) in enumerate(resistance.items()):
             at = place + (k - 1) * height
+            colour = _tint(look[name][0], strength)
             axis.barh(at, held[f"{motion}_10deg"], height=0.9 * height, color=colour)
             axis.plot([held[f"{motion}_5deg"]] * 2, [at - 0.45 * height, at + 0.45 * height], color=INK, linewidth=1.0)
     axis.axvline(0, color=FAINT, linewidth=0.6, zorder=0)
@@ -153,7 +222,11 @@ def _motion(axis: Axes, resistance: Mapping[str, Mapping[str, float]]) -> None:
     _named(axis, list(resistance), 0.6)
     axis.set_title("What 10° of ordinary motion costs (tick: 5°)", pad=PAD)
     axis.set_xlabel("moment of the brace [N·m], + resists the motion")
-    _squares(axis, MOTIONS)
+    _squares(axis, {motion: _tint(INK, strength) for motion, strength in MOTIONS.items()})
+
+
+def _tint(colour: str, strength: float) -> str:
+    return str(to_hex(tuple(1 - strength * (1 - np.array(to_rgb(colour))))))
 
 
 def _squares(axis: Axes, entries: Mapping[str, str]) -> None:
@@ -163,7 +236,7 @@ def _squares(axis: Axes, entries: Mapping[str, str]) -> None:
 
 def _named(axis: Axes, names: Sequence[str], room: float) -> None:
     """One line a brace, from above, with `room` below for a legend."""
-    axis.set_yticks(range(len(names)), [shorten(name, 16) for name in names])
+    axis.set_yticks(range(len(names)), [shorten("no brace" if name == NONE else name, 16) for name in names])
     axis.set_ylim(len(names) - 0.5 + room, -0.55)
     axis.tick_params(axis="y", length=0)
     axis.locator_params(axis="x", nbins=6)

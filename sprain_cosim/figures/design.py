@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from .style import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, SMALL, VERMILION, legend_above, legend_line, sheet, styled
+from .style import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, VERMILION, legend_above, legend_line, sheet, small, styled
 
 Array = NDArray[np.float64]
 LOWEST = 30.0  # times below the goal, where the axis of probabilities ends at the latest
@@ -135,7 +135,7 @@ def trade_off(
         entries.append((legend_line(GREEN, (0, (5, 1.6))), "the goal holds, 95 % sure at each value"))
     axis.set_ylim(*bounds)
     axis.set_xlabel(second)
-    axis.set_ylabel(quantity, fontsize=SMALL)
+    axis.set_ylabel(quantity, fontsize=small())
     axis.grid()
     legend_above(figure, entries)
     return figure

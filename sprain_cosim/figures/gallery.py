@@ -15,19 +15,21 @@ from numpy.typing import NDArray
 from .. import figures as plots
 from ..cosim.result import Result
 from ..errors import EnvironmentProblem, InputError
-from ..folders.comparison import ComparisonFolder
+from ..folders.comparison import NONE, ComparisonFolder
 from ..folders.read import Folder
 from ..folders.run import RunFolder, RunSummary, coupling_note, write_run
 from ..folders.study import StudyFolder
 from ..metrics import brace_torques
 from ..study.questions import law_name
 from ..study.summary import DesignSearch, LevelSearch
+from .comparison import paired
 from .persons import persons_figure
 from .records import published_records
 from .samples import Sample
 from .selection import (
     FEWEST,
     named_folders,
+    palette_of,
     pearson_intervals,
     pose_note,
     response_label,
@@ -36,6 +38,7 @@ from .selection import (
     spread_intervals,
     study_devices,
 )
+from .style import FORM, Form, drawn_as, palette
 
 FAN = 20  # trajectories for a fan
 
@@ -70,6 +73,9 @@ def draw(folders: Sequence[Folder]) -> Iterator[Drawn]:
     items = named_folders(folders)
     runs = [(name, item) for name, item in items if isinstance(item, RunFolder)]
     studies = [(name, item) for name, item in items if isinstance(item, StudyFolder)]
+    for folder in folders:
+        if isinstance(folder, ComparisonFolder):
+            yield from _of_comparison(folder, sum(isinstance(f, ComparisonFolder) for f in folders) > 1)
     if runs:
         for name, run in runs:
             if "plant.subtalar_angle" not in run.result.index:
@@ -99,13 +105,51 @@ def draw(folders: Sequence[Folder]) -> Iterator[Drawn]:
     yield Drawn("torque_angle", "Torque-angle laws of the paper's ankle and braces", caption, plots.torque_angle())
 
 
+def _of_comparison(folder: ComparisonFolder, several: bool) -> Iterator[Drawn]:
+    if not folder.summary.completed.keys() - {NONE}:
+        return
+    suffix = f"_{_file_name(folder.path)}" if several else ""
+    caption = (
+        "What each brace changed against no brace over the same landings, and how likely inversion exceeds the range "
+        "in which ankles of cadavers failed. Thick: what the landings leave open; thin: the same threshold with a law "
+        "of another shape, or what its specimens leave open. More landings narrow the first alone."
+    )
+    looks = {brace: FORM.get().palette.get(name) for brace, name in _names_of(folder).items()}
+    own = palette(list(folder.summary.braces), [NONE])
+    drawn = paired(folder.summary, threshold_doubts(folder), {b: looks.get(b) or own[b] for b in own})
+    yield Drawn(f"paired{suffix}", "What the braces change" + (f": {folder.title}" if several else ""), caption, drawn)
+
+
+def _names_of(folder: ComparisonFolder) -> dict[str, str]:
+    """{brace: its name in the palette} of a comparison that is drawn alone."""
+    return {brace: "no brace" if brace == NONE else brace for brace in folder.members}
+
+
+def threshold_doubts(folder: ComparisonFolder) -> dict[str, tuple[float, float]]:
+    """{brace: ends of the probability of injury as far as the threshold is known}, of studies that say them."""
+    found = {}
+    for brace, member in folder.members.items():
+        question = (
+            member.summary.questions.get("peak_inversion_from_neutral_deg") if isinstance(member, StudyFolder) else None
+        )
+        ends = question and (_both(question.threshold_ci) or _least_and_most(question.shapes))
+        if ends:
+            found[brace] = ends
+    return found
+
+
+def _least_and_most(shapes: Mapping[str, float] | None) -> tuple[float, float] | None:
+    return (min(shapes.values()), max(shapes.values())) if shapes else None
+
+
 def write_figures(folders: Sequence[Folder], out: Path) -> list[Path]:
     """All figures as PNG and SVG in `out`/figures."""
     target, written = out / "figures", list[Path]()
     try:
-        for drawn in draw(folders):
-            target.mkdir(parents=True, exist_ok=True)
-            written += plots.save(drawn.figure, target / drawn.name)
+        with drawn_as(Form(palette=palette_of(folders))):
+            for drawn in draw(folders):
+                target.mkdir(parents=True, exist_ok=True)
+                written += plots.save(drawn.figure, target / drawn.name)
     except OSError as problem:
         raise EnvironmentProblem(f"{target}: cannot be written: {problem.strerror or problem}") from None
     return written
@@ -113,7 +157,11 @@ def write_figures(folders: Sequence[Folder], out: Path) -> list[Path]:
 
 def _end(study: StudyFolder, of: int) -> str:
     """What a file name ends in that stands for one study of several."""
-    return "" if of == 1 else "_" + re.sub(r"[^\w.-]", "_", study.path.resolve().name)
+    return "" if of == 1 else "_" + _file_name(study.path)
+
+
+def _file_name(folder: Path) -> str:
+    return re.sub(r"[^\w.-]", "_", folder.resolve().name)
 
 
 def _of_runs(runs: Runs) -> Iterator[Drawn]:
@@ -398,7 +446,7 @@ def _fan(name: str, records: Sequence[Result]) -> tuple[str, Values, dict[str, V
     signals = {signal: np.array([r[signal] for r in records]) for signal in shown}
     if not brace_torques(records[0]):
         signals.pop("plant.brace_subtalar_moment", None)
-    return f"{name}, {len(records)} landings", time, signals
+    return name, time, signals
 
 
 def _phase(runs: Runs, studies: Studies) -> Iterator[Drawn]:

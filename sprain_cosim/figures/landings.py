@@ -24,13 +24,14 @@ from .style import (
     LINES,
     MOST_DRAWN,
     MUTED,
-    SMALL,
     band_above,
     legend_above,
     legend_line,
-    looks,
+    letters,
+    looks_of,
     sheet,
     shorten,
+    small,
     styled,
 )
 
@@ -54,9 +55,10 @@ def landing_signals(runs: Sequence[tuple[str, Signals]], note: str = "") -> Figu
     """Ankle angles, velocity, subtalar moments and ground reaction over time; `runs` are (title, signals), laid over
     each other, the subtalar peaks marked."""
     drawn = [p for p in PANELS if any(_has(run, p[1]) for _, run in runs)]
+    look = looks_of([title for title, _ in runs])
     figure, axes = sheet([2.9] + [2.3] * (len(drawn) - 1), note, sharex=True)
     for axis, (title, signal, factor) in zip(axes, drawn, strict=True):
-        for (color, style), (_, run) in zip(looks(len(runs)), runs, strict=True):
+        for (color, style), (_, run) in zip(look, runs, strict=True):
             if _has(run, signal):
                 axis.plot(1e3 * run.time, factor * run[signal], color=color, linestyle=style)
         _panel(axis, title)
@@ -66,7 +68,7 @@ def landing_signals(runs: Sequence[tuple[str, Signals]], note: str = "") -> Figu
         (int(np.argmax(run["plant.subtalar_angle"])), DEGREES * float(run["plant.subtalar_angle"].max()))
         for _, run in runs
     ]
-    for (color, _), (_, run), (k, peak) in zip(looks(len(runs)), runs, peaks, strict=True):
+    for (color, _), (_, run), (k, peak) in zip(look, runs, peaks, strict=True):
         at = 1e3 * run.time[k]
         axes[0].plot(at, peak, "o", color=color, markeredgecolor="white", markeredgewidth=0.6, zorder=4)
         if len(runs) <= 2:
@@ -75,12 +77,13 @@ def landing_signals(runs: Sequence[tuple[str, Signals]], note: str = "") -> Figu
                 textcoords="offset points",
                 ha="center",
                 va="bottom" if above else "top",
-                color=color,
-                fontsize=SMALL,
+                color=letters(color),
+                fontsize=small(),
                 bbox=PATCH,
             )
             axes[0].annotate(f"{peak:.1f}° at {at:.1f} ms", (at, peak), (0, 5 if above else -5), **style_of_text)
     band_above(axes[0], 0.18)
+    _share_moments(axes, drawn)
     axes[-1].set_xlabel(TIME)
     axes[-1].set_xlim(0, max(1e3 * run.time[-1] for _, run in runs))
     names = [
@@ -89,7 +92,7 @@ def landing_signals(runs: Sequence[tuple[str, Signals]], note: str = "") -> Figu
     ]
     legend_above(
         figure,
-        [(legend_line(color, style), name) for (color, style), name in zip(looks(len(runs)), names, strict=True)],
+        [(legend_line(color, style), name) for (color, style), name in zip(look, names, strict=True)],
     )
     return figure
 
@@ -99,20 +102,22 @@ def moment_angle(runs: Sequence[tuple[str, Signals]], note: str = "") -> Figure:
     """Resisting subtalar moment of anatomy and brace over the subtalar angle, as the landings went through them: a loop
     shows rate dependence or coupling with the other axes."""
     braced = any(_has(run, "plant.brace_subtalar_moment") for _, run in runs)
+    look = looks_of([title for title, _ in runs])
     figure, axes = sheet([3.6] * (1 + braced), note, sharex=True)
     for axis, who in zip(axes, ("anatomy", "brace"), strict=False):
         signal = f"plant.{who}_subtalar_moment"
-        for (color, style), (_, run) in zip(looks(len(runs)), runs, strict=True):
+        for (color, style), (_, run) in zip(look, runs, strict=True):
             if _has(run, signal):
                 angle, moment = DEGREES * run["plant.subtalar_angle"], run[signal]
                 axis.plot(angle, moment, color=color, linestyle=style)
                 k = int(np.argmax(angle))
                 axis.plot(angle[k], moment[k], "o", color=color, markeredgecolor="white", markeredgewidth=0.6, zorder=4)
         _panel(axis, f"moment of the {who} [N·m], + resists supination")
+    _share_moments(axes, [("", f"plant.{who}_subtalar_moment", 1.0) for who in ("anatomy", "brace")][: len(axes)])
     axes[-1].set_xlabel("subtalar angle [deg], + supination; ● at its peak")
     legend_above(
         figure,
-        [(legend_line(color, style), title) for (color, style), (title, _) in zip(looks(len(runs)), runs, strict=True)],
+        [(legend_line(color, style), title) for (color, style), (title, _) in zip(look, runs, strict=True)],
     )
     return figure
 
@@ -150,7 +155,7 @@ def _draw_tracks_and_points(
 ) -> list[tuple[Any, str]]:
     """Returns the entries of the legend."""
     titles = list(dict.fromkeys(title for title, _, _ in (*points, *tracks)))
-    look = dict(zip(titles, looks(len(titles)), strict=True))
+    look = dict(zip(titles, looks_of(titles), strict=True))
     diamond: Any = dict(markersize=3.5, markeredgecolor="white", markeredgewidth=0.5, zorder=4)
     for title, angle, velocity in points:
         dots: Any = dict(color=look[title][0], markersize=2.2, alpha=0.5, markeredgewidth=0)
@@ -209,7 +214,7 @@ def _limit_velocity(
     beyond = int(np.sum(velocities > top))
     if beyond:
         text = f"↑ {beyond} trials above, up to {velocities.max():.0f} deg/s"
-        axis.text(0.01, 0.99, text, fontsize=SMALL, color=MUTED, transform=axis.transAxes, va="top")
+        axis.text(0.01, 0.99, text, fontsize=small(), color=MUTED, transform=axis.transAxes, va="top")
 
 
 @styled
@@ -229,24 +234,22 @@ def sharing(rows: Sequence[tuple[str, Array, Array]], note: str = "") -> Figure:
                     [start + low, start + high], [k + offset] * 2, color=INK, linewidth=0.8, marker="|", markersize=3
                 )
         share = 100 * b / (a + b) if a + b else 0.0
-        axis.text(0, k - 0.26, shorten(title, 58), fontsize=SMALL, va="bottom")
-        axis.text(
-            a + b,
-            k,
-            f"  {a:.1f} + {b:.1f} N·m: {share:.0f} % brace" if len(brace) and b else f"  {a:.1f} N·m: no brace",
-            fontsize=SMALL,
-            va="center",
-        )
+        axis.text(0, k - 0.26, shorten(title, 58), fontsize=small(), va="bottom")
+        words = f"{a:.1f} + {b:.1f} N·m: {share:.0f} % brace" if len(brace) and b else f"{a:.1f} N·m: no brace"
+        beside: Any = dict(textcoords="offset points", fontsize=small(), va="center")
+        axis.annotate(words, (a + b, k), (4, 0), **beside)
     axis.set_ylim(len(rows) - 0.4, -0.75)
     axis.set_yticks([])
     axis.spines["left"].set_visible(False)
     axis.axvline(0, color=FAINT, linewidth=0.6)
     axis.set_xlim(min(0, axis.get_xlim()[0]), 1.7 * max(float(np.mean(a) + np.mean(b)) for _, a, b in rows))
     axis.set_xlabel("subtalar moment at peak supination [N·m], + resists")
-    entries = [
+    entries: list[tuple[Any, str]] = [
         (Rectangle((0, 0), 1, 1, color=ANATOMY), "anatomy"),
         (Rectangle((0, 0), 1, 1, facecolor=BRACE, hatch="////", edgecolor="white"), "brace"),
     ]
+    if any(len(anatomy) > 1 for _, anatomy, _ in rows):
+        entries.append((legend_line(INK, linewidth=0.8, marker="|", markersize=3), "5 … 95 % of landings"))
     legend_above(figure, entries, 2)
     return figure
 
@@ -257,7 +260,7 @@ def fan(groups: Sequence[tuple[str, Array, Mapping[str, Array]]], note: str = ""
     {signal: (n, t)}), up to three."""
     drawn = [p for p in PANELS if any(p[1] in signals for _, _, signals in groups)]
     figure, axes = sheet([2.9] + [2.3] * (len(drawn) - 1), note, sharex=True)
-    chosen = looks(len(groups))
+    chosen = looks_of([title for title, _, _ in groups])
     for axis, (title, signal, factor) in zip(axes, drawn, strict=True):
         for (color, style), (_, time, signals) in zip(chosen, groups, strict=True):
             if signal in signals:
@@ -276,11 +279,12 @@ def fan(groups: Sequence[tuple[str, Array, Mapping[str, Array]]], note: str = ""
                     if signal in signals
                 ],
             )
+    _share_moments(axes, drawn)
     axes[-1].set_xlabel(TIME)
     axes[-1].set_xlim(0, max(1e3 * time[-1] for _, time, _ in groups))
     entries: list[tuple[Any, str]] = [
-        (legend_line(color, style), f"{title}: median")
-        for (color, style), (title, _, _) in zip(chosen, groups, strict=True)
+        (legend_line(color, style), f"{title}, {len(next(iter(signals.values())))} landings: median")
+        for (color, style), (title, _, signals) in zip(chosen, groups, strict=True)
     ]
     entries += [
         (Rectangle((0, 0), 1, 1, color=GROUND, alpha=0.46, linewidth=0), "25 … 75 % of the landings at each moment"),
@@ -288,6 +292,14 @@ def fan(groups: Sequence[tuple[str, Array, Mapping[str, Array]]], note: str = ""
     ]
     legend_above(figure, entries)
     return figure
+
+
+def _share_moments(axes: Sequence[Axes], drawn: Sequence[tuple[str, str, float]]) -> None:
+    """One scale for the moments of anatomy and brace: what is ten times as large looks ten times as high."""
+    moments = [axis for axis, (_, signal, _) in zip(axes, drawn, strict=True) if signal.endswith("_subtalar_moment")]
+    ends = [axis.get_ylim() for axis in moments]
+    for axis in moments:
+        axis.set_ylim(min(low for low, _ in ends), max(high for _, high in ends))
 
 
 def _has(run: Signals, signal: str) -> bool:
@@ -306,7 +318,7 @@ def _cut_impact(axis: Axes, series: Sequence[tuple[Array, Array]]) -> None:
             0.99,
             0.97,
             f"cut off: {highest:.0f} kN in the first 5 ms",
-            fontsize=SMALL,
+            fontsize=small(),
             color=MUTED,
             transform=axis.transAxes,
             va="top",

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ..literature import BRACES, PASSIVE, PASSIVE_SOURCE
-from .style import FAINT, GREEN, LINES, SERIES, SMALL, legend_above, legend_line, sheet, styled
+from .style import FAINT, GREEN, LINES, SERIES, legend_above, legend_line, sheet, small, styled
 
 AXES = {
     "rotation_x": "X [N·m], + inversion (sole inward)",
@@ -48,7 +48,7 @@ def torque_angle(braces: Mapping[str, float] = BRACES, span: float = 35.0) -> Fi
         axis.axvline(0, color=FAINT, linewidth=0.6)
         axis.grid()
     axes[-1].set_xlabel("angle [deg]; torque + resists the positive angle")
-    axes[0].text(-span, 56, "clipped at ± 60 N·m", fontsize=SMALL, va="top")
+    axes[0].text(-span, 56, "clipped at ± 60 N·m", fontsize=small(), va="top")
     at30 = {n: resisting("rotation_x", np.array([math.radians(30)]), f)[0] for n, f in braces.items()}
     names = ["passive ankle (f = 1)", *(f"{n} (f = {f:g}, {at30[n]:.0f} N·m at X = 30°)" for n, f in braces.items())]
     legend_above(

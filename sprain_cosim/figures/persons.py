@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from ..folders.comparison import NONE, ComparisonSummary, Persons
 from ..literature import INJURY_INVERSION_TEXT
-from .style import BLACK, label, legend_above, legend_line, looks, sheet, styled
+from .style import label, legend_above, legend_line, palette, sheet, styled
 
 INJURY = "probability_of_injury"
 HEIGHT = 3.4  # cm of a panel
@@ -27,7 +27,7 @@ def persons_figure(summary: ComparisonSummary) -> Figure:
     note += "their 95 % intervals."
     drawn, axes = sheet([HEIGHT] * len(persons.bands), note, columns=2)
     braces = list(next(iter(persons.bands.values()))[0].metrics)
-    shown = dict(zip([NONE, *(b for b in braces if b != NONE)], [(BLACK, "-"), *looks(len(braces))], strict=False))
+    shown = palette(list(summary.braces), [NONE])
     for row, name in enumerate(persons.bands):
         left, right = axes[2 * row], axes[2 * row + 1]
         _by_measure(left, persons, name, persons.response, 1.0, {b: shown[b] for b in braces})

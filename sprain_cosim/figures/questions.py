@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from .style import BLUE, FAINT, INK, SMALL, VERMILION, legend_above, legend_line, sheet, styled
+from .style import BLUE, FAINT, FORM, INK, VERMILION, legend_above, legend_line, sheet, small, styled
 
 Array = NDArray[np.float64]
 Pair = tuple[float, float]
@@ -62,7 +62,7 @@ class Exceeded:
 def questions(answers: Sequence[Answer], curves: Sequence[Exceeded], note: str = "") -> Figure:
     """Each answer as two bars, sample above threshold, on a logarithmic axis; below, each response's probability of
     exceeding any fixed threshold, with its band."""
-    titles = [textwrap.wrap(answer.words, 58) for answer in answers]
+    titles = [textwrap.wrap(answer.words, FORM.get().letters_in(58)) for answer in answers]
     heights = [ROW + LINE * len(lines) for lines in titles]
     figure, axes = sheet([sum(heights) + 1.0, *(3.2 for _ in curves)], note)
     _draw_answers(axes[0], answers, titles, heights)
@@ -88,7 +88,7 @@ def _draw_answers(
         found = [*(answer.sampling or ()), *(answer.threshold or ()), *answer.shapes.values(), answer.value]
         least = min([least, *(v for v in found if v is not None and v > 0)])
         words = axis.text(
-            0, top, "\n".join(lines), fontsize=SMALL, transform=axis.get_yaxis_transform(), va="top", linespacing=1.15
+            0, top, "\n".join(lines), fontsize=small(), transform=axis.get_yaxis_transform(), va="top", linespacing=1.15
         )
         words.set_in_layout(False)  # longer than the panel, shorter than the sheet
         place = top + LINE * len(lines)

@@ -22,14 +22,15 @@ from .style import (
     PURPLE,
     SERIES,
     SKY,
-    SMALL,
     VERMILION,
     label,
     legend_above,
     legend_line,
-    looks,
+    letters,
+    looks_of,
     sheet,
     shorten,
+    small,
     styled,
 )
 
@@ -65,7 +66,7 @@ def cdf(samples: Sequence[Sample], quantity: str, note: str = "") -> Figure:
     4 of Yoder et al. 2021; circles are published percentiles. One or two samples carry their 95 % bounds."""
     figure, (axis,) = sheet([6.0], note)
     entries: Entries = []
-    for (color, style), sample in zip(looks(len(samples)), samples, strict=True):
+    for (color, style), sample in zip(looks_of([s.title for s in samples]), samples, strict=True):
         step_curve(axis, sample, color, style, len(samples) <= 2)
         entries.append((legend_line(color, style), sample.title))
         for level, value in sample.published.items():
@@ -116,7 +117,7 @@ def _draw_levels(axis: Axes, search: Sample, sample: Sample | None) -> Entries:
     if sample is not None and len(sample.values):
         step_curve(axis, sample, FAINT, "-", True)
         entries.append((legend_line(FAINT, linewidth=2), f"Monte Carlo, {len(sample.values)} landings, 95 % bounds"))
-    beside: Any = dict(textcoords="offset points", fontsize=SMALL, color=VERMILION, va="center", ha="right")
+    beside: Any = dict(textcoords="offset points", fontsize=small(), color=letters(VERMILION), va="center", ha="right")
     for level, (value, _, _) in search.percentiles.items():
         axis.plot(value, level / 100, "D", color=VERMILION, markersize=5, zorder=5)
         axis.annotate(f"{value:.1f}", (value, level / 100), (-7, 0), **beside)
@@ -184,8 +185,7 @@ def percentiles(samples: Sequence[Sample], quantity: str, note: str = "") -> Fig
     """5, 50 and 95 % levels of each sample with their 95 % intervals (thick), the span between them (thin), and
     published levels as circles."""
     figure, (axis,) = sheet([1.0 + 1.05 * len(samples)], note)
-    for k, sample in enumerate(samples):
-        color = SERIES[k % len(SERIES)]
+    for k, (sample, (color, _)) in enumerate(zip(samples, looks_of([s.title for s in samples]), strict=True)):
         values = [v for v, _, _ in sample.percentiles.values()]
         axis.plot([min(values), max(values)], [k, k], color=color, linewidth=0.9)
         for value, low, high in sample.percentiles.values():
@@ -194,10 +194,10 @@ def percentiles(samples: Sequence[Sample], quantity: str, note: str = "") -> Fig
         for value in sample.published.values():
             _circle(axis, value, k, 4.5)
         axis.text(
-            0, k - 0.24, shorten(sample.title, 44), fontsize=SMALL, transform=axis.get_yaxis_transform(), va="bottom"
+            0, k - 0.24, shorten(sample.title, 44), fontsize=small(), transform=axis.get_yaxis_transform(), va="bottom"
         )
         numbers = " / ".join(f"{v:.1f}" for v in values).replace("-", "−")
-        axis.text(1, k - 0.24, numbers, fontsize=SMALL, transform=axis.get_yaxis_transform(), va="bottom", ha="right")
+        axis.text(1, k - 0.24, numbers, fontsize=small(), transform=axis.get_yaxis_transform(), va="bottom", ha="right")
     axis.set_ylim(len(samples) - 0.5, -0.7)
     axis.set_yticks([])
     axis.spines["left"].set_visible(False)
@@ -252,8 +252,7 @@ def published(studies: Sequence[tuple[str, Array, Array]], note: str = "") -> Fi
     ends = [float(every.min()) - 1, float(every.max()) + 1]
     axis.plot(ends, ends, color=FAINT, linewidth=0.7)
     entries = []
-    for k, (title, theirs, ours) in enumerate(studies):
-        color = SERIES[k % len(SERIES)]
+    for (title, theirs, ours), (color, _) in zip(studies, looks_of([title for title, _, _ in studies]), strict=True):
         many = len(theirs) > MOST_DRAWN
         dots: Any = dict(color=color, markersize=2.5, alpha=0.6, markeredgewidth=0, rasterized=many)
         axis.plot(theirs, ours, ".", **dots)

@@ -14,7 +14,7 @@ from ..metrics import unit_of
 from ..study.summary import LevelSearch
 from ..uq import statistics
 from .samples import Interval, Sample
-from .style import label
+from .style import Look, label, palette
 
 LEVELS = (5.0, 50.0, 95.0)
 FEWEST = 4  # completed trials for a distribution
@@ -35,6 +35,30 @@ def named_folders(folders: Sequence[Folder]) -> list[Named]:
         items = [(f"{item.pose} pose · {name}" if item.pose else name, item) for name, item in items]
     names = [name for name, _ in items]
     return [(name if names.count(name) == 1 else f"{item.path.resolve().name} · {name}", item) for name, item in items]
+
+
+def palette_of(folders: Sequence[Folder]) -> dict[str, Look]:
+    """{name of `named_folders`: its look}. Landings without a brace look alike wherever others have one."""
+    items, compared = named_folders(folders), list[Folder | RunFolder | StudyFolder]()
+    keys: list[str] = []  # in the order of the folders, braces that failed included, so that no colour moves up
+    bare: set[str] = set()
+    names = {id(item): name for name, item in items}
+    for folder in folders:
+        if isinstance(folder, ComparisonFolder):
+            compared += folder.members.values()
+            of_brace = {b: names.get(id(folder.members.get(b)), f"{folder.path}: {b}") for b in folder.summary.braces}
+            keys += of_brace.values()
+            bare |= {name for brace, name in of_brace.items() if brace == NONE}
+        else:
+            keys.append(names[id(folder)])
+    alone = [name for name, item in items if not is_braced(item)]
+    if len(alone) == 1 and len(items) > 1:
+        bare |= set(alone)
+    return palette(keys, bare)
+
+
+def is_braced(item: RunFolder | StudyFolder) -> bool:
+    return "brace" in (item.summary.fmus if isinstance(item, RunFolder) else item.manifest.fmus)
 
 
 def sample_of(name: str, study: StudyFolder, response: str | None = None) -> Sample:

@@ -1,19 +1,25 @@
-"""How every figure looks: one journal column wide, letters of 7 points or more at that width, colours of Okabe & Ito
-(2008) that colour-blind readers tell apart, and a line style besides wherever a colour carries meaning."""
+"""How every figure looks: one journal column wide unless asked otherwise, letters of 7 points or more, colours of Okabe
+& Ito (2008) that colour-blind readers tell apart, and a line style besides wherever a colour carries meaning."""
 
 from __future__ import annotations
 
 import io
 import re
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
 from functools import wraps
 from pathlib import Path
+from string import ascii_uppercase
 from typing import Any, ParamSpec
 
+import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
@@ -22,7 +28,7 @@ from matplotlib.text import Text
 from ..errors import visible
 from ..files import write
 
-COLUMN = 8.5 / 2.54  # inches
+SINGLE, DOUBLE = 8.5, 17.8  # width of one and of two columns of a journal [cm]
 MOST_DRAWN = 2000  # points of a curve; of more points, a picture inside the figure
 SMALL, NORMAL = 7.0, 7.5  # points
 INK, FAINT = "#1f2933", "#9aa5b1"
@@ -36,10 +42,12 @@ BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, BLACK = (
     "#56B4E9",
     "#000000",
 )
-SERIES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
+SERIES = (BLUE, VERMILION, PURPLE, GREEN, SKY, ORANGE, BLACK)  # green and orange last: they are anatomy and brace
+UNBRACED = "#4b5563"  # landings without a brace beside landings with one
 SUBTALAR, TALOCRURAL, ANATOMY, BRACE, GROUND = VERMILION, BLUE, GREEN, ORANGE, "#5c677d"
+CONTRAST = 4.55  # of text against white; 4.5 is asked
 LINES: tuple[Any, ...] = ("-", (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
-STYLE: Any = {
+JOURNAL: Any = {
     "font.size": NORMAL,
     "axes.titlesize": NORMAL,
     "axes.labelsize": NORMAL,
@@ -116,6 +124,59 @@ RESPONSES = {
     "peak_vertical_grf_after_impact_N": "peak vertical ground reaction after 5 ms, + up",
 }
 P = ParamSpec("P")
+Look = tuple[str, Any]  # colour, line style
+
+
+@dataclass(frozen=True)
+class Form:
+    """What a reader wants of all figures of one call.
+
+    width     of a figure [cm]
+    screen    larger letters and thicker lines, for slides and pages; else as a journal prints it
+    panels    letters on the panels
+    palette   {title: its look}, for titles that should look the same in all of them
+    """
+
+    width: float = SINGLE
+    screen: bool = False
+    panels: bool = False
+    palette: Mapping[str, Look] = field(default_factory=dict)
+
+    @property
+    def scale(self) -> float:
+        """How much larger letters, lines and panels are than in a journal."""
+        return 1.4 if self.screen else 1.0
+
+    def letters_in(self, single: int) -> int:
+        """How many letters stand side by side where a single column of a journal has `single`."""
+        return int(single * self.width / SINGLE / self.scale)
+
+
+JOURNAL_COLUMN = Form()
+FORM: ContextVar[Form] = ContextVar("FORM", default=JOURNAL_COLUMN)
+
+
+def small() -> float:
+    """Size of the letters of notes and ticks [points]."""
+    return SMALL * FORM.get().scale
+
+
+def _style() -> Any:
+    """What matplotlib is told, in the present form."""
+    scale, sizes = FORM.get().scale, (".size", "size", "linewidth", "width", "pad", "markersize")
+    grown = {key: scale * value for key, value in JOURNAL.items() if key.endswith(sizes) and isinstance(value, float)}
+    found: Any = JOURNAL | grown
+    return found
+
+
+@contextmanager
+def drawn_as(form: Form) -> Iterator[None]:
+    """Figures that are drawn inside are of this form."""
+    token = FORM.set(form)
+    try:
+        yield
+    finally:
+        FORM.reset(token)
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
@@ -123,8 +184,10 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
     @wraps(draw)
     def inside(*args: P.args, **kwargs: P.kwargs) -> Figure:
-        with rc_context(STYLE):
+        with rc_context(_style()):
             figure = draw(*args, **kwargs)
+            if FORM.get().panels:
+                _letter_panels(figure)
             for text in figure.findobj(Text):
                 assert isinstance(text, Text)
                 if (shown := visible(text.get_text())) != text.get_text():
@@ -141,41 +204,81 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     return inside
 
 
+def _letter_panels(figure: Figure) -> None:
+    """A, B, C before the title of each panel."""
+    for letter, axis in zip(ascii_uppercase, figure.axes, strict=False):
+        title = axis.get_title(loc="left")
+        axis.set_title(f"{letter}   {title}".rstrip(), loc="left", fontweight="normal" if title else "bold")
+
+
 def sheet(heights: Sequence[float], note: str = "", columns: int = 1, **options: Any) -> tuple[Figure, list[Axes]]:
     """A figure with one row of `columns` panels of each of the `heights` [cm], and a `note` below."""
-    lines = textwrap.wrap(note, 62)
-    total = sum(heights) + 0.35 * len(lines) + 0.3
-    figure = Figure(figsize=(COLUMN, total / 2.54), layout=ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03, hspace=0.02))
+    form = FORM.get()
+    lines = textwrap.wrap(note, form.letters_in(62))
+    taller = min(1.3, max(1.0, form.width / form.scale / SINGLE) ** 0.5)  # a wide panel is a little taller
+    total = taller * sum(heights) + 0.35 * len(lines) + 0.3
+    figure = Figure(
+        figsize=(form.width / 2.54, form.scale * total / 2.54),
+        layout=ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03, hspace=0.02),
+    )
     FigureCanvasAgg(figure)
     axes = figure.subplots(len(heights), columns, squeeze=False, height_ratios=list(heights), **options)
     if note:
-        figure.supxlabel("\n".join(lines), color=MUTED, fontsize=SMALL, ha="left", x=0.01)
+        figure.supxlabel("\n".join(lines), color=MUTED, fontsize=small(), ha="left", x=0.01)
     return figure, list(axes.flat)
 
 
 def grow(figure: Figure, centimetres: float) -> None:
     """Room for what lies outside the panels, such as a legend."""
     width, height = figure.get_size_inches()
-    figure.set_size_inches(width, height + centimetres / 2.54)
+    figure.set_size_inches(width, height + FORM.get().scale * centimetres / 2.54)
 
 
 def legend_above(figure: Figure, entries: Sequence[tuple[Any, str]], columns: int = 1) -> None:
     """A legend over all panels; long names are broken."""
+    room = FORM.get().letters_in(52 if columns == 1 else 24)
     names = [
-        textwrap.fill(shorten(name, 110).replace(" %", "\u00a0%"), 52 if columns == 1 else 24, break_on_hyphens=False)
-        for _, name in entries
+        textwrap.fill(shorten(name, 110).replace(" %", "\u00a0%"), room, break_on_hyphens=False) for _, name in entries
     ]
     figure.legend([handle for handle, _ in entries], names, loc="outside upper left", ncols=columns)
     rows = [sum(n.count("\n") + 1 for n in names[k::columns]) for k in range(columns)]
     grow(figure, 0.33 * max(rows, default=0) + 0.1)
 
 
-def looks(count: int) -> list[tuple[str, Any]]:
+def looks(count: int) -> list[Look]:
     """Colour and line style of each series: first all colours, then all again in the next line style; two series differ
     in both."""
     if count <= len(LINES):
         return [(SERIES[k], LINES[k]) for k in range(count)]
     return [(SERIES[k % len(SERIES)], LINES[k // len(SERIES) % len(LINES)]) for k in range(count)]
+
+
+def palette(names: Sequence[str], unbraced: Collection[str] = ()) -> dict[str, Look]:
+    """{name: its look}: UNBRACED for those without a brace, the series' colours in turn for the others. The one place
+    where a result gets its colour: figures, page, film and the landing to turn take it from here."""
+    bare = [name for name in names if name in unbraced]
+    rest = [name for name in names if name not in unbraced]
+    found = {name: (UNBRACED, LINES[k % len(LINES)]) for k, name in enumerate(bare)}
+    return found | dict(zip(rest, looks(len(rest)), strict=True))
+
+
+def looks_of(titles: Sequence[str]) -> list[Look]:
+    """Of each title as the form's palette has it; in turn where it does not."""
+    known = FORM.get().palette
+    return [known.get(title, look) for title, look in zip(titles, looks(len(titles)), strict=True)]
+
+
+def letters(colour: str) -> str:
+    """The colour for text: as dark as text on white has to be (CONTRAST, as WCAG 2.2 counts it)."""
+    rgb = np.array(to_rgb(colour))
+    while 1.05 / (0.05 + _luminance(rgb)) < CONTRAST:
+        rgb = 0.96 * rgb
+    return str(to_hex(tuple(rgb)))
+
+
+def _luminance(rgb: Any) -> float:
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
 
 
 def legend_line(color: Any, style: Any = "-", **options: Any) -> Line2D:
@@ -219,7 +322,7 @@ def save(figure: Figure, target: Path) -> list[Path]:
 def picture(figure: Figure, kind: str = "svg") -> bytes:
     """The figure as a `kind` of file, png or svg."""
     buffer = io.BytesIO()
-    with rc_context(STYLE):  # ticks are made while drawing
+    with rc_context(_style()):  # ticks are made while drawing
         figure.savefig(
             buffer,
             format=kind,

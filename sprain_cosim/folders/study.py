@@ -128,10 +128,18 @@ class StudyFolder:
             named.get("plant.initial_pose", self.pose) == self.pose
             and all(ran.get(k) == v for k, v in named.items())
             and self.varied == set(self.file.marginals)
+            and not self._held
             and devices <= PUBLISHED_WITH
             and not self.summary.dropped
         )
         return self.file.published if same else {}
+
+    @property
+    def _held(self) -> bool:
+        """Whether an input with a marginal had one value in all landings: the rows of another study, or of a comparison
+        that sets it."""
+        inputs = self.trials[[c for c in self.trials.columns if "." in str(c)]]
+        return len(inputs) > 1 and bool((inputs.nunique() == 1).any())
 
     @property
     def published_peak(self) -> Mapping[str, Any]:

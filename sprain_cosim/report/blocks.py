@@ -114,7 +114,34 @@ class Bullets:
     lines: Sequence[str | Markup]
 
 
-Block = PageTable | Paragraph | Heading | Verdict | Folded | Pictures | Chart | Bullets
+@dataclass(frozen=True)
+class Download:
+    """A table of `rows` lines under `name`, its content `data` as base64, in words `about`."""
+
+    kind: ClassVar[str] = "download"
+    name: str
+    about: str
+    rows: int
+    data: str
+
+
+@dataclass(frozen=True)
+class Hero:
+    """What is seen first: the answer in words, one figure, a landing to turn.
+
+    frame    a picture of the landing, WebP as base64, for paper and for browsers that draw nothing; may be empty
+    alt      what it shows
+    missing  why there is no landing, and how to get one; empty where there is one
+    """
+
+    blocks: Sequence[Block]
+    picture: Picture | None
+    frame: str = ""
+    alt: str = ""
+    missing: str = ""
+
+
+Block = PageTable | Paragraph | Heading | Verdict | Folded | Pictures | Chart | Bullets | Download
 
 
 @dataclass(frozen=True)

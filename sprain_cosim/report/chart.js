@@ -42,8 +42,9 @@
       select.addEventListener("change", () => { choice = Number(select.value); draw(); });
     }
     const choices = html("div", box, undefined, "choices");
-    const svg = make("svg", { role: "img", "aria-label": chart.title }, box);
+    const svg = make("svg", { role: "img", "aria-label": `${chart.title}. Left and right arrow keys read values off.`, tabindex: 0 }, box);
     const readout = html("p", box, chart.hint, "readout");
+    readout.setAttribute("aria-live", "polite");
     let scale = null;
 
     const legend = () => {
@@ -64,7 +65,7 @@
     const plot = () => {
       const option = chart.options[choice];
       const shown = option.series.filter((s) => !hidden.has(s.name) && s.x.length);
-      const W = Math.max(320, Math.min(860, svg.clientWidth || 860)), H = Math.max(250, Math.min(400, 0.62 * W));
+      const W = Math.max(320, Math.min(1700, svg.clientWidth || 860)), H = Math.max(250, Math.min(420, 0.62 * W));
       const left = 58, right = 12, top = 12, bottom = 46;
       svg.textContent = "";
       readout.textContent = chart.hint; // a value read off before belongs to other curves
@@ -88,15 +89,15 @@
       }
       const sx = step(x1 - x0), sy = option.kind === "cdf" ? 0.25 : step(y1 - y0);
       for (let v = Math.ceil(x0 / sx) * sx; v <= x1 + 1e-9; v += sx) {
-        make("line", { x1: X(v), x2: X(v), y1: top, y2: H - bottom, stroke: "#e4e8ec" }, svg);
-        make("text", { x: X(v), y: H - bottom + 17, "text-anchor": "middle", fill: "#1f2933" }, svg, String(+v.toFixed(6)).replace("-", "\u2212"));
+        make("line", { x1: X(v), x2: X(v), y1: top, y2: H - bottom, class: "grid" }, svg);
+        make("text", { x: X(v), y: H - bottom + 17, "text-anchor": "middle", class: "ink" }, svg, String(+v.toFixed(6)).replace("-", "\u2212"));
       }
       for (let v = Math.ceil(y0 / sy) * sy; v <= y1 + 1e-9; v += sy) {
-        make("line", { x1: left, x2: W - right, y1: Y(v), y2: Y(v), stroke: "#e4e8ec" }, svg);
+        make("line", { x1: left, x2: W - right, y1: Y(v), y2: Y(v), class: "grid" }, svg);
         const text = option.kind === "cdf" ? `${Math.round(100 * v)} %` : String(+v.toFixed(6)).replace("-", "\u2212");
-        make("text", { x: left - 7, y: Y(v) + 4.5, "text-anchor": "end", fill: "#1f2933" }, svg, text);
+        make("text", { x: left - 7, y: Y(v) + 4.5, "text-anchor": "end", class: "ink" }, svg, text);
       }
-      make("text", { x: (left + W - right) / 2, y: H - 8, "text-anchor": "middle", fill: "#1f2933" }, svg, option.xlabel);
+      make("text", { x: (left + W - right) / 2, y: H - 8, "text-anchor": "middle", class: "ink" }, svg, option.xlabel);
       for (const s of shown) {
         const n = s.x.length;
         let d = "";
@@ -108,8 +109,8 @@
         }
         make("path", { d, fill: "none", stroke: s.color, "stroke-width": 2, "stroke-dasharray": s.dash || "none", class: "series" }, svg);
       }
-      marks.forEach((m) => make("circle", { cx: X(m[0]), cy: Y(m[1]), r: 5, fill: "none", stroke: "#1f2933", "stroke-width": 1.4 }, svg));
-      const cursor = make("line", { y1: top, y2: H - bottom, stroke: "#52606d", visibility: "hidden" }, svg);
+      marks.forEach((m) => make("circle", { cx: X(m[0]), cy: Y(m[1]), r: 5, fill: "none", class: "mark", "stroke-width": 1.4 }, svg));
+      const cursor = make("line", { y1: top, y2: H - bottom, class: "cursor", visibility: "hidden" }, svg);
       scale = { option, shown, cursor, x0, x1, left, right, W, X };
     };
 
@@ -117,24 +118,42 @@
       if (!scale) return;
       const frame = svg.getBoundingClientRect(), pixel = (event.clientX - frame.left) * scale.W / frame.width;
       const x = scale.x0 + (pixel - scale.left) / (scale.W - scale.left - scale.right) * (scale.x1 - scale.x0);
+      show(x);
+    };
+    const show = (x) => {
       if (x < scale.x0 || x > scale.x1) return;
+      scale.x = x;
       scale.cursor.setAttribute("x1", scale.X(x));
       scale.cursor.setAttribute("x2", scale.X(x));
       scale.cursor.setAttribute("visibility", "visible");
-      const said = scale.shown.map((s) => {
+      const words = scale.shown.map((s) => {
         const y = at(s, x, scale.option.kind);
         if (y === null) return `${s.name}: no value`;
         return scale.option.kind === "cdf" ? `${(100 * y).toFixed(1)} % of ${s.name} stay below` : `${s.name}: ${number(y)} ${scale.option.unit}`;
       });
-      readout.textContent = `At ${number(x)} ${scale.option.xunit}: ${said.join(" · ")}`;
+      readout.textContent = `At ${number(x)} ${scale.option.xunit}: ${words.join(" · ")}`;
     };
     svg.addEventListener("pointermove", read);
     svg.addEventListener("pointerdown", read);
+    svg.addEventListener("keydown", (event) => {
+      const way = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+      if (!way || !scale) return;
+      event.preventDefault();
+      const { x0, x1, x = 0.5 * (x0 + x1) } = scale;
+      show(Math.min(x1, Math.max(x0, x + way * (x1 - x0) / 100)));
+    });
 
     const draw = () => { legend(); plot(); };
     draw();
     let width = svg.clientWidth;
     window.addEventListener("resize", () => { if (svg.clientWidth !== width) { width = svg.clientWidth; plot(); } });
   }
+  document.querySelectorAll(".figures figure").forEach((figure) => {
+    const grow = () => { figure.setAttribute("aria-expanded", String(figure.classList.toggle("large"))); figure.scrollIntoView({ block: "nearest" }); };
+    figure.tabIndex = 0;
+    figure.title = "Enlarge or shrink: click or Enter";
+    figure.addEventListener("click", grow);
+    figure.addEventListener("keydown", (event) => { if (event.key === "Enter") grow(); });
+  });
   window.addEventListener("beforeprint", () => document.querySelectorAll("details").forEach((d) => { d.open = true; }));
 })();

@@ -15,7 +15,8 @@ from .. import figures as plots
 from ..brace.comparison import INVERSION
 from ..figures.samples import drawn_ranks
 from ..figures.selection import FEWEST, Named, response_label, sample_of
-from ..figures.style import LINES, MOST_DRAWN, SERIES
+from ..figures.style import LINES, MOST_DRAWN
+from ..figures.style import Look as StyledLook
 from ..folders.run import RunFolder
 from ..folders.study import PEAK, StudyFolder
 from ..literature import INJURY_INVERSION
@@ -36,12 +37,13 @@ HINT = "Point at the curves, or touch them, to read values."
 Look = tuple[str, str]  # colour, dashes
 
 
-def charts(items: Sequence[Named]) -> list[dict[str, Any]]:
+def charts(items: Sequence[Named], looks: Mapping[str, StyledLook]) -> list[dict[str, Any]]:
     """{id, title, hint, options} of each chart that the items allow; an option is what one choice of the reader
-    shows."""
-    looks = [(SERIES[k % len(SERIES)], DASHES[k % len(LINES)]) for k in range(len(items))]
+    shows. `looks`: {name: look}."""
     studies, runs = [], []
-    for (name, item), look in zip(items, looks, strict=True):
+    for name, item in items:
+        colour, style = looks[name]
+        look = (colour, DASHES[LINES.index(style)])
         if isinstance(item, RunFolder):
             runs.append((name, item, look))
         elif item.is_sample:
@@ -104,8 +106,8 @@ def _signals(runs: Sequence[tuple[str, RunFolder, Look]]) -> list[dict[str, Any]
     return options
 
 
-def script_data(content: Sequence[Mapping[str, Any]]) -> Markup:
-    """The charts as the text of a script element, which no text inside can end."""
+def script_data(content: Sequence[Mapping[str, Any]] | Mapping[str, Any]) -> Markup:
+    """What a script reads, as the text of a script element, which no text inside can end."""
     return Markup(json.dumps(content, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"))
 
 

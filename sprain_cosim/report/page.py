@@ -1,5 +1,5 @@
 """One HTML file about runs, studies and comparisons: it opens without a network, on a phone and on paper. All of it
-comes from the folders; nothing is simulated."""
+comes from the folders; nothing is simulated but the one landing of a study that can be turned (scene.py)."""
 
 from __future__ import annotations
 
@@ -13,16 +13,18 @@ from .. import __version__, files
 from .. import figures as plots
 from ..errors import InputError
 from ..figures import gallery
-from ..figures.selection import Named, named_folders
+from ..figures.selection import Named, named_folders, palette_of
 from ..folders.comparison import ComparisonFolder
 from ..folders.read import Folder
 from ..folders.run import RunFolder
 from ..folders.study import StudyFolder
 from ..literature import DEPTH_TEXT, INJURY_INVERSION_TEXT
 from . import tables
-from .blocks import Block, Bullets, Chart, PageSection, Picture, Pictures
+from .blocks import Block, Bullets, Chart, Hero, PageSection, Picture, Pictures
 from .charts import charts, script_data
+from .data import downloads
 from .html import asset, render
+from .scene import NOTHING, Scene, landing_scene
 from .verdict import verdicts
 
 NAME = "report.html"
@@ -59,39 +61,65 @@ LIMITS = (
 )
 
 
-def write_report(folders: Sequence[Folder], out: Path) -> Path:
+def write_report(folders: Sequence[Folder], out: Path, trial: str | None = None) -> Path:
     """The report as `out`, a file that ends in .html, or report.html in the folder `out`. Raises InputError,
     EnvironmentProblem."""
     target = out if out.suffix.lower() in (".html", ".htm") else out / NAME
     if target.is_dir():
         raise InputError(f"{target}: is a folder; name a file that ends in .html")
-    files.write(target, report_page(folders), parents=True)
+    files.write(target, report_page(folders, trial), parents=True)
     return target
 
 
-def report_page(folders: Sequence[Folder]) -> str:
-    """The whole page."""
-    items = named_folders(folders)
-    content = charts(items)
+def report_page(folders: Sequence[Folder], trial: str | None = None) -> str:
+    """The whole page. `trial`: which landing of a study can be turned, a number, worst or pXX (default p50); "none":
+    no landing."""
+    items, looks = named_folders(folders), palette_of(folders)
+    content = charts(items, looks)
+    scene = landing_scene(folders, items, looks, trial)
+    with plots.drawn_as(plots.Form(palette=looks)):
+        drawn = _drawn(folders)
+    missing = "" if trial == NOTHING else _missing(folders, items, scene)
+    hero = Hero(verdicts(folders, items), drawn[0] if drawn else None, scene.frame, scene.alt, missing)
     sections = [
-        PageSection("verdict", "Verdict", verdicts(folders, items)),
+        PageSection("verdict", "Verdict", hero.blocks),
         PageSection("numbers", "Numbers", tables.numbers_tables(folders, items)),
         PageSection("explore", "Look closer", [Chart(c) for c in content]),
-        PageSection("figures", "Figures", _pictures(folders, items)),
+        PageSection("figures", "Figures", _pictures(drawn[1:], folders, items)),
         PageSection("sensitivities", "What drives the result", tables.sensitivities_tables(items)),
         PageSection("metrics", "All responses", tables.metrics_tables(items)),
         PageSection("inputs", "Inputs", tables.inputs_tables(items)),
         PageSection("provenance", "Where it comes from", tables.provenance_tables(items)),
+        PageSection("downloads", "Data", downloads(folders, items)),
         PageSection("limits", "Limits of the model", [Bullets(LIMITS)]),
     ]
     return render(
         "report.html",
         title=_title(folders, items),
         about=_about(folders, items),
+        hero=hero,
         sections=[section for section in sections if section.blocks],
         data=script_data(content),
+        scene="" if scene.content is None else script_data(scene.content),
         script=asset("chart.js"),
+        turning=asset("scene.js"),
     )
+
+
+def _missing(folders: Sequence[Folder], items: Sequence[Named], scene: Scene) -> str:
+    """Why there is no landing to turn, and how to get one."""
+    if scene.content is not None:
+        return ""
+    name = folders[0].path.name
+    studies = [item for _, item in items if isinstance(item, StudyFolder)]
+    how = "Run it again with this version; its folder then holds the landing whole."
+    if studies:
+        place = studies[0].path.name if studies[0].path == folders[0].path else f"{name}/{studies[0].path.name}"
+        how = (
+            f"“sprain-cosim trial {place} N --out LANDING” runs landing N again and keeps it whole; “sprain-cosim "
+            f"report {name} LANDING” then shows it."
+        )
+    return f"There is no landing to turn here. {scene.reason}{'' if scene.reason.endswith('.') else '.'} {how}"
 
 
 def _title(folders: Sequence[Folder], items: Sequence[Named]) -> str:
@@ -127,12 +155,15 @@ def _about(folders: Sequence[Folder], items: Sequence[Named]) -> str:
     return " · ".join([*parts, f"sprain-cosim {__version__}"])
 
 
-def _pictures(folders: Sequence[Folder], items: Sequence[Named]) -> list[Block]:
-    """The figures, then the first animation that is small enough."""
-    drawn = [
+def _drawn(folders: Sequence[Folder]) -> list[Picture]:
+    return [
         Picture(d.title, d.caption, "image/svg+xml", _base64(plots.picture(d.figure, "svg")), d.name)
         for d in gallery.draw(folders)
     ]
+
+
+def _pictures(drawn: Sequence[Picture], folders: Sequence[Folder], items: Sequence[Named]) -> list[Block]:
+    """The figures, then the first animation that is small enough."""
     file, most = ANIMATION
     found = [path / file for path in dict.fromkeys([f.path for f in folders] + [item.path for _, item in items])]
     shown = [p for p in found if p.is_file() and p.stat().st_size <= most]

@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from .. import figures as plots
 from ..brace.comparison import INJURY, INVERSION
+from ..figures.gallery import threshold_doubts
 from ..figures.selection import Named, response_label, same_question
 from ..folders.comparison import NONE, ComparisonFolder, Decisions, PairLook
 from ..folders.read import Folder
@@ -18,7 +19,7 @@ from ..literature import INJURY_INVERSION
 from ..study.summary import FormSearch, Level, LevelSearch, LevelTest, Percentile, Probability, Threshold, UntilRule
 from .blocks import Block, Paragraph, Verdict, rich
 from .design import design_verdict
-from .words import ends, fine_ends, interval, percent, percent_interval, percentage_ends, rounded, signed, unit_after
+from .words import ends, fine_ends, interval, percent, percentage_ends, rounded, signed, unit_after
 
 MEAN, SD = INJURY_INVERSION
 EXCEEDS = f"Probability that inversion exceeds the injury range ({MEAN:g} ± {SD:g}° from neutral)"
@@ -92,16 +93,19 @@ def _of_comparison(folder: ComparisonFolder) -> Verdict | None:
         rows.sort(key=lambda row: (row[1] != lowest, row[0]))
         value, best, change = rows[0]
         text += rich(
-            "Over the same landings, <b>{best}</b> {moved} the peak of supination{alone}: by {by}.",
+            "Over {count}, <b>{best}</b> {moved} the peak of supination{alone}: by <b>{by}</b>{about}{injury}.",
+            count=f"the same {folder.summary.count}" if folder.summary.is_study else "the same landing",
             best=best,
             moved="lowered" if value < 0 else "raised",
             alone="" if len(rows) == 1 or (decisions and not lowest) else " most of all",
-            by=f"{abs(value):.1f}° on average{interval(change, 1, '°', value < 0)}",
+            by=f"{abs(value):.1f}°{' on average' if folder.summary.is_study else ''}",
+            about=interval(change, 1, "°", value < 0)
+            or (" (one landing: no interval)" if not folder.summary.is_study else ""),
+            injury=_injuries(folder, best),
         )
         if rows[1:]:
             text += f" The others: {', '.join(f'{n} {signed(v)}°' for v, n, _ in rows[1:])}."
         text += _decided(decisions) if decisions is not None else Markup("")
-        text += _injuries(folder, best)
     failed = "; ".join(f"{name}: {brace.message}" for name, brace in folder.summary.failed.items())
     if failed:
         text += rich(" <b>Failed:</b> {failed}.", failed=failed)
@@ -139,19 +143,20 @@ def _size(look: PairLook) -> tuple[float | None, float | None]:
 
 
 def _injuries(folder: ComparisonFolder, best: str) -> Markup:
-    """The probability of injury without a brace and with the best one."""
+    """The probability of injury without a brace and with the best one, with both of its doubts."""
     braces = folder.summary.braces
     without, with_best = (braces[n].metrics.get(INJURY) if n in braces else None for n in (NONE, best))
     if without is None or with_best is None or without.value is None or with_best.value is None:
         return Markup("")
+    doubts = [f"as far as the landings know it {e} %" for e in fine_ends(with_best.ci_low, with_best.ci_high)]
+    ends = threshold_doubts(folder).get(best, (None, None))
+    doubts += [f"as far as the threshold is known {e} %" for e in fine_ends(*ends)]
     return rich(
-        " {exceeds}: <b>{without}</b> without a brace{about}, <b>{best}</b> with {name}{about_best}.",
-        exceeds=EXCEEDS,
+        ", and the {exceeds} from {without} to <b>{best}</b>{doubts}",
+        exceeds=f"{EXCEEDS[:1].lower()}{EXCEEDS[1:]}",
         without=percent(without.value),
-        about=percent_interval(without),
         best=percent(with_best.value),
-        name=best,
-        about_best=percent_interval(with_best),
+        doubts=f" ({'; '.join(doubts)})" if doubts else "",
     )
 
 

@@ -63,11 +63,6 @@ def fine_ends(low: float | None, high: float | None) -> tuple[str, ...]:
     return () if low is None or high is None else (f"{100 * low:.3g} … {100 * high:.3g}",)
 
 
-def percent_interval(entry: WithInterval) -> str:
-    """ " (95 % interval 1.2 … 2 %)" of a probability; nothing where there is none."""
-    return "".join(f" (95 % interval {ends} %)" for ends in percentage_ends(entry.ci_low, entry.ci_high))
-
-
 def interval(entry: WithInterval, factor: float, unit: str, negate: bool = False) -> str:
     """ " (95 % interval 1.0 … 2.0°)", in the unit that `factor` leads to; nothing where there is none."""
     if entry.ci_low is None or entry.ci_high is None:

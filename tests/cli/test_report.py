@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import io
+import itertools
 import json
 import re
 import shutil
@@ -12,7 +15,11 @@ from time import process_time
 
 import numpy as np
 import pandas as pd
+import pytest
 
+from sprain_cosim.cosim.result import Result
+from sprain_cosim.errors import InputError
+from sprain_cosim.figures.style import ANATOMY, SERIES, UNBRACED, letters
 from sprain_cosim.folders.read import read_folder, read_folders
 from sprain_cosim.report import page as report
 
@@ -138,7 +145,109 @@ def test_a_comparison(results: Path) -> None:
     assert f"{best} lowered the peak of supination most of all: by {-change[best]:.1f}°" in verdict
     assert "change against none" in page.sections["numbers"]
     assert "no brace" in page.sections["numbers"]
-    assert {"landing", "sharing"} <= figures(page)
+    assert {"landing", "sharing", "paired"} <= figures(page)
+    assert "one landing: no interval" in verdict
+    assert "no brace" in page.sections["numbers"]
+
+
+def scene(text: str) -> dict:
+    return json.loads(re.search(r'id="scene">(.*?)</script>', text, re.S)[1])  # type: ignore[index]
+
+
+def test_the_landing_to_turn_is_the_landing(results: Path) -> None:
+    text, page = made(results / "compared")
+    found = scene(text)
+    assert [one["name"] for one in found["landings"]] == ["no brace", "soft", "stiff"]
+    assert found["shown"][0] == 0
+    for one, name in zip(found["landings"], ("none", "soft", "stiff"), strict=True):
+        record = Result.read_csv(results / "compared" / name / "signals.csv")
+        table = np.frombuffer(base64.b64decode(one["data"]), "<f4").reshape(one["steps"], -1)
+        degrees = np.degrees(
+            np.interp(one["step"] * np.arange(one["steps"]), record.time, record["plant.subtalar_angle"])
+        )
+        np.testing.assert_allclose(table[:, -3], degrees, atol=1e-4)
+        assert {group for _, group, _, _ in one["shapes"]} == {"far", "glass", "bone", "sole"} | (
+            {"cuff"} if one["braced"] else set()
+        )
+    (frame,) = [a for tag, a in page.tags if tag == "img" and a.get("class") == "frame"]
+    assert "no brace: subtalar angle" in (frame["alt"] or "")
+
+
+def test_a_study_shows_one_landing_that_gives_its_record(results: Path, tmp_path: Path) -> None:
+    text, page = made(results / "study")
+    trials = pd.read_csv(results / "study" / "trials.csv").set_index("trial")
+    (one,) = scene(text)["landings"]
+    number = int(re.search(r"trial (\d+)", one["label"])[1])  # type: ignore[index]
+    table = np.frombuffer(base64.b64decode(one["data"]), "<f4").reshape(one["steps"], -1)
+    assert abs(table[:, -3].max() - trials.loc[number, "peak_subtalar_angle_deg"]) < 0.05, "the record has a finer grid"
+    assert 'id="scene"' not in report.report_page(read_folders([results / "study"]), "none")
+    with pytest.raises(InputError, match="--trial best: must be a number, worst, a percentile"):
+        report.report_page(read_folders([results / "study"]), "best")
+    shutil.copytree(results / "study", tmp_path / "s")
+    (tmp_path / "s" / "ledger.sqlite").unlink()
+    _, page = made(tmp_path / "s")
+    assert "There is no landing to turn here." in page.sections["verdict"]
+    assert "sprain-cosim trial s N --out LANDING" in page.sections["verdict"]
+
+
+def test_the_numbers_can_be_taken_along(results: Path) -> None:
+    _, page = made(results / "study")
+    data = {a["download"]: a["href"] for tag, a in page.tags if tag == "a" and "download" in a}
+    tables = {
+        name: pd.read_csv(io.BytesIO(base64.b64decode((href or "").partition("base64,")[2])))
+        for name, href in data.items()
+    }
+    trials = pd.read_csv(results / "study" / "trials.csv")
+    landings = tables["landings.csv"]
+    np.testing.assert_allclose(landings["peak_subtalar_angle_deg"], trials["peak_subtalar_angle_deg"], rtol=1e-5)
+    assert "plant.drop_height [m]" in landings
+    numbers = tables["numbers.csv"].set_index(["response", "statistic"])
+    level = json.loads((results / "study" / "summary.json").read_text())["responses"]["peak_subtalar_angle_deg"]
+    for column, key in (("value", "value"), ("ci_low", "ci_low"), ("ci_high", "ci_high")):
+        found = numbers.loc[("peak_subtalar_angle_deg", "50 %"), column]
+        assert abs(found - level["percentiles"]["50"][key]) < 1e-3
+
+
+def test_a_page_for_readers_who_hear_or_type_it(results: Path) -> None:
+    """Every picture has words, headings go down by one, ids are unique, the language is stated, tables have heads."""
+    for folders in (("study",), ("compared",), ("run", "amv")):
+        _text, page = made(*(results / n for n in folders))
+        assert all(len(a.get("alt") or "") > 10 for tag, a in page.tags if tag == "img")
+        levels = [int(tag[1]) for tag, _ in page.tags if re.fullmatch("h[1-6]", tag)]
+        assert levels[0] == 1 and levels.count(1) == 1
+        assert all(b - a <= 1 for a, b in itertools.pairwise(levels))
+        ids = [a["id"] for _, a in page.tags if "id" in a]
+        assert len(ids) == len(set(ids))
+        assert dict(page.tags)["html"] == {"lang": "en"}
+        assert {"main", "header", "nav"} <= {tag for tag, _ in page.tags}
+        anchors = [a["href"] or "" for tag, a in page.tags if tag == "a" and (a["href"] or "").startswith("#")]
+        assert {a[1:] for a in anchors} <= set(ids)
+
+
+def test_text_can_be_read_on_its_ground() -> None:
+    """4.5 to 1 in daylight and in the dark, as WCAG 2.2 counts contrast."""
+    css = (Path(report.__file__).parent / "style.css").read_text("utf-8")
+    rules = re.findall(r":root \{(.*?)\}", css, re.S)
+    assert len(rules) == 2
+    colours: dict[str, str] = {}
+    for rule in rules:
+        colours |= dict(re.findall(r"--(\w+): (#[0-9a-f]+)", rule))
+        for ink in ("ink", "muted", "accent"):
+            for ground in ("paper", "soft"):
+                assert contrast(colours[ink], colours[ground]) >= 4.5, (ink, ground)
+    for colour in (*SERIES, UNBRACED, ANATOMY):
+        assert contrast(letters(colour), "#ffffff") >= 4.5, colour
+
+
+def contrast(one: str, other: str) -> float:
+    def light(colour: str) -> float:
+        digits = colour[1:] if len(colour) == 7 else "".join(2 * c for c in colour[1:])
+        parts = [int(digits[k : k + 2], 16) / 255 for k in (0, 2, 4)]
+        linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    high, low = sorted((light(one), light(other)), reverse=True)
+    return (high + 0.05) / (low + 0.05)
 
 
 def test_nothing_is_fetched(results: Path) -> None:
@@ -181,7 +290,7 @@ def test_texts_from_the_folder_are_escaped(results: Path, tmp_path: Path) -> Non
     table.to_csv(trials, index=False)
     text, page = made(*(tmp_path / kind for kind in ("study", "run", "compared")))
     assert not [a for tag, a in page.tags if "onerror" in a or a.get("src") == "x"]
-    assert text.count("</script>") == 2
+    assert text.count("</script>") == 4, "data, scene and the two that read them"
     assert "onerror" in page.sections["verdict"], "shown as text"
     assert "Failed landings" in page.sections["numbers"]
 

@@ -10,8 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
+from sprain_cosim.animate.bones import bones
 from sprain_cosim.animate.film import HOLD, RATE, animate
+from sprain_cosim.animate.moving import MovingBodies
 from sprain_cosim.animate.skeleton import Skeleton
 from sprain_cosim.animate.solid import PAPER, Camera
 from sprain_cosim.animate.stage import Stage
@@ -98,6 +101,38 @@ def test_the_drawing_scales_with_the_person() -> None:
     rest = dict.fromkeys(usual.coordinates, 0.0)
     ratio = mine.volumes(mine.pose(rest))[:, 6:] / usual.volumes(usual.pose(rest))[:, 6:]
     assert ratio.min() > 0.9 and ratio.max() < 1.15
+
+
+def test_bodies_that_move_are_the_poses(braced: Landing) -> None:
+    moving, skeleton = MovingBodies.of(braced), Skeleton.read(PLANT)
+    k = moving.peak
+    at = int(np.argmin(np.abs(braced.result.time - moving.time[k])))
+    pose = skeleton.pose({c: float(braced.result[f"plant.{c}"][at]) for c in skeleton.coordinates})
+    for body, places in moving.places.items():
+        assert np.abs(places[k] - pose[body][0]).max() < 1e-9
+        assert np.abs(Rotation.from_quat(moving.turns[body][k]).as_matrix() - pose[body][1]).max() < 1e-9
+        steps = np.einsum("ij,ij->i", moving.turns[body][1:], moving.turns[body][:-1])
+        assert steps.min() > 0.9, "from one time to the next a quaternion goes the short way"
+    assert np.abs(np.linalg.norm(moving.axis, axis=1) - 1).max() < 1e-6
+    assert {v["part"] for v in moving.volumes} > {"bone", "brace", "sole"}
+    drawn = [v for v in moving.volumes if v["part"] != "bone"]
+    starts = [
+        Rotation.from_quat(moving.turns[v["body"]][k]).apply(v["from"]) + moving.places[v["body"]][k] for v in drawn
+    ]
+    assert np.abs(np.array(starts) - skeleton.volumes(pose)[:, :3]).max() < 1e-9, "also of bodies fixed to others"
+
+
+def test_bones_reach_from_joint_to_joint() -> None:
+    bodies = Skeleton.read(PLANT).content["bodies"]
+    found = bones(bodies)
+    tibia = [v for v in found if v["body"] == "tibia_r"]
+    ankle = next(b for b in bodies if b["name"] == "talus_r")["at_parent"][1]
+    lowest = min(min(v["from"][1], v["to"][1]) for v in tibia)
+    assert abs(lowest - ankle) < 0.02
+    longer = [dict(b, at_parent=[0.0, 1.2 * ankle, 0.0]) if b["name"] == "talus_r" else b for b in bodies]
+    stretched = [v for v in bones(longer) if v["body"] == "tibia_r"]
+    assert abs(min(min(v["from"][1], v["to"][1]) for v in stretched) - 1.2 * ankle) < 0.02
+    assert bones([]) == []
 
 
 def test_drawing_is_made_from_the_tables() -> None:

@@ -11,7 +11,8 @@ import pandas as pd
 import pytest
 
 from sprain_cosim.figures import gallery
-from sprain_cosim.figures.selection import named_folders, sample_of
+from sprain_cosim.figures.selection import named_folders, palette_of, sample_of
+from sprain_cosim.figures.style import SERIES, UNBRACED, Form, drawn_as
 from sprain_cosim.folders.read import read_folder, read_folders
 from sprain_cosim.folders.study import StudyFolder
 
@@ -77,6 +78,25 @@ def test_published_figures_stand_only_beside_the_study_they_belong_to(tmp_path: 
     table = pd.read_csv(other / "trials.csv").drop(columns="plant.contact_dissipation [s/m]")
     table.to_csv(other / "trials.csv", index=False)
     assert published(other) == {}, "an input that the study varies was not varied"
+    held = study(tmp_path / "held")
+    pd.read_csv(held / "trials.csv").assign(**{"plant.contact_dissipation [s/m]": 5.0}).to_csv(
+        held / "trials.csv", index=False
+    )
+    assert published(held) == {}, "a comparison set it to one value"
+
+
+def test_a_result_has_one_colour_and_landings_without_a_brace_are_grey(tmp_path: Path) -> None:
+    braced = {**FMUS, "brace": "brace_bushing.fmu"}
+    folders = read_folders([study(tmp_path / "a", fmus=braced, title="A"), study(tmp_path / "b", title="B")])
+    looks = palette_of(folders)
+    assert looks["B"][0] == UNBRACED
+    assert looks["A"][0] == SERIES[0]
+    alone = read_folders([tmp_path / "b"])
+    assert palette_of(alone)["B"][0] == SERIES[0], "grey is for what stands beside a brace"
+    with drawn_as(Form(palette=looks)):
+        lines = {d.name: d.figure for d in gallery.draw(folders)}["cdf"].axes[0].lines
+    assert [line.get_color() for line in lines[:1]] == [SERIES[0]]
+    assert UNBRACED in [line.get_color() for line in lines]
 
 
 def test_poses_of_one_question_are_drawn_side_by_side(tmp_path: Path) -> None:

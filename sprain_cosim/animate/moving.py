@@ -1,0 +1,134 @@
+"""A landing as rigid bodies that move, for views that a reader turns: the HTML report's and glTF."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ..folders.landing import Landing
+from ..metrics import brace_torques
+from .bones import bones
+from .skeleton import Pose, Skeleton
+
+Array = NDArray[np.float64]
+HALF_PLATFORM = (0.24, 0.018, 0.24)  # half extents [m] of the part of the platform that is drawn
+FEWEST_STEPS = 2
+
+
+@dataclass(frozen=True)
+class MovingBodies:
+    """What moves, in the ground's frame (x forward, y up, z to the right of the person).
+
+    title, label        of the landing
+    time                (n,) [s] after contact, evenly spaced
+    places              {body: (n, 3) origin [m]}
+    turns               {body: (n, 4) orientation, a unit quaternion x, y, z, w}
+    volumes             round cones of the bodies: part, ends [m] and radii [m] in the body's frame; bones among them
+    braced              whether there is a brace
+    pivot, tilt         of the platform: (3,) [m], angle about x [rad] as its own parameter has it
+    ankle, axis         (n, 3) [m] of the ankle, (n, 3) unit vector of the subtalar axis
+    force, point        (n, 3) [N] of the platform on the foot, (n, 3) [m] where it acts; zeros without contact
+    signals             {name: (n,)} angle [deg] of the subtalar joint, moments [N·m] of anatomy and brace about it,
+                        signs as in the figures
+    """
+
+    title: str
+    label: str
+    time: Array
+    places: dict[str, Array]
+    turns: dict[str, Array]
+    volumes: tuple[dict[str, Any], ...]
+    braced: bool
+    pivot: Array
+    tilt: float
+    ankle: Array
+    axis: Array
+    force: Array
+    point: Array
+    signals: dict[str, Array]
+
+    @classmethod
+    def of(cls, landing: Landing, every: float = 1e-3) -> MovingBodies:
+        """The landing at the times 0, `every` ... [s]. Raises InputError for a plant or a record that cannot be
+        drawn."""
+        skeleton, result = _with_bones(Skeleton.read(landing.plant)).scaled(landing.parameter), landing.result
+        landing.need(skeleton.coordinates, "a drawing")
+        steps = max(FEWEST_STEPS, int(result.time[-1] / every + 1e-9) + 1)
+        time = np.minimum(every * np.arange(steps), result.time[-1])
+
+        def at(name: str) -> Array:
+            there = f"plant.{name}" in result.index
+            return np.interp(time, result.time, result[f"plant.{name}"]) if there else np.zeros(steps)
+
+        coordinates = {name: at(name) for name in skeleton.coordinates}
+        poses = [skeleton.pose({name: values[k] for name, values in coordinates.items()}) for k in range(steps)]
+        carriers = _carriers(skeleton.content["bodies"])
+        names = list(dict.fromkeys(carriers.values()))
+        turns = {name: np.array([pose[name][1] for pose in poses]) for name in names}
+        joint = skeleton.content["subtalar_axis"]
+        contact = at("in_contact") > 0.5
+        braced = bool(brace_torques(result))
+        volumes = [_carried(volume, carriers[volume["body"]], poses[0]) for volume in skeleton.content["volumes"]]
+        return cls(
+            title=landing.title,
+            label=landing.label,
+            time=time,
+            places={name: np.array([pose[name][0] for pose in poses]) for name in names},
+            turns={name: quaternions(turns[name]) for name in names},
+            volumes=tuple(v for v in volumes if braced or v["part"] != "brace"),
+            braced=braced,
+            pivot=np.array(skeleton.content["platform"]["pivot"], float),
+            tilt=landing.parameter(skeleton.content["platform"]["incline"]),
+            ankle=np.array([skeleton.point("ankle", pose) for pose in poses]),
+            axis=turns[joint["body"]] @ np.array(joint["axis"], float),
+            force=np.stack([at(f"ground_force_{c}") for c in "xyz"], axis=1) * contact[:, None],
+            point=np.stack([at(f"ground_point_{c}") for c in "xyz"], axis=1) * contact[:, None],
+            signals={
+                "angle": math.degrees(1.0) * at("subtalar_angle"),
+                "anatomy": at("anatomy_subtalar_moment"),
+                "brace": at("brace_subtalar_moment"),
+            },
+        )
+
+    @property
+    def peak(self) -> int:
+        """Where the subtalar angle is the largest."""
+        return int(np.argmax(self.signals["angle"]))
+
+
+def _carriers(bodies: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """{body: the body that it moves with}: itself, or what it is fixed to."""
+    found: dict[str, str] = {}
+    for body in bodies:
+        name = str(body["name"])
+        found[name] = name if body["movements"] else found.get(str(body["parent"]), name)
+    return found
+
+
+def _carried(volume: Mapping[str, Any], carrier: str, pose: Pose) -> dict[str, Any]:
+    """The volume in the frame of the body that carries its own."""
+    if volume["body"] == carrier:
+        return dict(volume)
+    (origin, turn), (place, frame) = pose[volume["body"]], pose[carrier]
+    ends = {end: (frame.T @ (origin + turn @ np.array(volume[end]) - place)).tolist() for end in ("from", "to")}
+    return {**volume, **ends, "body": carrier}
+
+
+def _with_bones(skeleton: Skeleton) -> Skeleton:
+    content = skeleton.content
+    return Skeleton({**content, "volumes": [*content["volumes"], *bones(content["bodies"])]})
+
+
+def quaternions(turns: Array) -> Array:
+    """(n, 4) x, y, z, w of rotation matrices (n, 3, 3), each on the side of the one before it, so that what lies
+    between two of them is the short way."""
+    found: Array = Rotation.from_matrix(turns).as_quat()
+    back = np.cumsum(np.einsum("ij,ij->i", found[1:], found[:-1]) < 0) % 2 == 1
+    found[1:][back] *= -1
+    return found
