@@ -624,7 +624,8 @@ def _without_specimens(study: Plan) -> tuple[str, ...]:
 def _other_questions(study: Plan) -> tuple[str, ...]:
     """What a search for one threshold does not answer."""
     asked = [q for q in study.exceedances if not q.literature]
-    others = [q.name for q in asked if q != Question(study.responses[0], study.sought)]
+    answered = (Question(study.responses[0], study.sought), Question(study.responses[0], study.limit))
+    others = [q.name for q in asked if q not in answered]
     return (f"no answer to {', '.join(others)}: form asks one question",) if others else ()
 
 

@@ -360,9 +360,11 @@ class Plan:
     @property
     def sought(self) -> float | Marginal | Measured | None:
         """What method form searches the exceedance of: `threshold`, else that of the first question about the first
-        response; None where there is none, or bounds alone."""
+        response; None where there is none, or bounds alone. Where a question states the specimens behind the same law,
+        they count."""
         asked = (self.threshold, *(q.threshold for q in self.questions if q.response == self.responses[0]))
-        return next((t for t in asked if t is not None and not isinstance(t, Bounds)), None)
+        found = next((t for t in asked if t is not None and not isinstance(t, Bounds)), None)
+        return next((t for t in asked if isinstance(t, Measured) and t.marginal == found), found)
 
     @property
     def exceedances(self) -> tuple[Question, ...]:

@@ -261,6 +261,11 @@ def test_form_says_what_the_specimens_behind_its_threshold_leave_open(study6) ->
     assert form.shapes == pytest.approx(plain.shapes, rel=0.1)
     assert (form.specimens, form.dominates) == (10, "threshold")
     assert summary.notes == ()
+    both = replace(study, threshold=Normal(35.0, 6.0))  # the file's own, and the same law with its specimens
+    assert (both.sought, both.limit, both.digest) == (study.sought, study.limit, study.digest)
+    assert searched(both, found).notes == ()
+    other = replace(study, threshold=Normal(30.0, 6.0))
+    assert any("no answer to" in note for note in searched(other, found).notes)
     assert StudySummary.from_json(summary.to_json(), "") == summary
     assert "threshold, n = 10" in study_listing(study, summary)
     first = searched(replace(study, check=False), replace(study, check=False).search(lambda x: 0.7 * peak(study6, x)))
