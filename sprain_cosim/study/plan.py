@@ -146,6 +146,8 @@ class Plan:
             return ""
         stated = {name: value for name, value in subject.measures.items() if name not in varied}
         words = ", ".join(name.replace("_", " ") for name in varied)
+        if SEX in self.marginals:
+            return f"persons of varied {words}"
         return f"{replace(subject, measures=stated).words}, varied {words}"
 
     @property
@@ -640,8 +642,13 @@ class Plan:
             if name not in rows.columns and not m.is_fixed
         )
         left = (f"{path}: has no column for {held}; held at that, its mean, in all rows",) if held else ()
+        scenario = self.scenario
+        if self.population is not None and scenario.subject is not None:
+            scenario = replace(scenario, subject=replace(scenario.subject, measures=self.population.fixed))
         return replace(
             self,
+            scenario=scenario,
+            population=None,
             method="table",
             table=table,
             numbers=rows.numbers,

@@ -133,7 +133,9 @@ def test_measures_of_ones_own_persons(population: Study, tmp_path: Path, mixed: 
     """A measure without a column is estimated person by person, so a row is a run of that subject."""
     table = tmp_path / "team.csv"
     table.write_text("subject.sex,subject.stature [m],subject.mass [kg]\nfemale,1.63,62\nmale,1.91,104\n")
-    done = population.with_inputs(table).run(workers=1)
+    given = population.with_inputs(table)
+    assert "persons of varied sex, stature, mass" in given.heading
+    done = given.run(workers=1)
     for row, words in zip(done.trials.to_dict("records"), (WOMAN, "male, 1.91 m, 104 kg"), strict=True):
         alone = mixed.with_subject(words)
         for name, marginal in population.marginals.items():
@@ -141,6 +143,10 @@ def test_measures_of_ones_own_persons(population: Study, tmp_path: Path, mixed: 
                 unit = population.units[name]
                 alone = alone.override(name, f"{marginal.mean!r} {unit}" if unit else marginal.mean)
         assert alone.run().metrics[PEAK] == row[PEAK]
+    table.write_text("subject.sex,subject.mass [kg]\nmale,80\n")
+    shared = population.override("subject.stature", "1.90 m").with_inputs(table).scenario.subject
+    assert shared is not None
+    assert shared.measures == {"stature": 1.9}
     table.write_text("subject.stature [m]\n1.63\n")
     with pytest.raises(InputError, match=r"needs a column subject.sex"):
         population.with_inputs(table)
