@@ -79,17 +79,18 @@ class Master:
             )
         return n
 
-    def run(self, assembly: Assembly, parameters: Mapping[str, float]) -> Result:
+    def run(self, assembly: Assembly, parameters: Mapping[str, float], judged: bool = True) -> Result:
         """One run of an open system from its initial state; `parameters` {"component.parameter": value in its own
-        unit}."""
+        unit}. Unless it is `judged`, its course is not looked at: no coupling error, no warning but those of the
+        start."""
         with np.errstate(over="ignore"):  # squares of large numbers; what is not finite is found and named
             try:
-                return self._run(assembly, parameters)
+                return self._run(assembly, parameters, judged)
             except StepDiscarded:
                 assembly.save_before_steps()
-                return self._run(assembly, parameters)
+                return self._run(assembly, parameters, judged)
 
-    def _run(self, assembly: Assembly, parameters: Mapping[str, float]) -> Result:
+    def _run(self, assembly: Assembly, parameters: Mapping[str, float], judged: bool) -> Result:
         began = perf_counter()
         plan = assembly.schedule(self.start, self.communication_step, self.steps)
         coupling, points, status, message = None, 0, "completed", ""
@@ -113,7 +114,7 @@ class Master:
         values = recorder.values() if recorder else np.empty((0, len(assembly.names)))
         exchanges, smallest = coupling.effort(plan, points) if coupling else (0, self.communication_step)
         error, warning = None, coupling.warning if coupling else ""
-        if coupling and recorder and not message:
+        if judged and coupling and recorder and not message:
             error, warning = coupling.judgement(assembly, recorder.passed, plan)
         return Result(
             time=plan.record[: len(values)].copy(),

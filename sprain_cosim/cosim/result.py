@@ -74,7 +74,8 @@ class Result:
     scheme_reason   why it was taken
     warning         of the stability guard; empty for none
     parameters      those that were set, in their own units
-    coupling_error  the residual energy as a share of the exchanged energy; None where nothing was exchanged
+    coupling_error  the residual energy as a share of the exchanged energy; None where nothing was exchanged, or the run
+                    was not judged
     halved          {metric: its change} when the run was made again at half the communication step; None: it was not
     held            {component: Held} of devices whose torques are held between their calls
     messages        {component: what its FMU said}, of those that said anything

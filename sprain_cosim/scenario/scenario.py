@@ -415,23 +415,25 @@ class Session:
         self.system = replace(system, components=tuple(limited))
         self._assembly: Assembly | None = self.system.open()
 
-    def run(self, parameters: Mapping[str, float] | None = None) -> Result:
-        """`parameters` {"component.parameter": value in the parameter's own unit} on top of the scenario's."""
-        return self._run(self.scenario.master, parameters)
+    def run(self, parameters: Mapping[str, float] | None = None, judged: bool = True) -> Result:
+        """`parameters` {"component.parameter": value in the parameter's own unit} on top of the scenario's; `judged` as
+        in Master.run."""
+        return self._run(self.scenario.master, parameters, judged)
 
     def at_half_the_step(self, parameters: Mapping[str, float] | None = None) -> dict[str, float]:
         """The metrics of the same run at half the communication step; empty where that does not run."""
         step = 0.5 * self.scenario.master.communication_step
+        finer = replace(self.scenario.master, communication_step=step, record=())
         try:
-            return self._run(replace(self.scenario.master, communication_step=step, record=()), parameters).metrics
+            return self._run(finer, parameters, judged=False).metrics
         except (InputError, SimulationError):
             return {}
 
-    def _run(self, master: Master, parameters: Mapping[str, float] | None) -> Result:
+    def _run(self, master: Master, parameters: Mapping[str, float] | None, judged: bool) -> Result:
         if self._assembly is None:
             self._assembly = self.system.open()
         own = self.scenario.of_persons(self.system, parameters or {})
-        result = master.run(self._assembly, {**self.system.parameters, **own})
+        result = master.run(self._assembly, {**self.system.parameters, **own}, judged)
         if result.status != "completed":  # an instance that reported an error may only be freed
             self.close()
         return result

@@ -256,7 +256,8 @@ def _handlers(subject: tuple[Openable, System | None, tuple[str, ...], str]) -> 
         allow_processor_time(cpu)
         surroundings = Surroundings()
         try:
-            result = session.run(dict(zip(names, values, strict=True)))
+            about_course = {"judged": record} if isinstance(scenario, Scenario) else {}  # no row holds it
+            result = session.run(dict(zip(names, values, strict=True)), **about_course)
             wall = perf_counter() - began
             reply = {"status": result.status, "message": result.message, "metrics": result.metrics}
             if isinstance(result, Result) and result.messages:

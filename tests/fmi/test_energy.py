@@ -32,6 +32,16 @@ def test_the_stated_error_is_the_true_one_within_a_factor_of_three(law: str, tmp
     assert true / 3 < usual.coupling_error < 3 * true, (usual.coupling_error, true)
 
 
+def test_a_run_that_is_not_judged_has_the_same_numbers() -> None:
+    """As most trials of a study, whose rows say nothing of it."""
+    with load_scenario("incline30_brace").open() as session:
+        judged, other = session.run(), session.run(judged=False)  # type: ignore[call-arg]
+    assert judged.coupling_error is not None
+    assert other.coupling_error is None
+    assert np.array_equal(judged.values, other.values)
+    assert judged.metrics == other.metrics
+
+
 def test_a_late_answer_is_said_and_lies_in_the_stated_error(tmp_path: Path) -> None:
     """Three times the half step that every held torque is behind."""
     late = load_scenario("incline30").replace_fmu("brace", brace(tmp_path / "late.fmu", "LATE"))
