@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from ..folders.comparison import NONE, BraceSummary, ComparisonSummary, Decisions, Estimates, MeanEstimate
+from ..folders.comparison import NONE, BraceSummary, ComparisonSummary, Decisions, Estimates, MeanEstimate, Persons
 from ..literature import INJURY_INVERSION_TEXT
 from ..records import finite
 from ..scenario import Scenario
@@ -124,7 +124,7 @@ def summarise_comparison(
         injury=f"inversion from neutral {QUESTIONS[INVERSION][0]}",
         braces={e.name: landed.summary(e) for e in entries},
         pairs={f"{b} - {a}": landed.difference(b, a) for i, a in enumerate(names) for b in names[i + 1 :]},
-        persons=persons_of(landed.completed, study.headings, (*PEAKS[:2], INJURY), INVERSION) if study else None,
+        persons=None if study is None or looks else landed.persons(study.headings),
         decisions=decisions,
     )
 
@@ -141,6 +141,10 @@ class _Landed:
     completed: Mapping[str, pd.DataFrame]
     random: bool
     levels: Mapping[str, float]
+
+    def persons(self, headings: Sequence[str]) -> Persons | None:
+        """For whom each brace works, by the inputs of the landings."""
+        return persons_of(self.completed, headings, (*PEAKS[:2], INJURY), INVERSION, self.random)
 
     def summary(self, entry: Entry) -> BraceSummary:
         rows = self.completed.get(entry.name)

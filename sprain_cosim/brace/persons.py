@@ -28,7 +28,7 @@ NORMAL_95 = 1.959963984540054
 
 
 def persons_of(
-    landed: Mapping[str, pd.DataFrame], headings: Sequence[str], keys: Sequence[str], response: str
+    landed: Mapping[str, pd.DataFrame], headings: Sequence[str], keys: Sequence[str], response: str, random: bool = True
 ) -> Persons | None:
     """Of the landings that completed with every brace. None where no persons vary, or too few landed.
 
@@ -36,6 +36,7 @@ def persons_of(
     headings  the inputs, "component.parameter [unit]"
     keys      metrics that are averaged
     response  by which landings are worst
+    random    they are independent draws, so that means have intervals
     """
     if not landed or not any(is_of_subject(heading) for heading in headings):
         return None
@@ -50,12 +51,14 @@ def persons_of(
         name, unit = _name_and_unit(heading)
         if name.removeprefix(OWNER) in SHOWN and is_of_subject(name) and np.ptp(inputs[heading]) > 0:
             units[name] = unit
-            bands[name] = _bands(inputs[heading].to_numpy(float), tables, keys)
-    worst = {name: _worst(rows, headings, keys, response) for name, rows in tables.items()}
+            bands[name] = _bands(inputs[heading].to_numpy(float), tables, keys, random)
+    worst = {name: _worst(rows, headings, keys, response, random) for name, rows in tables.items()}
     return Persons(response, units, bands, worst)
 
 
-def _bands(measure: Array, tables: Mapping[str, pd.DataFrame], keys: Sequence[str]) -> tuple[PersonBand, ...]:
+def _bands(
+    measure: Array, tables: Mapping[str, pd.DataFrame], keys: Sequence[str], random: bool
+) -> tuple[PersonBand, ...]:
     """Parts of the measure's range with equal numbers of landings."""
     count = min(BANDS, len(measure) // FEWEST)
     parts = np.array_split(np.argsort(measure, kind="stable"), count)
@@ -64,25 +67,25 @@ def _bands(measure: Array, tables: Mapping[str, pd.DataFrame], keys: Sequence[st
             float(measure[rows].min()),
             float(measure[rows].max()),
             len(rows),
-            {name: _means(table.iloc[rows], keys) for name, table in tables.items()},
+            {name: _means(table.iloc[rows], keys, random) for name, table in tables.items()},
         )
         for rows in parts
     )
 
 
-def _means(rows: pd.DataFrame, keys: Sequence[str]) -> Estimates:
-    return {key: _mean(rows[key].to_numpy(float)) for key in keys if key in rows}
+def _means(rows: pd.DataFrame, keys: Sequence[str], random: bool) -> Estimates:
+    return {key: _mean(rows[key].to_numpy(float), random) for key in keys if key in rows}
 
 
-def _mean(y: Array) -> MeanEstimate:
+def _mean(y: Array, random: bool) -> MeanEstimate:
     y = y[np.isfinite(y)]
-    if len(y) < 2:
-        return MeanEstimate(float(y[0]) if len(y) else None, n=len(y))
+    if len(y) < 2 or not random:
+        return MeanEstimate(float(np.mean(y)) if len(y) else None, n=len(y))
     e = statistics.mean(y)
     return MeanEstimate(finite(e.value), finite(e.low), finite(e.high), len(y))
 
 
-def _worst(rows: pd.DataFrame, headings: Sequence[str], keys: Sequence[str], response: str) -> WorstTenth:
+def _worst(rows: pd.DataFrame, headings: Sequence[str], keys: Sequence[str], response: str, random: bool) -> WorstTenth:
     n = max(2, math.ceil(TENTH * len(rows)))
     order = np.argsort(-rows[response].to_numpy(float), kind="stable")
     worst, rest = rows.iloc[order[:n]], rows.iloc[order[n:]]
@@ -94,10 +97,11 @@ def _worst(rows: pd.DataFrame, headings: Sequence[str], keys: Sequence[str], res
         if sd > 0:
             shift = (one.mean() - other.mean()) / sd
             half = NORMAL_95 * math.sqrt(one.var(ddof=1) / len(one) + other.var(ddof=1) / len(other)) / sd
-            estimate = MeanEstimate(float(shift), float(shift - half), float(shift + half), n)
+            ends = (float(shift - half), float(shift + half)) if random else (None, None)
+            estimate = MeanEstimate(float(shift), ends[0], ends[1], n)
             found[name] = WorstInput(unit, float(one.mean()), float(other.mean()), estimate)
     ordered = sorted(found.items(), key=lambda item: -abs(item[1].shift.value or 0.0))
-    return WorstTenth(n, float(worst[response].min()), _means(worst, keys), dict(ordered))
+    return WorstTenth(n, float(worst[response].min()), _means(worst, keys, random), dict(ordered))
 
 
 def _name_and_unit(heading: str) -> tuple[str, str]:

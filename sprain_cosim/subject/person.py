@@ -108,6 +108,12 @@ class Subject:
             f"subject: {line}; factors follow the measures all the same"
             for line in anthropometry(self.sex).unusual(self.measures)
         ]
+        if MASS not in self.measures:
+            person = Person.of(self)
+            lines.append(
+                f"subject: the mass is not stated; {person.measures[MASS]:.0f} kg is estimated, which leaves ± "
+                f"{person.sd[MASS]:.0f} kg open, and is the same in all landings that do not vary it"
+            )
         if self.age is not None and self.age > OLDEST:
             lines.append(f"subject: age {self.age:g}: those measured were {YOUNGEST} to {OLDEST} years old")
         return tuple(lines)

@@ -74,6 +74,13 @@ def test_a_summary_with_persons_travels_and_is_shown(summary: ComparisonSummary)
     assert len(persons_tables(summary.persons)) == 7
 
 
+def test_landings_that_are_no_random_sample_have_no_intervals() -> None:
+    persons = persons_of({"none": landings(0.3)}, HEADINGS, (INVERSION,), INVERSION, random=False)
+    assert persons is not None
+    assert persons.bands["subject.mass"][0].metrics["none"][INVERSION].ci_low is None
+    assert persons.worst["none"].inputs["subject.mass"].shift.ci_high is None
+
+
 def test_landings_of_one_person_say_nothing_about_persons() -> None:
     rows = {"none": landings(0.3)}
     assert persons_of(rows, HEADINGS[3:], (INVERSION,), INVERSION) is None

@@ -115,11 +115,12 @@ def test_words_that_are_no_person_get_one_line(text: str, part: str) -> None:
 
 def test_unusual_measures_are_told() -> None:
     assert parse_subject("female, 1.63 m, 62 kg").warnings == ()
-    (one,) = parse_subject("male, 2.10 m").warnings
+    (one,) = parse_subject("male, 2.10 m, 110 kg").warnings
     assert "stature 2.1 m is above all but" in one
     beside = parse_subject("female, 1.75 m, foot length 23 cm").warnings
     assert any("measured with stature 1.75 m" in line for line in beside)
-    assert "age 70" in parse_subject("female, 1.63 m, 70 years").warnings[0]
+    assert "age 70" in parse_subject("female, 1.63 m, 62 kg, 70 years").warnings[0]
+    assert "68 kg is estimated, which leaves ± 9 kg open" in parse_subject("female, 1.63 m").warnings[0]
 
 
 def test_descriptions_travel() -> None:
