@@ -7,7 +7,7 @@ ON_ALL_CORES := -n auto --dist worksteal
 # reference numbers, not part of the project: tests and checks that need them skip and say so where the folder is absent
 export SPRAIN_REFERENCE ?= $(abspath ../shared/reference)
 
-.PHONY: bench browser demo docs test validate lint build wheel wine lock clean
+.PHONY: bench browser demo docs test validate lint build wheel wine windows lock clean
 
 demo: build
 	$(RUN) run incline30 --out $(OUT)/incline30 --force
@@ -50,6 +50,13 @@ wine: .venv/installed
 	  { apt-get update -qq && apt-get install -y -qq --no-install-recommends wine wine64 gcc-mingw-w64-x86-64; }
 	$(RUN) build
 	SPRAIN_WINE=required $(BIN)/python -m pytest -m long tests/fmi/test_windows.py
+
+# the whole package in a Windows Python under wine 10; Debian, root, 2.5 GB and the network at the first time
+WINDOWS ?= build/windows
+windows: .venv/installed
+	@if [ ! -f /etc/debian_version ] || [ "$$(id -u)" != 0 ]; then echo "make windows: needs Debian and root; nothing run"; else \
+	  $(RUN) build --platform linux64 --platform win64 && $(BIN)/python tools/windows.py set-up $(WINDOWS) && \
+	  SPRAIN_WINDOWS=$(abspath $(WINDOWS)) $(BIN)/python -m pytest -m long tests/robust/test_under_wine.py; fi
 
 lint: .venv/installed
 	$(BIN)/ruff check .

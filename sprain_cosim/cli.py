@@ -1184,7 +1184,7 @@ def main(arguments: list[str] | None = None) -> None:
     code = _run(arguments, received)
     if received:
         signals.settle()
-    sys.exit(128 + received[0] if received else code)
+    sys.exit(signals.exit_code(received[0]) if received else code)
 
 
 def _keep_stdout() -> None:

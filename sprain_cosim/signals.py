@@ -35,6 +35,11 @@ def interrupt() -> list[int]:
     return received
 
 
+def exit_code(number: int) -> int:
+    """Of a command that a signal has ended; that of Ctrl-Break on Windows is that of Ctrl-C."""
+    return 128 + (number if number == signal.SIGTERM else signal.SIGINT)
+
+
 def settle() -> None:
     """An interruption that has arrived does not come again."""
     if hasattr(signal, "setitimer"):

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import os
+import platform
 import shutil
+import struct
 import subprocess
 import sys
 import zipfile
 from pathlib import Path
 
+import fmpy
 import pytest
 
 from sprain_cosim import check_brace
 from sprain_cosim.errors import InputError
+from sprain_cosim.fmu import library
 from sprain_cosim.fmu.component import Component
 from tests.docs_commands import ROOT, blocks
 from tests.native import SOURCES, device
@@ -43,6 +47,50 @@ def listing_sources(fmu: Path) -> str:
         text = archive.read("modelDescription.xml").decode()
     start = text.index("<CoSimulation ")
     return text[:start] + LISTED + text[text.index("/>", start) + 2 :]
+
+
+def dll(machine: int = 0x8664, size: int = 512) -> bytes:
+    """The headers of a DLL with one section of `size` bytes, 512 of which are there."""
+    header = b"MZ".ljust(60, b"\0") + struct.pack("<I", 64)
+    kind = struct.pack("<4sHH12xHH", b"PE\0\0", machine, 1, 0, 0x2022)
+    section = struct.pack("<8sIIII16x", b".text", size, 4096, size, 128)
+    return (header + kind + section).ljust(128, b"\0") + bytes(512)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (dll(), ""),
+        (dll(machine=0x014C), "is no 64-bit DLL for AMD64"),
+        (dll(size=4096), "is cut off; export the FMU again"),
+        (dll()[:70], "is no DLL; export the FMU again"),
+        (b"\x7fELF", "is no shared library for this platform"),
+    ],
+)
+def test_a_dll_is_judged_before_it_is_loaded(content: bytes, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setattr(platform, "machine", lambda: "AMD64")
+    found = library.problem(content)
+    assert found.startswith(words)
+    assert bool(found) == bool(words)
+
+
+def test_an_fmu_for_linux_alone_is_refused_on_windows(
+    devices: dict[int, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As `find` sees it, which goes by what fmpy says of the machine."""
+    for name, value in (
+        ("sharedLibraryExtension", ".dll"),
+        ("platform", "win64"),
+        ("platform_tuple", "x86_64-windows"),
+    ):
+        monkeypatch.setattr(fmpy, name, value)
+    with pytest.raises(InputError) as caught:
+        library.find(devices[2], "device", "2.0", ["binaries/linux64/device.so"], False)
+    assert str(caught.value).endswith(
+        'made for Linux only (linux64); ask its maker: "Please export this FMU as FMI 2.0 co-simulation for win64 as '
+        'well, or with its C sources"'
+    )
 
 
 WINDOWS = (

@@ -1,0 +1,89 @@
+"""What tests/robust/test_under_wine.py has run by the Windows Python: `python -m tests.wine_side WHAT FOLDER`, which
+leaves its answer in FOLDER/WHAT.json."""
+
+from __future__ import annotations
+
+import json
+import random
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from sprain_cosim import load_scenario, load_study
+from sprain_cosim.process import Limits
+from sprain_cosim.shipped import shipped_scenarios
+from sprain_cosim.study.worker import Worker
+
+TRIALS = 50
+KILLS, MANY = 10, 400  # of a driver, trials of its study
+PATIENT = Limits(trial=300.0)  # a Python takes its time to start there
+
+
+def scenarios(folder: Path) -> Any:
+    """{name: metrics} of the scenarios that ship."""
+    return {name: dict(load_scenario(name).run().metrics) for name in shipped_scenarios()}
+
+
+def studies(folder: Path) -> Any:
+    """Study 6 with one and with two workers: the numbers of completed trials."""
+    return [
+        load_study("study6").run(trials=TRIALS, workers=k, out=folder / f"{k}", limits=PATIENT).summary["n_completed"]
+        for k in (1, 2)
+    ]
+
+
+def faults(folder: Path) -> Any:
+    """[status, message] of the trials of a study whose brace fails in some; the table says in which, and how."""
+    scenario = load_scenario("incline30").replace_fmu("brace", folder / "faulty.fmu")
+    found = []
+    with Worker(scenario, ("brace.fault",), Limits(trial=10.0)) as worker:
+        for fault in json.loads((folder / "faults.txt").read_text()):
+            outcome = worker.run([fault])
+            found.append([outcome.status, outcome.message, dict(outcome.metrics)])
+    return found
+
+
+def kills(folder: Path) -> Any:
+    """The driver of a study is ended KILLS times, each time a moment after it has committed more than before: rows that
+    were committed and are gone or changed, rows kept after each kill."""
+    out = folder / "killed"
+    options = ["--trials", str(MANY), "--workers", "2", "--resume", "--progress", "json", "--trial-limit", "300 s"]
+    command = [sys.executable, "-m", "sprain_cosim", "study", "study6", *options, "--out", str(out)]
+    moments, kept, lost, counts = random.Random(3), dict[int, bytes](), 0, []
+    for _ in range(KILLS):
+        with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as driver:
+            assert driver.stderr is not None
+            while len(_rows(out)) <= len(kept):
+                assert driver.poll() is None, driver.stderr.read()
+                time.sleep(0.1)
+            time.sleep(moments.uniform(0.0, 1.0))
+            before = kept | _rows(out)
+            driver.kill()
+        kept = _rows(out)
+        lost += sum(kept.get(trial) != row for trial, row in before.items())
+        counts.append(len(kept))
+    ended = subprocess.run(command, capture_output=True, text=True)
+    after = _rows(out)
+    lost += sum(after.get(trial) != row for trial, row in kept.items())
+    return {"lost": lost, "kept": counts, "finished": len(after), "code": ended.returncode}
+
+
+def _rows(folder: Path) -> dict[int, bytes]:
+    """{trial: metrics} of what is committed."""
+    try:
+        database = sqlite3.connect(folder / "ledger.sqlite")
+        try:
+            return dict(database.execute("SELECT trial, metrics FROM trials"))
+        finally:
+            database.close()
+    except sqlite3.Error:
+        return {}
+
+
+if __name__ == "__main__":
+    what, place = sys.argv[1], Path(sys.argv[2])
+    answer = {f.__name__: f for f in (scenarios, studies, faults, kills)}[what](place)
+    (place / f"{what}.json").write_text(json.dumps(answer))
