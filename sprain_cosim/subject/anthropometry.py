@@ -121,18 +121,20 @@ def unit_of_measure(name: str) -> str:
     return "kg" if name == MASS else "m"
 
 
+_TABLES = tomllib.loads((Path(__file__).parent / "ansur2.toml").read_text("utf-8"))  # before any sandbox closes
+
+
 @cache
 def anthropometry(sex: str) -> Anthropometry:
     """The law of a sex."""
-    content = tomllib.loads((Path(__file__).parent / "ansur2.toml").read_text("utf-8"))
-    rows: dict[str, tuple[float, float, list[float]]] = content[sex]["measures"]
+    rows: dict[str, tuple[float, float, list[float]]] = _TABLES[sex]["measures"]
     correlation = np.eye(len(rows))
     for k, (_, _, before) in enumerate(rows.values()):
         correlation[k, :k] = correlation[:k, k] = before
     return Anthropometry(
         sex,
-        content["source"],
-        content[sex]["n"],
+        _TABLES["source"],
+        _TABLES[sex]["n"],
         {name: mean for name, (mean, _, _) in rows.items()},
         {name: sd for name, (_, sd, _) in rows.items()},
         correlation,

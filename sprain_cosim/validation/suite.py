@@ -18,7 +18,7 @@ from typing import Any
 from .. import __version__
 from ..errors import InputError, SprainError, nearest
 from .check import FAIL, GAP, NOT_RUN, PASS, STATUSES, Check, CheckOutcome, judge
-from .checks import coupling, fmi, paper, persons, plant, report_page, uncertainty, user_files
+from .checks import coupling, fmi, paper, persons, plant, populations, report_page, uncertainty, user_files
 from .laboratory import Laboratory
 
 
@@ -59,8 +59,8 @@ class Report:
 def suite(folder: Path | None = None) -> list[Check]:
     """All checks in the order of their ids' groups; those of a user's `folder` last. Raises InputError for the folder's
     files."""
-    of_plant = [*plant.CHECKS, *persons.CHECKS]
-    found = [*coupling.CHECKS, *of_plant, *uncertainty.CHECKS, *fmi.CHECKS, *report_page.CHECKS, *paper.CHECKS]
+    of_plant, of_uq = [*plant.CHECKS, *persons.CHECKS], [*uncertainty.CHECKS, *populations.CHECKS]
+    found = [*coupling.CHECKS, *of_plant, *of_uq, *fmi.CHECKS, *report_page.CHECKS, *paper.CHECKS]
     return found + (user_files.read_checks(folder) if folder is not None else [])
 
 
