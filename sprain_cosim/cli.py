@@ -911,6 +911,62 @@ def export_command(
     _show(f"written: {out} ({rows} rows, {columns} columns and time)")
 
 
+@cli.group("ssp")
+def ssp_group() -> None:
+    """Landings and devices as systems of the SSP standard: FILE.ssp."""
+
+
+@ssp_group.command("export")
+@click.argument("scenario")
+@FMUS
+@MAPS
+@SET
+@SUBJECT
+@click.option(
+    "--version",
+    "standard",
+    type=click.Choice(["1.0", "2.0"]),
+    default="1.0",
+    show_default=True,
+    help="Of the SSP standard.",
+)
+@out_option("Package to write, FILE.ssp.", required=True)
+def ssp_export(
+    scenario: str,
+    fmus: tuple[str, ...],
+    maps: tuple[str, ...],
+    settings: tuple[str, ...],
+    subject: str | None,
+    standard: str,
+    out: Path,
+) -> None:
+    """Write SCENARIO with all its FMUs as one package that other tools open."""
+    from .export.package import export_package
+    from .scenario import load_scenario
+
+    chosen = _changed(load_scenario(scenario), fmus, maps, settings, subject)
+    for warning in chosen.warnings:
+        _show(f"warning: {warning}", err=True)
+    for note in export_package(chosen, out, standard):
+        _show(f"note: {note}")
+    _show(f"written: {out} ({out.stat().st_size / 1e6:.1f} MB)")
+
+
+@ssp_group.command("check")
+@click.argument("file", type=click.Path(path_type=Path))
+@JSON
+def ssp_check(file: Path, as_json: bool) -> None:
+    """Say whether FILE.ssp can be run here: archive, schema, references, units, connections, loops. Nothing runs."""
+    from .scenario.package import inspected
+
+    found = inspected(file)
+    if as_json:
+        _show(json.dumps(found))
+        return
+    for name, lines in found.items():
+        _show(f"{name:12}{lines if isinstance(lines, str) else chr(10).join([*lines[:1], *(' ' * 12 + x for x in lines[1:])])}")
+
+
 @cli.command("motion")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--at", metavar='"0.81 s"', help="Instant in the file (default: first contact of the foot).")

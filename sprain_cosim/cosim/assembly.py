@@ -135,7 +135,9 @@ class Assembly:
         ends = list(zip(names, sources, strict=True))
         member.connected = np.array([self.index[s] if s else self.identified[n] for n, s in ends], dtype=np.intp)
         member.unconnected = np.where([is_impedance(n) for n in names], self.zero, member.connected).astype(np.intp)
-        links = [_link(system.find(s).unit if s else None, system.find(n).unit) for n, s in ends]
+        links = [
+            system.links.get(n) or conversion(system.find(s).unit if s else None, system.find(n).unit) for n, s in ends
+        ]
         member.factor, member.offset = np.array([f for f, _ in links]), np.array([b for _, b in links])
         member.scaled = any(link != (1.0, 0.0) for link in links)
 
@@ -364,7 +366,7 @@ def _layout(component: Element, system: System) -> tuple[list[str], list[str], i
     return inputs, sorted(direct, key=direct.__getitem__), sum(direct.values()) if inputs else 0
 
 
-def _link(source: Unit | None, target: Unit | None) -> tuple[float, float]:
+def conversion(source: Unit | None, target: Unit | None) -> tuple[float, float]:
     """Factor and offset from the source's unit to the target's; an undeclared unit is SI."""
     if source == target or (
         source is not None and target is not None and (source.factor, source.offset) == (target.factor, target.offset)

@@ -7,7 +7,7 @@ values only under a scheme that hands them over."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -26,12 +26,15 @@ class System:
     connections  {target: source}, both as "component.connector"
     parameters   {"component.parameter": value in the parameter's own unit}
     derived      {"owner.name": what may be set besides} of no component: its owner makes parameters of it
+    links        {target: (factor, offset)} from the number at the source to that at the target, where the units of the
+                 two do not say it
     """
 
     components: tuple[Element, ...]
     connections: Mapping[str, str]
     parameters: Mapping[str, float] = field(default_factory=dict)
     derived: Mapping[str, Connector] = field(default_factory=dict)
+    links: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def component(self, name: str) -> Element | None:
         return next((c for c in self.components if c.name == name), None)
@@ -99,7 +102,7 @@ class System:
         for end in (into, out_of):
             if not end.scalar_number:
                 problems.append(f"{place}: {end.name} is of type {end.kind}; only scalar numbers can be connected")
-        if into.unit and out_of.unit and not into.unit.same_dimension(out_of.unit):
+        if target not in self.links and into.unit and out_of.unit and not into.unit.same_dimension(out_of.unit):
             ends = ((target, into.unit), (source, out_of.unit))
             units = ", ".join(f"{name} in {unit.name} ({unit.dimension()})" for name, unit in ends)
             problems.append(f"{place}: the units do not match: {units}")
@@ -166,14 +169,17 @@ class System:
         return Assembly(self)
 
 
-def connect(components: Sequence[Element], explicit: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
-    """The explicit connections and those that devices make themselves, with the problems met."""
+def connect(
+    components: Sequence[Element], explicit: Mapping[str, str], complete: Collection[str] = ()
+) -> tuple[dict[str, str], list[str]]:
+    """The explicit connections and those that devices make themselves, but for those whose connections are `complete`,
+    with the problems met."""
     connections, problems = dict(explicit), list[str]()
     plant = next((c for c in components if c.name == PLANT), None)
     if plant is None:
         return connections, problems
     for device in components:
-        if device is not plant:
+        if device is not plant and device.name not in complete:
             problems += _connect_device(device, plant, explicit, connections)
     return connections, problems
 

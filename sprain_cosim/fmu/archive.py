@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 import stat
 import time
@@ -47,6 +48,15 @@ class Archive:
 
 def read(path: Path) -> Archive:
     """Checks the archive without unpacking it. Raises InputError in one line."""
+    status = _status(path)
+    marks = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
+    if time.time_ns() - max(status.st_mtime_ns, status.st_ctime_ns) < SETTLED:
+        return _read(path)
+    return _remembered(path, marks)
+
+
+def _status(path: Path) -> os.stat_result:
+    """Of a file that is one, and not too large. Raises InputError."""
     try:
         status = path.stat()
     except FileNotFoundError:
@@ -57,10 +67,7 @@ def read(path: Path) -> Archive:
         raise InputError(f"{path}: {'is a folder, not an FMU file' if path.is_dir() else 'no such file'}")
     if status.st_size > MAX_SIZE:
         raise InputError(f"{path}: {status.st_size / 2**20:.0f} MB; at most {MAX_SIZE // 2**20} MB are accepted")
-    marks = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
-    if time.time_ns() - max(status.st_mtime_ns, status.st_ctime_ns) < SETTLED:
-        return _read(path)
-    return _remembered(path, marks)
+    return status
 
 
 @lru_cache(maxsize=64)
@@ -169,6 +176,22 @@ def _key(name: str) -> str:
     """What names have in common that one system or another takes for the same."""
     name = "/".join(part.rstrip(".") for part in name.split("/"))
     return unicodedata.normalize("NFC", name).casefold()
+
+
+def contents(path: Path) -> tuple[str, tuple[str, ...]]:
+    """SHA-256 and names of the files of any zip archive, checked without unpacking it. Raises InputError."""
+    size = _status(path).st_size
+    try:
+        with path.open("rb") as file:
+            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+            with zipfile.ZipFile(file) as archive:
+                entries = archive.infolist()
+                _check(path, entries)
+    except (InputError, MemoryError):
+        raise
+    except Exception as problem:  # zipfile raises many kinds for damaged files
+        raise InputError(f"{path}: not a readable zip archive ({one_line(problem)}, {size} B)") from None
+    return sha256, tuple(entry.filename for entry in entries if not entry.is_dir())
 
 
 def member(path: Path, name: str) -> bytes:

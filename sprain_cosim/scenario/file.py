@@ -14,6 +14,7 @@ from ..errors import InputError, nearest, problems_to_error
 from ..files import read_toml
 from ..shipped import fmu_path, is_file, scenario_folder, shipped_scenarios
 from ..subject.words import SUBJECT, subject_of
+from .package import SUFFIX, is_package, package_content
 from .scenario import SECOND, Scenario, Value, share
 from .title import RAN
 
@@ -153,7 +154,8 @@ FILE = keys.File(
 def load_scenario(name: str | Path) -> Scenario:
     """A scenario from a file or the name of one that ships. Raises InputError."""
     path = _find(str(name))
-    title = _read(path).get("title", "")  # of this file: that of a base would not know what this one changes
+    # of this file: that of a base would not know what this one changes
+    title = "" if is_package(path) else _read(path).get("title", "")
     content = _with_bases(path, ())
     if not content.get("components"):
         raise InputError(f'{path}: no components; add [components.plant] with fmu = "plant", or a base')
@@ -165,6 +167,8 @@ def load_scenario(name: str | Path) -> Scenario:
         connections=content.get("connections", {}),
         master=Master(**content.get("master", {})),
         source=str(path) if path.parent != scenario_folder() else path.stem,
+        warnings=tuple(content.get("notes", ())),
+        wiring=content.get("wiring"),
     )
     if "subject" not in content:
         return scenario
@@ -180,7 +184,7 @@ def _find(name: str, beside: Path | None = None) -> Path:
         inside = scenario_folder() / f"{name}.toml"
         if is_file(inside):
             return inside
-    if name.endswith(".toml") or "/" in name:
+    if name.endswith((".toml", SUFFIX)) or "/" in name:
         raise InputError(f"{name}: no such scenario file")
     raise InputError(
         f"scenario {name!r}: no such file, and none of that name ships{nearest(name, shipped_scenarios())}; "
@@ -190,6 +194,8 @@ def _find(name: str, beside: Path | None = None) -> Path:
 
 def _with_bases(path: Path, heirs: tuple[Path, ...]) -> dict[str, Any]:
     """The content of a file on top of its base's; `heirs` are the files whose base it is. Raises InputError."""
+    if is_package(path):
+        return package_content(path)
     content = _resolve(_read(path), path)
     if "base" not in content:
         return content
@@ -225,4 +231,13 @@ def _merge(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
     merged = {**base, **own}
     for key in ("components", "parameters", "connections", "master"):
         merged[key] = {**base.get(key, {}), **own.get(key, {})}
+    if "wiring" in base:  # a component that takes another's place connects itself
+        gone = own.get("components", {})
+        merged["wiring"] = base["wiring"].without(gone)
+        kept = {
+            t: s
+            for t, s in base.get("connections", {}).items()
+            if t.partition(".")[0] not in gone and s.partition(".")[0] not in gone
+        }
+        merged["connections"] = {**kept, **own.get("connections", {})}
     return merged

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
+from ..contract import PLANT
 from ..cosim.assembly import Assembly
 from ..cosim.coupling import check_scheme
 from ..cosim.master import Master
@@ -29,7 +30,9 @@ from ..units import quantity, unit
 from .apart import Apart
 from .body import is_of_subject, plant_values, subject_connectors, with_measures
 from .isolation import Isolation, isolation
+from .package import device, is_package
 from .title import Ran, heading
+from .wiring import Wiring
 
 ROLES = ("plant", "controller", "brace")
 SECOND = unit("s")
@@ -55,6 +58,7 @@ class Scenario:
     in_process   foreign FMUs run without a sandbox, in `open` and `run` in this very process
     changes      what was changed since the file was read, such as "plant.drop_height = 0.35 m"
     subject      who lands; None: the person with whom the plant was made
+    wiring       of a system that others described; None: connections are as the files and the contract say
     """
 
     title: str
@@ -70,6 +74,7 @@ class Scenario:
     in_process: bool = False
     changes: tuple[str, ...] = ()
     subject: Subject | None = None
+    wiring: Wiring | None = None
 
     @property
     def heading(self) -> str:
@@ -135,6 +140,8 @@ class Scenario:
         one warning."""
         if name not in self.fmus and name not in ROLES:
             raise InputError(f"component {name!r} is not in {self.source}{nearest(name, [*self.fmus, *ROLES])}")
+        if is_package(fmu):
+            return self._with_device(name, Path(fmu), mapping)
         path = fmu_path(str(fmu), Path.cwd(), f"{name} = {fmu}")
         maps = {k: v for k, v in self.maps.items() if k != name} | (
             {name: Path(mapping)} if mapping is not None else {}
@@ -160,6 +167,28 @@ class Scenario:
             },
             warnings=self.warnings + warning,
             dropped=self.dropped + lost,
+            wiring=None if self.wiring is None else self.wiring.without([name]),
+        )
+
+    def _with_device(self, name: str, path: Path, mapping: Path | str | None) -> Self:
+        """A device of several FMUs, from a package, in a component's place."""
+        if mapping is not None:
+            raise InputError(f"{name} = {path}: a mapping file belongs to one FMU; a package has its own connections")
+        bare = self.without(name)
+        plant = next((c for c in bare.components() if c.name == PLANT), None)
+        if plant is None:
+            raise InputError(f"{self.source}: has no {PLANT} that {path} could be connected to")
+        found = device(path, name, plant)
+        before = self.wiring or Wiring()
+        return replace(
+            bare,
+            changes=self.noted(f"{name} = {path.name}").changes,
+            fmus={**bare.fmus, **found.fmus},
+            maps={**bare.maps, **found.maps},
+            parameters={**bare.parameters, **found.parameters},
+            connections={**bare.connections, **found.connections},
+            warnings=self.warnings + found.notes,
+            wiring=before.without([name]).joined(found.wiring),
         )
 
     def without(self, name: str) -> Self:
@@ -175,6 +204,7 @@ class Scenario:
             connections={
                 t: s for t, s in self.connections.items() if name not in (t.partition(".")[0], s.partition(".")[0])
             },
+            wiring=None if self.wiring is None else self.wiring.without([name]),
         )
 
     def with_master(
@@ -251,7 +281,7 @@ class Scenario:
         for name, path in self.fmus.items():
             try:
                 component = read_component(name, path, self.maps.get(name))
-                components.append(component)
+                components.append(component if self.wiring is None else self.wiring.applied(component))
             except InputError as problem:
                 unreadable.append(f"components.{name}: {problem}")
         problems_to_error(self.source, unreadable)
@@ -315,16 +345,20 @@ class Scenario:
 
     def _described(self) -> System:
         components = self.components()
-        connections, problems = connect(components, self.connections)
+        connections, problems = self._connected(components)
         problems_to_error(self.source, problems)
         derived = {} if self.subject is None else subject_connectors(self.subject)
-        return System(components, connections, derived=derived)
+        system = System(components, connections, derived=derived)
+        return system if self.wiring is None else self.wiring.linked(system)
+
+    def _connected(self, components: Sequence[Component]) -> tuple[dict[str, str], list[str]]:
+        return connect(components, self.connections, () if self.wiring is None else self.wiring.complete)
 
     def doubts(self) -> list[str]:
         """What is assumed without being said anywhere, one line each: undeclared units of connected variables, a
         mapping that another replaces; and what foreign FMUs may do beyond the sandbox."""
         components = self.components()
-        connections, _ = connect(components, self.connections)
+        connections, _ = self._connected(components)
         found = []
         for component in components:
             ends = {

@@ -13,7 +13,9 @@ import numpy as np
 from ..cosim.master import Master
 from ..errors import InputError
 from ..scenario import Scenario
+from ..scenario.wiring import Wiring
 from ..subject.person import Subject
+from ..units import Unit
 from ..uq import distributions
 from ..uq.exceedance import Bounds
 from ..uq.measured import Measured
@@ -29,7 +31,20 @@ CLASSES: dict[str, Any] = (
     {STUDY: Plan}
     | {
         kind.__name__: kind
-        for kind in (Scenario, Master, Question, Goal, Until, Measured, Bounds, Fitted, Subject, Population)
+        for kind in (
+            Scenario,
+            Master,
+            Question,
+            Goal,
+            Until,
+            Measured,
+            Bounds,
+            Fitted,
+            Subject,
+            Population,
+            Wiring,
+            Unit,
+        )
     }
     | {
         kind.__name__: kind

@@ -72,7 +72,11 @@ def identity(plan: Plan, files: Mapping[str, Mapping[str, str]] | None = None) -
     return {
         "version": __version__,
         "order": _order(plan),
-        **_fields(scenario, "Scenario", {**contents, **_absent("subject", scenario.subject)}),
+        **_fields(
+            scenario,
+            "Scenario",
+            {**contents, **_absent("subject", scenario.subject), **_absent("wiring", scenario.wiring)},
+        ),
         **_fields(
             plan,
             "Plan",

@@ -1,0 +1,181 @@
+"""A scenario from an SSP package, and a device that comes as one."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..contract import PLANT, plain
+from ..errors import InputError, problems_to_error
+from ..fmu import cache
+from ..fmu.component import Component
+from ..ssp.flat import Flat, flattened
+from ..units import quantity, unit
+from .wiring import Wiring
+
+SUFFIX = ".ssp"
+BRACE = "brace"
+MOTION = {"subtalar_angle", "talocrural_angle"}  # what a plant gives and no device does
+FLAGS = ("active", "continuous", "reset")  # of a mapping file, which a package carries; never what it would allow
+SECOND = unit("s")
+MASTER_KEYS = {
+    "communicationStep": "communication_step",
+    "scheme": "scheme",
+    "identify": "identify",
+    "adaptive": "adaptive",
+}
+
+
+def is_package(name: Path | str) -> bool:
+    return str(name).lower().endswith(SUFFIX)
+
+
+def package_content(path: Path) -> dict[str, Any]:
+    """What a package says, with the keys of a scenario file as they are after reading; besides them `wiring` and
+    `notes`. Raises InputError."""
+    flat = flattened(path)
+    names, notes = _with_plant(flat, path)
+    described = flat.structure
+    master: dict[str, Any] = {
+        key: _setting(key, described.master[name], path)
+        for name, key in MASTER_KEYS.items()
+        if name in described.master
+    }
+    if described.start:
+        raise InputError(f"{path}: the default experiment starts at {described.start:g} s; a landing starts at 0")
+    if described.stop is not None:
+        master["stop"] = described.stop
+    connections = {_named(t, names): _named(f.source, names) for t, f in flat.feeds.items()}
+    handed = described.hand_over
+    missing = _missing(flat, [end for h in handed for end in (h.source, h.target)])
+    problems_to_error(str(path), [f"annotation HandOver: {end}: there is no such connector" for end in missing])
+    connections |= {_named(h.target, names): _named(h.source, names) for h in handed}
+    links = {target: feed.link for target, feed in flat.feeds.items()} | {h.target: h.link for h in handed}
+    notes += [f"input {name} of the system is fed by nothing" for name in flat.inputs]
+    return {
+        "components": _components(flat, names),
+        "parameters": {_named(n, names): value for n, value in flat.parameters.items()},
+        "connections": connections,
+        "master": master,
+        "wiring": Wiring(
+            {_named(n, names): unit for n, unit in flat.units.items()},
+            {_named(t, names): link for t, link in links.items() if link is not None},
+            tuple(names[n] for n in flat.components),
+        ),
+        "notes": [f"{path.name}: {note}" for note in (*flat.notes, *notes)],
+    }
+
+
+@dataclass(frozen=True)
+class Device:
+    """A device of one or more FMUs, as it takes a component's place.
+
+    fmus, maps, parameters, connections  as those of a scenario
+    wiring  its units and transformations
+    notes   one line each
+    """
+
+    fmus: Mapping[str, Path]
+    maps: Mapping[str, Path]
+    parameters: Mapping[str, float | str | bool]
+    connections: Mapping[str, str]
+    wiring: Wiring
+    notes: tuple[str, ...]
+
+
+def device(path: Path, name: str, plant: Component) -> Device:
+    """The device of a package in the place of component `name`: its own connectors meet those of the `plant` by their
+    names. Raises InputError."""
+    flat = flattened(path)
+    giving = [feed.source.partition(".")[0] for n, feed in flat.outputs.items() if plain(n).endswith("torque")]
+    first = giving[0] if giving else next(iter(flat.components))
+    names = {c: name if c == first else f"{name}_{c}" for c in flat.components}
+    gives = {plain(n): n for n in plant.outputs}
+    takes = {plain(n): n for n in plant.inputs}
+    connections = {_named(t, names): _named(f.source, names) for t, f in flat.feeds.items()}
+    links = {_named(t, names): f.link for t, f in flat.feeds.items() if f.link is not None}
+    problems = list[str]()
+    for port, fed in flat.inputs.items():
+        if plain(port) not in gives:
+            problems.append(f"its input {port} is no signal of the contract")
+            continue
+        connections |= {_named(t, names): f"{PLANT}.{gives[plain(port)]}" for t in fed}
+        links |= {_named(t, names): f.link for t, f in fed.items() if f.link is not None}
+    for port, feed in flat.outputs.items():
+        target = takes.get(plain(port)) or takes.get(f"brace{plain(port)}")
+        if target is None:
+            continue
+        connections[f"{PLANT}.{target}"] = _named(feed.source, names)
+        if feed.link is not None:
+            links[f"{PLANT}.{target}"] = feed.link
+    if not any(t.startswith(f"{PLANT}.") for t in connections):
+        problems.append(
+            "none of the system's own outputs is a torque of the contract; expose one, such as subtalar_torque"
+        )
+    problems_to_error(str(path), problems)
+    found = _components(flat, names)
+    return Device(
+        {n: spec["fmu"] for n, spec in found.items()},
+        {n: spec["map"] for n, spec in found.items() if "map" in spec},
+        {_named(n, names): value for n, value in flat.parameters.items()},
+        connections,
+        Wiring({_named(n, names): u for n, u in flat.units.items()}, links, tuple(names.values())),
+        tuple(f"{path.name}: {note}" for note in flat.notes),
+    )
+
+
+def _with_plant(flat: Flat, path: Path) -> tuple[dict[str, str], list[str]]:
+    """{component of the package: its name here}: one of them is the plant. Raises InputError."""
+    names = {name: name for name in flat.components}
+    if PLANT in names:
+        return names, []
+    found = [name for name, component in flat.components.items() if set(component.outputs) >= MOTION]
+    if len(found) != 1:
+        raise InputError(
+            f"{path}: {len(found) or 'no'} component{'s' * (len(found) != 1)} with the plant's outputs; one must be "
+            f"called {PLANT} (a device alone takes its place with --fmu brace={path.name})"
+        )
+    return {**names, found[0]: PLANT}, [f"component {found[0]} is the plant"]
+
+
+def _named(full: str, names: Mapping[str, str]) -> str:
+    component, _, variable = full.partition(".")
+    return f"{names.get(component, component)}.{variable}"
+
+
+def _missing(flat: Flat, ends: Sequence[str]) -> list[str]:
+    owners = {end: flat.components.get(end.partition(".")[0]) for end in ends}
+    return [end for end, owner in owners.items() if owner is None or end.partition(".")[2] not in owner.connectors]
+
+
+def _components(flat: Flat, names: Mapping[str, str]) -> dict[str, dict[str, Path]]:
+    """{component: {"fmu": its file, "map": what a mapping file says of the device itself}}."""
+    found: dict[str, dict[str, Path]] = {}
+    for name, component in flat.components.items():
+        found[names[name]] = {"fmu": component.fmu}
+        lines = [_line(key, text) for key, text in flat.devices.get(name, {}).items()]
+        if lines:
+            content = "".join(f"{line}\n" for line in lines).encode()
+            found[names[name]]["map"] = cache.keep(f"{name}.toml", content, hashlib.sha256(content).hexdigest())
+    return found
+
+
+def _line(key: str, text: str) -> str:
+    """A line of a mapping file; nothing else gets into it. Raises InputError."""
+    if key == "step":
+        return f'step = "{quantity(text, SECOND, "annotation Device: step")!r} s"'
+    if key not in FLAGS or text not in ("true", "false"):
+        raise InputError(f"annotation Device: {key} = {text!r}: expected true or false for one of {', '.join(FLAGS)}")
+    return f"{key} = {text}"
+
+
+def _setting(key: str, text: str, path: Path) -> float | int | str:
+    if key == "scheme":
+        return text
+    try:
+        return int(text) if key == "identify" else float(text)
+    except ValueError:
+        raise InputError(f"{path}: annotation Master: {key} = {text!r} is no number") from None

@@ -1,0 +1,1 @@
+"""Systems of FMUs in the SSP standard (System Structure and Parameterization): read, flattened, written."""

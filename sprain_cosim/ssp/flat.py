@@ -1,0 +1,313 @@
+"""A structure without its levels: the FMUs of all systems under one name each, who feeds whom through which linear
+transformation, and what is set."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from ..errors import InputError, problems_to_error
+from ..fmu.component import Component
+from ..fmu.element import Connector
+from ..units import Unit
+from .package import Package
+from .structure import Part, Port, Structure, Wire, structure
+from .values import Assigned
+
+Node = tuple[tuple[str, ...], str]  # names of the systems and the element, from the outermost; connector
+Affine = tuple[float, float]  # factor * value + offset arrives
+
+
+@dataclass(frozen=True)
+class Feed:
+    """What feeds an input.
+
+    source  "component.output", or the name of an input of the outermost system
+    link    from the number at the source to that at the target; None: as their units say
+    """
+
+    source: str
+    link: Affine | None = None
+
+
+@dataclass(frozen=True)
+class Flat:
+    """A structure without its levels.
+
+    components  {name: the FMU as it describes itself}, in the order of the document
+    feeds       {"component.input": its source}
+    inputs      {input of the outermost system: {"component.input": its feed}}
+    outputs     {output of the outermost system: its feed}
+    units       {"component.variable": what the document states and the FMU does not}
+    parameters  {"component.variable": value as a scenario file has it}
+    devices     {component: what our annotation says of it}
+    structure   of which it comes
+    notes       what was renamed or left out, one line each
+    """
+
+    components: Mapping[str, Component]
+    feeds: Mapping[str, Feed]
+    inputs: Mapping[str, Mapping[str, Feed]]
+    outputs: Mapping[str, Feed]
+    units: Mapping[str, Unit]
+    parameters: Mapping[str, float | str | bool]
+    devices: Mapping[str, Mapping[str, str]]
+    structure: Structure
+    notes: Sequence[str] = field(default=())
+
+
+def flattened(path: Path) -> Flat:
+    """The system of a package. Raises InputError with all problems in one line."""
+    package = Package.read(path)
+    return _Flattening(package, structure(package)).result()
+
+
+class _Flattening:
+    def __init__(self, package: Package, described: Structure) -> None:
+        self.package, self.described = package, described
+        self.problems, self.notes = list[str](), list(described.notes)
+        self.parts = dict(_walk(described.system, ()))
+        self.fmus = {path: part for path, part in self.parts.items() if part.source}
+        self.names = self._named()
+        self.components: dict[tuple[str, ...], Component] = {}
+        for path, part in self.fmus.items():
+            try:
+                self.components[path] = Component.read(self.names[path], package.kept(part.source))
+            except InputError as problem:
+                self.problems.append(f"component {'.'.join(path)}: {problem}")
+        problems_to_error(str(package.path), self.problems)  # nothing below makes sense without them
+        self.origin: dict[Node, tuple[Node, Wire]] = {}
+
+    def result(self) -> Flat:
+        units = self._units()
+        for path, part in self.parts.items():
+            for wire in part.wires:
+                self._connect(path, wire)
+        feeds, inputs = self._feeds()
+        outputs = {
+            port.name: feed
+            for port in self.described.system.ports.values()
+            if port.kind == "output" and (feed := self._feed(((), port.name))) is not None
+        }
+        parameters = self._parameters(feeds)
+        problems_to_error(str(self.package.path), self.problems)
+        return Flat(
+            {c.name: c for c in self.components.values()},
+            feeds,
+            inputs,
+            outputs,
+            units,
+            parameters,
+            {self.names[path]: part.device for path, part in self.fmus.items() if part.device},
+            self.described,
+            tuple(self.notes),
+        )
+
+    # ---- names and units
+
+    def _named(self) -> dict[tuple[str, ...], str]:
+        """One name for each FMU, of letters, digits and _."""
+        names: dict[tuple[str, ...], str] = {}
+        for path in self.fmus:
+            plain = re.sub(r"\W", "_", "_".join(path), flags=re.ASCII)
+            plain = plain if plain[:1].isalpha() else f"c{plain}"
+            if plain in names.values():
+                self.problems.append(
+                    f"component {'.'.join(path)}: another one is called {plain} here as well; rename it"
+                )
+            if plain != ".".join(path):
+                self.notes.append(f"component {'.'.join(path)} is called {plain} here")
+            names[path] = plain
+        return names
+
+    def _units(self) -> dict[str, Unit]:
+        """What the document states and the FMU does not; a contradiction is a problem."""
+        found: dict[str, Unit] = {}
+        for path, part in self.fmus.items():
+            connectors = self.components[path].connectors
+            for port in part.ports.values():
+                place, connector = f"connector {'.'.join(path)}.{port.name}", connectors.get(port.name)
+                if connector is None:
+                    self.problems.append(f"{place}: {self.components[path].fmu.name} has no such variable")
+                elif connector.kind != "real" or port.unit is None:
+                    continue
+                elif connector.unit is None:
+                    found[f"{self.names[path]}.{port.name}"] = port.unit
+                elif not _same(port.unit, connector.unit):
+                    self.problems.append(
+                        f"{place}: its unit is {port.unit.name} in the document and {connector.unit.name} in the FMU"
+                    )
+        self.units = found
+        return found
+
+    def _unit(self, node: Node) -> Unit | None:
+        path, name = node
+        if path not in self.components:
+            port = self.parts[path].ports.get(name)
+            return None if port is None else port.unit
+        connector = self.components[path].connectors.get(name)
+        own = None if connector is None else connector.unit
+        return own or self.units.get(f"{self.names[path]}.{name}")
+
+    # ---- connections
+
+    def _connect(self, path: tuple[str, ...], wire: Wire) -> None:
+        """Notes where the target of a connection of the system at `path` comes from."""
+        nodes, gives = list[Node](), list[bool]()
+        for element, name in wire.ends:
+            at = (*path, element) if element else path
+            if at not in self.parts:
+                self.problems.append(f"{wire.words}: there is no element {element}")
+                return
+            kind = self._kind((at, name))
+            if not kind:
+                self.problems.append(f"{wire.words}: {element or 'the system'} has no connector {name}")
+                return
+            if kind == "calculatedParameter":
+                self.problems.append(f"{wire.words}: connections of calculated parameters are not supported")
+                return
+            nodes.append((at, name))
+            gives.append((kind == "output") == bool(element))
+        if gives[0] == gives[1]:
+            self.problems.append(f"{wire.words}: joins two that {'give' if gives[0] else 'take'}")
+            return
+        source, target = nodes if gives[0] else reversed(nodes)
+        if target in self.origin:
+            self.problems.append(f"{wire.words}: {'.'.join((*target[0], target[1]))} is fed twice")
+        self.origin[target] = source, wire
+
+    def _kind(self, node: Node) -> str:
+        """input, output, parameter ... of a connector; "" where there is none. What the FMU says goes before what the
+        document says."""
+        path, name = node
+        if path in self.components:
+            connector = self.components[path].connectors.get(name)
+            return "" if connector is None else connector.causality
+        port: Port | None = self.parts[path].ports.get(name)
+        return "" if port is None else port.kind
+
+    def _feeds(self) -> tuple[dict[str, Feed], dict[str, dict[str, Feed]]]:
+        feeds, inputs = dict[str, Feed](), dict[str, dict[str, Feed]]()
+        for path, component in self.components.items():
+            for name in component.inputs:
+                feed = self._feed((path, name))
+                if feed is None:
+                    continue
+                target = f"{component.name}.{name}"
+                if "." in feed.source:
+                    feeds[target] = feed
+                else:
+                    inputs.setdefault(feed.source, {})[target] = feed
+        return feeds, inputs
+
+    def _feed(self, target: Node) -> Feed | None:
+        """Where a connector's value comes from, through all systems; None where nothing feeds it."""
+        chain, node = list[tuple[Node, Wire]](), target
+        while node in self.origin:
+            source, wire = self.origin[node]
+            if len(chain) > len(self.origin):
+                self.problems.append(f"{wire.words}: the connections of systems form a circle")
+                return None
+            chain.append((node, wire))
+            node = source
+        path, name = node
+        if not chain or (path and path not in self.components):
+            return None  # an input of a system that nothing feeds
+        link = self._linked(node, chain[::-1])
+        return Feed(f"{self.names[path]}.{name}" if path else name, link)
+
+    def _linked(self, source: Node, chain: Sequence[tuple[Node, Wire]]) -> Affine | None:
+        """The linear transformation along a chain of connections; None where the units of its two ends say all."""
+        factor, offset, unit, plain = 1.0, 0.0, self._unit(source), True
+        for node, wire in chain:
+            own = self._unit(node)
+            if own is not None and unit is not None and not wire.suppressed and not _same(own, unit):
+                if not own.same_dimension(unit):
+                    self.problems.append(
+                        f"{wire.words}: the units do not match: {unit.name} ({unit.dimension()}) and {own.name} "
+                        f"({own.dimension()})"
+                    )
+                    return None
+                scale = unit.factor / own.factor
+                factor, offset = scale * factor, scale * offset + (unit.offset - own.offset) / own.factor
+            if wire.suppressed and not (own is not None and unit is not None and _same(own, unit)):
+                plain = False
+            change = wire.transformation
+            if change is not None:
+                factor, offset, plain = change.factor * factor, change.factor * offset + change.offset, False
+            unit = own if own is not None else unit
+        return None if plain else (factor, offset)
+
+    # ---- values
+
+    def _parameters(self, feeds: Mapping[str, Feed]) -> dict[str, float | str | bool]:
+        """Values of the deepest element first: what a system around it assigns goes before them."""
+        assigned: dict[Node, Assigned] = {}
+        for path in sorted(self.parts, key=len, reverse=True):
+            for value in self.parts[path].values:
+                nodes = self._targets(path, value.name)
+                if not nodes:
+                    self.notes.append(f"{value.place}: {value.name}: there is no such parameter; left out")
+                assigned |= dict.fromkeys(nodes, value)
+        return self._written(assigned, feeds)
+
+    def _written(self, assigned: Mapping[Node, Assigned], feeds: Mapping[str, Feed]) -> dict[str, float | str | bool]:
+        found: dict[str, float | str | bool] = {}
+        for (path, name), value in assigned.items():
+            full, connector = f"{self.names[path]}.{name}", self._connector(path, name)
+            if full in feeds:
+                self.notes.append(f"{full}: is fed by {feeds[full].source}; its start value is left out")
+            elif connector.causality not in ("parameter", "input"):
+                self.problems.append(
+                    f"{value.place}: {name}: is of causality {connector.causality}; only parameters, and inputs that "
+                    "nothing feeds, can be set"
+                )
+            else:
+                try:
+                    found[full] = value.value(connector)
+                except InputError as problem:
+                    self.problems.append(str(problem))
+        return found
+
+    def _connector(self, path: tuple[str, ...], name: str) -> Connector:
+        connector = self.components[path].connectors[name]
+        unit = self.units.get(f"{self.names[path]}.{name}")
+        return connector if unit is None else replace(connector, unit=unit)
+
+    def _targets(self, path: tuple[str, ...], name: str) -> list[Node]:
+        """The FMUs' variables that a name means at `path`, all of them where it means several."""
+        if path in self.components:
+            return [(path, name)] if name in self.components[path].connectors else []
+        found = list[Node]()
+        if name in self.parts[path].ports:
+            found += self._fed_by((path, name))
+        for part in self.parts[path].parts:
+            if name.startswith(f"{part.name}."):
+                found += self._targets((*path, part.name), name.removeprefix(f"{part.name}."))
+        return found
+
+    def _fed_by(self, node: Node) -> list[Node]:
+        """The FMUs' variables that take the value of a connector of a system."""
+        found = list[Node]()
+        for target, (source, wire) in self.origin.items():
+            if source != node:
+                continue
+            if wire.transformation is not None or wire.suppressed:
+                self.problems.append(
+                    f"{wire.words}: a value that is set at {node[1]} would go through its transformation, which is not "
+                    "supported; set it at the component"
+                )
+            found += [target] if target[0] in self.components else self._fed_by(target)
+        return found
+
+
+def _walk(part: Part, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Part]]:
+    yield path, part
+    for inner in part.parts:
+        yield from _walk(inner, (*path, inner.name))
+
+
+def _same(one: Unit, other: Unit) -> bool:
+    return (one.exponents, one.factor, one.offset) == (other.exponents, other.factor, other.offset)
