@@ -957,14 +957,15 @@ def ssp_export(
 @JSON
 def ssp_check(file: Path, as_json: bool) -> None:
     """Say whether FILE.ssp can be run here: archive, schema, references, units, connections, loops. Nothing runs."""
-    from .scenario.package import inspected
+    from .scenario.inspection import inspected
 
     found = inspected(file)
     if as_json:
         _show(json.dumps(found))
         return
     for name, lines in found.items():
-        _show(f"{name:12}{lines if isinstance(lines, str) else chr(10).join([*lines[:1], *(' ' * 12 + x for x in lines[1:])])}")
+        for k, line in enumerate([lines] if isinstance(lines, str) else lines):
+            _show(f"{'' if k else name:14}{line}")
 
 
 @cli.command("motion")

@@ -17,6 +17,7 @@ from .package import STRUCTURE
 
 SPACES = {"ssc": SSC, "ssd": SSD, "ssv": SSV, "sprain": OWN}
 ANNOTATION = "org.sprain-cosim"
+SET = "landing"  # the name of all parameter sets, so that a tool that chooses one by its name sets all components
 EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
@@ -121,7 +122,7 @@ def _connection(connections: Any, joint: Joint) -> None:
 
 
 def _parameter_set(component: Written, version: str) -> bytes:
-    root = etree.Element(f"{{{SSV}}}ParameterSet", {"version": version, "name": component.name}, nsmap=SPACES)
+    root = etree.Element(f"{{{SSV}}}ParameterSet", {"version": version, "name": SET}, nsmap=SPACES)
     parameters = _below(root, SSV, "Parameters")
     units: dict[str, Unit] = {}
     for name, (connector, value) in component.values.items():
