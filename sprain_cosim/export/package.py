@@ -15,13 +15,13 @@ from ..fmu.component import Component
 from ..fmu.element import Connector
 from ..mapping import Mapping, Signal, carried, load_mapping
 from ..scenario import Scenario
-from ..ssp.writing import Joint, Written, packed
+from ..ssp.writing import Joint, Written, package_bytes
 
 VERSIONS = ("1.0", "2.0")
 
 
 @dataclass(frozen=True)
-class Part:
+class Exported:
     """A component as its FMU describes it, and the mapping by which the contract's names became its own."""
 
     component: Component
@@ -66,20 +66,20 @@ def export_package(scenario: Scenario, out: Path, version: str = "1.0") -> list[
         "adaptive": repr(master.adaptive),
     }
     written = [_written(part, system, [*joints, *hand_over]) for part in parts.values()]
-    content = packed(scenario.heading, version, written, joints, master.stop, settings, hand_over)
+    content = package_bytes(scenario.heading, version, written, joints, master.stop, settings, hand_over)
     write(out, content)
     return _notes(parts, hand_over, master.communication_step)
 
 
-def _part(scenario: Scenario, name: str, path: Path) -> Part:
+def _part(scenario: Scenario, name: str, path: Path) -> Exported:
     component = Component.read(name, path)
     mapping = load_mapping(scenario.maps[name]) if name in scenario.maps else carried(component)
     if scenario.wiring is not None:
         component = scenario.wiring.applied(component)
-    return Part(component, mapping or Mapping())
+    return Exported(component, mapping or Mapping())
 
 
-def _joint(system: System, parts: dict[str, Part], source: str, target: str) -> Joint:
+def _joint(system: System, parts: dict[str, Exported], source: str, target: str) -> Joint:
     ends = []
     for full in (source, target):
         name, _, signal = full.partition(".")
@@ -93,7 +93,7 @@ def _joint(system: System, parts: dict[str, Part], source: str, target: str) -> 
     return Joint(f"{first}.{giving.name}", f"{second}.{taking.name}", None if plain else link)
 
 
-def _written(part: Part, system: System, joints: list[Joint]) -> Written:
+def _written(part: Exported, system: System, joints: list[Joint]) -> Written:
     component, own = part.component, f"{part.component.name}."
     ends = dict.fromkeys(end for joint in joints for end in (joint.source, joint.target) if end.startswith(own))
     values = {}
@@ -105,7 +105,7 @@ def _written(part: Part, system: System, joints: list[Joint]) -> Written:
     return Written(component.name, component.fmu.read_bytes(), connectors, values, part.device())
 
 
-def _notes(parts: dict[str, Part], hand_over: list[Joint], step: float) -> list[str]:
+def _notes(parts: dict[str, Exported], hand_over: list[Joint], step: float) -> list[str]:
     notes = [
         f"{name}: what its mapping allows beyond the sandbox is not in the package; whoever runs it grants that anew"
         for name, part in parts.items()

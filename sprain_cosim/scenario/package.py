@@ -12,7 +12,7 @@ from ..contract import PLANT, plain
 from ..errors import InputError, problems_to_error
 from ..fmu import cache
 from ..fmu.component import Component
-from ..ssp.flat import Flat, flattened
+from ..ssp.flat import Feed, Flat, flattened
 from ..units import quantity, unit
 from .wiring import Wiring
 
@@ -70,7 +70,7 @@ def package_content(path: Path) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Device:
+class PackagedDevice:
     """A device of one or more FMUs, as it takes a component's place.
 
     fmus, maps, parameters, connections  as those of a scenario
@@ -86,45 +86,57 @@ class Device:
     notes: tuple[str, ...]
 
 
-def device(path: Path, name: str, plant: Component) -> Device:
+def device(path: Path, name: str, plant: Component) -> PackagedDevice:
     """The device of a package in the place of component `name`: its own connectors meet those of the `plant` by their
     names. Raises InputError."""
     flat = flattened(path)
     giving = [feed.source.partition(".")[0] for n, feed in flat.outputs.items() if plain(n).endswith("torque")]
-    first = giving[0] if giving else next(iter(flat.components))
+    first = giving[0] if giving else next(iter(flat.components), "")
     names = {c: name if c == first else f"{name}_{c}" for c in flat.components}
-    gives = {plain(n): n for n in plant.outputs}
-    takes = {plain(n): n for n in plant.inputs}
-    connections = {_named(t, names): _named(f.source, names) for t, f in flat.feeds.items()}
-    links = {_named(t, names): f.link for t, f in flat.feeds.items() if f.link is not None}
-    problems = list[str]()
+    feeds = {_named(target, names): _seen(feed, names) for target, feed in flat.feeds.items()}
+    met, problems = _meetings(flat, names, plant)
+    problems_to_error(str(path), problems)
+    feeds |= met
+    found = _components(flat, names)
+    return PackagedDevice(
+        {n: spec["fmu"] for n, spec in found.items()},
+        {n: spec["map"] for n, spec in found.items() if "map" in spec},
+        {_named(n, names): value for n, value in flat.parameters.items()},
+        {target: feed.source for target, feed in feeds.items()},
+        Wiring(
+            {_named(n, names): u for n, u in flat.units.items()},
+            {target: feed.link for target, feed in feeds.items() if feed.link is not None},
+            tuple(names.values()),
+        ),
+        tuple(f"{path.name}: {note}" for note in flat.notes),
+    )
+
+
+def _meetings(flat: Flat, names: Mapping[str, str], plant: Component) -> tuple[dict[str, Feed], list[str]]:
+    """{target: its feed} where the system's own connectors meet those of the plant, and the problems."""
+    gives, takes = {plain(n): n for n in plant.outputs}, {plain(n): n for n in plant.inputs}
+    found, problems = dict[str, Feed](), list[str]()
     for port, fed in flat.inputs.items():
         if plain(port) not in gives:
             problems.append(f"its input {port} is no signal of the contract")
             continue
-        connections |= {_named(t, names): f"{PLANT}.{gives[plain(port)]}" for t in fed}
-        links |= {_named(t, names): f.link for t, f in fed.items() if f.link is not None}
+        source = f"{PLANT}.{gives[plain(port)]}"
+        found |= {_named(target, names): Feed(source, feed.link) for target, feed in fed.items()}
+    torques = 0
     for port, feed in flat.outputs.items():
         target = takes.get(plain(port)) or takes.get(f"brace{plain(port)}")
-        if target is None:
-            continue
-        connections[f"{PLANT}.{target}"] = _named(feed.source, names)
-        if feed.link is not None:
-            links[f"{PLANT}.{target}"] = feed.link
-    if not any(t.startswith(f"{PLANT}.") for t in connections):
+        if target is not None and not feed.outer:
+            found[f"{PLANT}.{target}"] = _seen(feed, names)
+            torques += 1
+    if not torques:
         problems.append(
             "none of the system's own outputs is a torque of the contract; expose one, such as subtalar_torque"
         )
-    problems_to_error(str(path), problems)
-    found = _components(flat, names)
-    return Device(
-        {n: spec["fmu"] for n, spec in found.items()},
-        {n: spec["map"] for n, spec in found.items() if "map" in spec},
-        {_named(n, names): value for n, value in flat.parameters.items()},
-        connections,
-        Wiring({_named(n, names): u for n, u in flat.units.items()}, links, tuple(names.values())),
-        tuple(f"{path.name}: {note}" for note in flat.notes),
-    )
+    return found, problems
+
+
+def _seen(feed: Feed, names: Mapping[str, str]) -> Feed:
+    return Feed(_named(feed.source, names), feed.link)
 
 
 def _with_plant(flat: Flat, path: Path) -> tuple[dict[str, str], list[str]]:

@@ -73,10 +73,10 @@ def document(data: bytes, place: str, root: str) -> Any:
         raise InputError(
             f"{place}: is {_plain(tree.tag)}, expected {_plain(root)} of SSP ({root[1:].partition('}')[0]})"
         )
-    return checked(tree, place)
+    return fitting(tree, place)
 
 
-def checked(tree: Any, place: str) -> Any:
+def fitting(tree: Any, place: str) -> Any:
     """The element, of which the whole fits; also one that stands inline in another document. Raises InputError."""
     version = tree.get("version", "")
     if version.partition(".")[0] not in ("1", "2"):

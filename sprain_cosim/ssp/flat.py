@@ -26,10 +26,12 @@ class Feed:
 
     source  "component.output", or the name of an input of the outermost system
     link    from the number at the source to that at the target; None: as their units say
+    outer   whether the source is an input of the outermost system
     """
 
     source: str
     link: Affine | None = None
+    outer: bool = False
 
 
 @dataclass(frozen=True)
@@ -196,10 +198,10 @@ class _Flattening:
                 if feed is None:
                     continue
                 target = f"{component.name}.{name}"
-                if "." in feed.source:
-                    feeds[target] = feed
-                else:
+                if feed.outer:
                     inputs.setdefault(feed.source, {})[target] = feed
+                else:
+                    feeds[target] = feed
         return feeds, inputs
 
     def _feed(self, target: Node) -> Feed | None:
@@ -216,7 +218,7 @@ class _Flattening:
         if not chain or (path and path not in self.components):
             return None  # an input of a system that nothing feeds
         link = self._linked(node, chain[::-1])
-        return Feed(f"{self.names[path]}.{name}" if path else name, link)
+        return Feed(f"{self.names[path]}.{name}" if path else name, link, not path)
 
     def _linked(self, source: Node, chain: Sequence[tuple[Node, Wire]]) -> Affine | None:
         """The linear transformation along a chain of connections; None where the units of its two ends say all."""

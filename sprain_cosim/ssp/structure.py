@@ -8,12 +8,12 @@ from typing import Any
 
 from ..errors import InputError, problems_to_error
 from ..units import Unit
-from .elements import SSD, SSM, SSV, checked, children, document, local, own_annotation
+from .elements import SSD, SSM, SSV, children, document, fitting, local, own_annotation
 from .package import FMU_TYPE, STRUCTURE, Package
 from .values import (
     Assigned,
     Transformation,
-    finite,
+    finite_number,
     mapped_values,
     parameter_mapping,
     parameter_set,
@@ -83,7 +83,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class HandOver:
+class Handed:
     """A connection of stiffness or damping, both ends as "component.connector"; `link` (factor, offset) where units do
     not say it."""
 
@@ -109,7 +109,7 @@ class Structure:
     start: float | None = None
     stop: float | None = None
     master: Mapping[str, str] = field(default_factory=dict)
-    hand_over: Sequence[HandOver] = ()
+    hand_over: Sequence[Handed] = ()
     notes: Sequence[str] = ()
 
 
@@ -123,7 +123,7 @@ def structure(package: Package) -> Structure:
     experiment = next(iter(children(tree, "DefaultExperiment")), None)
     times: dict[str, float | None] = {"startTime": None, "stopTime": None}
     if experiment is not None:
-        times = {key: finite(experiment.get(key), place) if experiment.get(key) else None for key in times}
+        times = {key: finite_number(experiment.get(key), place) if experiment.get(key) else None for key in times}
     annotated = own_annotation(tree, "Master")
     handed = [_handed(a, place) for a in children(tree, "Annotations", "Annotation", "HandOver")]
     problems_to_error(place, reader.problems)
@@ -231,7 +231,7 @@ class _Reader:
             where = self.located(binding, place, file)
             values = parameter_set(self.read(where, file), f"{self.package.path}:{where[1]}")
         elif inline is not None and len(inline) and inline[0].tag == f"{{{SSV}}}ParameterSet":
-            values = values_of(checked(inline[0], place), place)
+            values = values_of(fitting(inline[0], place), place)
         else:
             raise InputError(f"{place}: has neither a source nor a ParameterSet")
         prefix = binding.get("prefix", "")
@@ -269,11 +269,13 @@ class _Reader:
         return Package.within(self.package.kept(file)).member(name)
 
 
-def _handed(element: Any, place: str) -> HandOver:
+def _handed(element: Any, place: str) -> Handed:
     ends = str(element.get("source")), str(element.get("target"))
     if element.get("factor") is None:
-        return HandOver(*ends)
-    return HandOver(*ends, (finite(element.get("factor"), place), finite(element.get("offset", "0"), place)))
+        return Handed(*ends)
+    return Handed(
+        *ends, (finite_number(element.get("factor"), place), finite_number(element.get("offset", "0"), place))
+    )
 
 
 def _renamed(value: Assigned, name: str) -> Assigned:

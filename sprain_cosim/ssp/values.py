@@ -11,7 +11,7 @@ from typing import Any
 from ..errors import InputError, nearest
 from ..fmu.element import Connector
 from ..units import BASE, Unit
-from .elements import SSM, SSV, checked, children, document, local
+from .elements import SSM, SSV, children, document, fitting, local
 
 REALS = ("Real", "Float64", "Float32")
 NUMERALS = ("Integer", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)))
@@ -78,7 +78,7 @@ class Assigned:
         return number if own is None or own.dimensionless else f"{number!r} {own.name}"
 
     def _number(self, connector: Connector, what: str) -> float:
-        number = finite(self.text, what)
+        number = finite_number(self.text, what)
         if self.unit is not None and not self.suppressed:
             if connector.unit is None:
                 raise InputError(f"{what}: has the unit {self.unit.name}, and the FMU declares none for it")
@@ -174,7 +174,7 @@ def parameter_mapping(tree: Any, place: str) -> Any:
     """An element ParameterMapping of the namespace of SSM that stands inline. Raises InputError for anything else."""
     if tree.tag != f"{{{SSM}}}ParameterMapping":
         raise InputError(f"{place}: holds {local(tree)}, expected ParameterMapping of SSM")
-    return checked(tree, place)
+    return fitting(tree, place)
 
 
 def transformation_of(element: Any, place: str) -> Transformation | None:
@@ -183,7 +183,7 @@ def transformation_of(element: Any, place: str) -> Transformation | None:
     if found is None:
         return None
     if local(found) == "LinearTransformation":
-        factor, offset = finite(found.get("factor", "1"), place), finite(found.get("offset", "0"), place)
+        factor, offset = finite_number(found.get("factor", "1"), place), finite_number(found.get("offset", "0"), place)
         return Transformation("LinearTransformation", factor, offset)
     read = truth if local(found) == "BooleanMappingTransformation" else str.strip
     table = {read(str(e.get("source"))): read(str(e.get("target"))) for e in children(found, "MapEntry")}
@@ -199,8 +199,8 @@ def units_of(tree: Any, place: str) -> dict[str, Unit]:
         if base is None:
             raise InputError(f"{place}: unit {name}: has no BaseUnit")
         what = f"{place}: unit {name}"
-        exponents = tuple(int(finite(base.get(symbol, "0"), what)) for symbol in BASE)
-        factor, offset = finite(base.get("factor", "1"), what), finite(base.get("offset", "0"), what)
+        exponents = tuple(int(finite_number(base.get(symbol, "0"), what)) for symbol in BASE)
+        factor, offset = finite_number(base.get("factor", "1"), what), finite_number(base.get("offset", "0"), what)
         if not factor > 0:
             raise InputError(f"{what}: its factor {factor:g} must be positive")
         found[name] = Unit(name, exponents, factor, offset)
@@ -216,7 +216,7 @@ def unit_named(name: str | None, units: Mapping[str, Unit], place: str) -> Unit 
     return units[name]
 
 
-def finite(text: str, place: str) -> float:
+def finite_number(text: str, place: str) -> float:
     """Raises InputError for what is no finite number."""
     try:
         number = float(text)

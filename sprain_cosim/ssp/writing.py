@@ -48,7 +48,7 @@ class Joint:
     link: tuple[float, float] | None = None
 
 
-def packed(
+def package_bytes(
     name: str,
     version: str,
     components: Sequence[Written],

@@ -1,0 +1,617 @@
+"""SSP packages: a landing written and read back is the same to the bit; systems of others are read right or refused by
+name, element by element."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import zipfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sprain_cosim import load_scenario
+from sprain_cosim.cli import _run
+from sprain_cosim.errors import InputError
+from sprain_cosim.export.package import export_package
+from sprain_cosim.scenario import Scenario
+from sprain_cosim.shipped import FMUS, shipped_scenarios
+from sprain_cosim.ssp.elements import READ, SKIPPED, SUPPORT
+from tests.native import device
+
+ROOT = Path(__file__).parent.parent.parent
+ECOS = Path(os.environ.get("SPRAIN_ECOS", ROOT / "build" / "peers" / "ecos" / "bin" / "python"))
+SPACES = "".join(
+    f' xmlns:{short}="http://ssp-standard.org/SSP1/SystemStructure{name}"'
+    for short, name in (
+        ("ssc", "Common"),
+        ("ssd", "Description"),
+        ("ssv", "ParameterValues"),
+        ("ssm", "ParameterMapping"),
+        ("ssb", "SignalDictionary"),
+    )
+)
+UNITS = """<ssd:Units>
+    <ssc:Unit name="deg"><ssc:BaseUnit rad="1" factor="0.017453292519943295"/></ssc:Unit>
+    <ssc:Unit name="rad"><ssc:BaseUnit rad="1"/></ssc:Unit>
+    <ssc:Unit name="N.m"><ssc:BaseUnit kg="1" m="2" s="-2"/></ssc:Unit>
+    <ssc:Unit name="N.mm"><ssc:BaseUnit kg="1" m="2" s="-2" factor="0.001"/></ssc:Unit>
+    <ssc:Unit name="N.m/rad"><ssc:BaseUnit kg="1" m="2" s="-2" rad="-1"/></ssc:Unit>
+    <ssc:Unit name="kN.m/rad"><ssc:BaseUnit kg="1" m="2" s="-2" rad="-1" factor="1000"/></ssc:Unit>
+</ssd:Units>"""
+
+
+def real(name: str, kind: str, unit: str = "") -> str:
+    stated = f' unit="{unit}"' if unit else ""
+    return f'<ssd:Connector name="{name}" kind="{kind}"><ssc:Real{stated}/></ssd:Connector>'
+
+
+def wire(start: str, end: str, inside: str = "", more: str = "") -> str:
+    (one, a), (other, b) = (x.rpartition(".")[::2] for x in (start, end))
+    ends = f'{f"startElement={chr(34)}{one}{chr(34)}" if one else ""} startConnector="{a}" '
+    ends += f'{f"endElement={chr(34)}{other}{chr(34)}" if other else ""} endConnector="{b}"'
+    return f"<ssd:Connection {ends} {more}>{inside}</ssd:Connection>"
+
+
+def component(name: str, connectors: str, inside: str = "", source: str = "", more: str = "") -> str:
+    return (
+        f'<ssd:Component name="{name}" source="{source or f"resources/{name}.fmu"}" {more}>'
+        f"<ssd:Connectors>{connectors}</ssd:Connectors>{inside}</ssd:Component>"
+    )
+
+
+def system(elements: str, connections: str = "", connectors: str = "", inside: str = "", name: str = "device") -> str:
+    shown = f"<ssd:Connectors>{connectors}</ssd:Connectors>" if connectors else ""
+    joined = f"<ssd:Connections>{connections}</ssd:Connections>" if connections else ""
+    return f'<ssd:System name="{name}">{shown}{inside}<ssd:Elements>{elements}</ssd:Elements>{joined}</ssd:System>'
+
+
+def structure(content: str, units: str = UNITS, more: str = "", version: str = "1.0") -> str:
+    head = f'<ssd:SystemStructureDescription{SPACES} version="{version}" name="test">'
+    return f"{head}{content}{units}{more}</ssd:SystemStructureDescription>"
+
+
+def parameters(values: str, units: str = "") -> str:
+    return (
+        f'<ssv:ParameterSet{SPACES} version="1.0" name="p"><ssv:Parameters>{values}</ssv:Parameters>{units}'
+        "</ssv:ParameterSet>"
+    )
+
+
+def binding(inside: str = "", mapping: str = "", more: str = "") -> str:
+    values = f"<ssd:ParameterValues>{inside}</ssd:ParameterValues>" if inside else ""
+    return (
+        f"<ssd:ParameterBindings><ssd:ParameterBinding {more}>{values}{mapping}</ssd:ParameterBinding>"
+        "</ssd:ParameterBindings>"
+    )
+
+
+def inline_mapping(entries: str) -> str:
+    content = f'<ssm:ParameterMapping{SPACES} version="1.0">{entries}</ssm:ParameterMapping>'
+    return f"<ssd:ParameterMapping>{content}</ssd:ParameterMapping>"
+
+
+@pytest.fixture(scope="module")
+def brace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return device(tmp_path_factory.mktemp("ssp") / "brace.fmu")
+
+
+@pytest.fixture(scope="module")
+def vendor(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Degrees and N.mm that it does not declare, the wrong sign, names of its own."""
+    folder = tmp_path_factory.mktemp("ssp")
+    return device(folder / "vendor.fmu", sign=-1.0, angle="deg", torque="N.mm", names=("In1", "M_out"), declared=False)
+
+
+@pytest.fixture(scope="module")
+def pack(tmp_path_factory: pytest.TempPathFactory, brace: Path, vendor: Path) -> Callable[..., Path]:
+    def made(content: str, files: dict[str, str | bytes | Path] | None = None, name: str = "device") -> Path:
+        target = tmp_path_factory.mktemp("ssp") / f"{name}.ssp"
+        with zipfile.ZipFile(target, "w") as archive:
+            archive.writestr("SystemStructure.ssd", content)
+            archive.write(brace, "resources/brace.fmu")
+            archive.write(vendor, "resources/vendor.fmu")
+            for entry, data in (files or {}).items():
+                archive.writestr(entry, data.read_bytes() if isinstance(data, Path) else data)
+        return target
+
+    return made
+
+
+def angles(scenario: Scenario) -> np.ndarray:
+    result = scenario.run(in_process=True)
+    assert result.status == "completed", result.message
+    return np.asarray(result["plant.subtalar_angle"])
+
+
+def landed(package: Path) -> np.ndarray:
+    return angles(load_scenario("incline30").replace_fmu("brace", package))
+
+
+@pytest.fixture(scope="module")
+def braced(brace: Path) -> np.ndarray:
+    """The landing with the C brace as a component of its own."""
+    return angles(load_scenario("incline30").replace_fmu("brace", brace))
+
+
+PLAIN = component("brace", real("subtalar_angle", "input", "rad") + real("subtalar_torque", "output", "N.m"))
+OUTSIDE = real("subtalar_angle", "input") + real("subtalar_torque", "output")
+THROUGH = wire("subtalar_angle", "brace.subtalar_angle") + wire("brace.subtalar_torque", "subtalar_torque")
+DEVICE = structure(system(PLAIN, THROUGH, OUTSIDE))
+
+
+# ---- out and in again
+
+
+@pytest.mark.parametrize("version", ["1.0", "2.0"])
+@pytest.mark.parametrize("name", shipped_scenarios())
+def test_a_landing_returns_to_the_bit(name: str, version: str, tmp_path: Path) -> None:
+    scenario = load_scenario(name)
+    export_package(scenario, tmp_path / "landing.ssp", version)
+    again = load_scenario(tmp_path / "landing.ssp")
+    assert again.master == scenario.master
+    assert not again.warnings
+    one, other = scenario.run(), again.run()
+    assert one.names == other.names
+    assert np.array_equal(one.values, other.values)
+
+
+@pytest.mark.parametrize("scheme", ["auto", "jacobi"])
+def test_a_mapped_foreign_brace_returns_to_the_bit(scheme: str, vendor: Path, tmp_path: Path) -> None:
+    (tmp_path / "map.toml").write_text(
+        'active = true\n[inputs]\nsubtalar_angle = { to = "In1", unit = "deg", offset = 1.5 }\n'
+        '[outputs]\nsubtalar_torque = { from = "M_out", unit = "N.mm", factor = -1 }\n'
+    )
+    scenario = load_scenario("incline30").replace_fmu("brace", vendor, tmp_path / "map.toml").with_master(scheme)
+    export_package(scenario, tmp_path / "landing.ssp")
+    again = load_scenario(tmp_path / "landing.ssp")
+    assert np.array_equal(angles(again), angles(scenario))
+    link = again.wiring and again.wiring.links["brace.In1"]
+    assert link == pytest.approx((180 / np.pi, 1.5), rel=1e-12)
+    assert "active = true" in again.maps["brace"].read_text()
+
+
+def test_a_package_is_written_alike_every_time(tmp_path: Path) -> None:
+    for name in ("a.ssp", "b.ssp"):
+        export_package(load_scenario("level"), tmp_path / name)
+    assert (tmp_path / "a.ssp").read_bytes() == (tmp_path / "b.ssp").read_bytes()
+
+
+def test_a_sum_is_refused_by_name(tmp_path: Path) -> None:
+    fmu = device(tmp_path / "cables.fmu", cables=True, names=("subtalar_angle", "whole"))
+    (tmp_path / "map.toml").write_text(
+        '[outputs]\nsubtalar_torque = { from = ["medial", "lateral"], factor = [1, -1], arm = "40 mm" }\n'
+    )
+    scenario = load_scenario("incline30").replace_fmu("brace", fmu, tmp_path / "map.toml")
+    with pytest.raises(InputError, match=r"brace.subtalar_torque: is the sum of medial, lateral"):
+        export_package(scenario, tmp_path / "x.ssp")
+
+
+def test_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """export, check, run, run with a device in a package, a study file on top of a package."""
+    out = tmp_path / "landing.ssp"
+    assert _run(["ssp", "export", "incline30_brace", "--set", "brace.angle_scale=1.5", "-o", str(out)], []) == 0
+    assert _run(["ssp", "check", str(out), "--json"], []) == 0
+    lines = capsys.readouterr().out.splitlines()
+    found = json.loads(lines[-1])
+    assert found["components"] == [f"{n} (FMI 2.0 co-simulation, {n}.fmu)" for n in ("plant", "controller", "brace")]
+    assert "brace.angle_scale = 1.5" in found["parameters"]
+    (tmp_path / "mine.toml").write_text(f'base = "{out}"\n[parameters]\n"plant.drop_height" = "0.35 m"\n')
+    expected = (
+        load_scenario("incline30_brace").override("brace.angle_scale", 1.5).override("plant.drop_height", "0.35 m")
+    )
+    assert np.array_equal(angles(load_scenario(tmp_path / "mine.toml")), angles(expected))
+    assert _run(["run", str(tmp_path / "none.ssp")], []) == 2
+    assert "no such scenario file" in capsys.readouterr().err
+
+
+def test_an_annotation_allows_nothing(pack: Callable[..., Path], tmp_path: Path) -> None:
+    """What a mapping file could allow cannot get in by our annotation, by a line break neither."""
+    own = 'xmlns:own="urn:sprain-cosim:ssp:1"'
+    for attribute in ('allow="[&quot;network&quot;]"', 'reset="true&#10;allow = [&quot;network&quot;]"'):
+        note = f'<ssc:Annotation type="x"><own:Device {own} {attribute}/></ssc:Annotation>'
+        note = f"<ssd:Annotations>{note}</ssd:Annotations>"
+        with pytest.raises(InputError, match="annotation Device"):
+            landed(
+                pack(structure(system(PLAIN.replace("</ssd:Component>", note + "</ssd:Component>"), THROUGH, OUTSIDE)))
+            )
+
+
+# ---- devices of others
+
+
+def test_a_device_takes_the_place_of_an_fmu(pack: Callable[..., Path], braced: np.ndarray) -> None:
+    assert np.array_equal(landed(pack(DEVICE)), braced)
+
+
+LINEAR = '<ssc:LinearTransformation factor="{}" offset="{}"/>'
+TO_DEG = LINEAR.format(57.29577951308232, 0.0)
+VENDOR = real("In1", "input") + real("M_out", "output")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        # units in the document that the FMU does not declare, and the sign as a transformation in addition
+        system(
+            component("vendor", real("In1", "input", "deg") + real("M_out", "output", "N.mm")),
+            wire("subtalar_angle", "vendor.In1") + wire("vendor.M_out", "subtalar_torque", LINEAR.format(-1.0, 0.0)),
+            real("subtalar_angle", "input", "rad") + real("subtalar_torque", "output", "N.m"),
+        ),
+        # all of it as transformations instead of any conversion
+        system(
+            component("vendor", VENDOR),
+            wire("subtalar_angle", "vendor.In1", TO_DEG, 'suppressUnitConversion="true"')
+            + wire("vendor.M_out", "subtalar_torque", LINEAR.format(-0.001, 0.0), 'suppressUnitConversion="true"'),
+            OUTSIDE,
+        ),
+        # in two steps, on the borders of two systems, one of them in the other
+        system(
+            system(
+                component("vendor", VENDOR),
+                wire("x", "vendor.In1", TO_DEG) + wire("vendor.M_out", "y", LINEAR.format(-1.0, 0.0)),
+                real("x", "input") + real("y", "output"),
+                name="inner",
+            ),
+            wire("subtalar_angle", "inner.x", LINEAR.format(2.0, 0.25))
+            + wire("inner.y", "subtalar_torque", LINEAR.format(0.001, 0.0)),
+            OUTSIDE,
+        ).replace(TO_DEG, LINEAR.format(57.29577951308232 / 2, -0.125 * 57.29577951308232)),
+    ],
+)
+def test_transformations_are_carried(content: str, pack: Callable[..., Path], braced: np.ndarray) -> None:
+    """A device in degrees and N.mm, pushing instead of resisting: the landing of the SI one."""
+    assert np.abs(landed(pack(structure(content))) - braced).max() < 1e-12
+
+
+def test_a_device_of_two_fmus(pack: Callable[..., Path], braced: np.ndarray, tmp_path: Path) -> None:
+    """The actuator's supply comes from the sensor: 48 V and next to nothing of its output; it gives what the brace
+    gives at 48 V."""
+    actuator = device(tmp_path / "actuator.fmu", supply=True)
+    angle, torque = real("subtalar_angle", "input"), real("subtalar_torque", "output")
+    exposed = (
+        '<ssd:Connection startElement="actuator" startConnector="subtalar_torque" endConnector="Subtalar.Torque"/>'
+    )
+    nearly_48 = LINEAR.format(1e-30, 48.0)
+    content = system(
+        component("brace", angle + torque) + component("actuator", angle + torque + real("supply", "input")),
+        wire("subtalar_angle", "brace.subtalar_angle")
+        + wire("subtalar_angle", "actuator.subtalar_angle")
+        + wire("brace.subtalar_torque", "actuator.supply", nearly_48, 'suppressUnitConversion="true"')
+        + exposed,
+        angle + real("Subtalar.Torque", "output"),
+    )
+    package = pack(structure(content), {"resources/actuator.fmu": actuator})
+    scenario = load_scenario("incline30").replace_fmu("brace", package)
+    assert list(scenario.fmus) == ["plant", "controller", "brace_brace", "brace"]
+    assert np.abs(angles(scenario) - braced).max() < 1e-12
+    assert "brace = device.ssp" in scenario.changes
+    with pytest.raises(InputError, match="a mapping file belongs to one FMU"):
+        load_scenario("incline30").replace_fmu("brace", package, tmp_path / "map.toml")
+
+
+def test_a_study_takes_a_package(pack: Callable[..., Path], tmp_path: Path) -> None:
+    package = pack(DEVICE)
+    arguments = [
+        "study",
+        "study6",
+        "--fmu",
+        f"brace={package}",
+        "--trials",
+        "2",
+        "--workers",
+        "1",
+        "--progress",
+        "none",
+    ]
+    assert _run([*arguments, "-o", str(tmp_path / "s")], []) == 0
+    assert _run([*arguments, "-o", str(tmp_path / "s"), "--resume"], []) == 0
+
+
+# ---- parameters
+
+
+def value(name: str, inside: str) -> str:
+    return f'<ssv:Parameter name="{name}">{inside}</ssv:Parameter>'
+
+
+STIFF = value("stiffness", '<ssv:Real value="30"/>')
+
+
+def with_binding(binding_: str, above: str = "", prefix: str = "") -> str:
+    return structure(system(PLAIN.replace("</ssd:Component>", binding_ + "</ssd:Component>"), THROUGH, OUTSIDE, above))
+
+
+@pytest.mark.parametrize(
+    ("binding_", "above", "stiffness"),
+    [
+        (binding(parameters(STIFF)), "", "30.0 N.m/rad"),
+        (binding(more='source="resources/p.ssv"'), "", "31.0 N.m/rad"),
+        ("", binding(parameters(value("brace.stiffness", '<ssv:Real value="32"/>'))), "32.0 N.m/rad"),
+        ("", binding(parameters(STIFF), more='prefix="brace."'), "30.0 N.m/rad"),
+        (
+            binding(parameters(STIFF)),
+            binding(parameters(value("brace.stiffness", '<ssv:Real value="32"/>'))),
+            "32.0 N.m/rad",
+        ),
+        (
+            binding(
+                parameters(
+                    value("stiffness", '<ssv:Real value="0.03" unit="kN.m/rad"/>'), UNITS.replace("ssd:U", "ssv:U")
+                )
+            ),
+            "",
+            "30.0 N.m/rad",
+        ),
+        (
+            binding(
+                parameters(value("k", '<ssv:Real value="15"/>')),
+                inline_mapping(
+                    f'<ssm:MappingEntry source="k" target="stiffness">{LINEAR.format(2.0, 1.0)}</ssm:MappingEntry>'
+                ),
+            ),
+            "",
+            "31.0 N.m/rad",
+        ),
+        (
+            binding(
+                parameters(value("k", '<ssv:Real value="15"/>')),
+                '<ssd:ParameterMapping source="resources/m.ssm"/>',
+            ),
+            "",
+            "45.0 N.m/rad",
+        ),
+    ],
+)
+def test_parameters(binding_: str, above: str, stiffness: str, pack: Callable[..., Path]) -> None:
+    """Inline, from a file, of a system around, with a prefix, with a unit, mapped: the higher level goes before."""
+    files = {
+        "resources/p.ssv": parameters(value("stiffness", '<ssv:Real value="31"/>')),
+        "resources/m.ssm": f'<ssm:ParameterMapping{SPACES} version="1.0">'
+        '<ssm:MappingEntry source="k" target="stiffness">'
+        f"{LINEAR.format(3.0, 0.0)}</ssm:MappingEntry></ssm:ParameterMapping>",
+    }
+    package = pack(with_binding(binding_, above), files)
+    assert load_scenario("incline30").replace_fmu("brace", package).parameters["brace.stiffness"] == stiffness
+
+
+def test_what_is_left_out_is_said(pack: Callable[..., Path]) -> None:
+    """The standard ignores values without a parameter; here a warning names them."""
+    package = pack(with_binding(binding(parameters(value("stifness", '<ssv:Real value="30"/>')))))
+    scenario = load_scenario("incline30").replace_fmu("brace", package)
+    assert any("stifness: there is no such parameter" in warning for warning in scenario.warnings)
+
+
+# ---- what is supported, row by row
+
+
+def _skipped() -> dict[str, str]:
+    line = 'x1="0" y1="0" x2="1" y2="1"'
+    return {
+        "ElementGeometry": DEVICE.replace(
+            "</ssd:Connectors></ssd:Component>", f"</ssd:Connectors><ssd:ElementGeometry {line}/></ssd:Component>"
+        ),
+        "ConnectorGeometry": DEVICE.replace(
+            '<ssc:Real unit="rad"/>', '<ssc:Real unit="rad"/><ssd:ConnectorGeometry x="0" y="0.5"/>'
+        ),
+        "ConnectionGeometry": DEVICE.replace(
+            "></ssd:Connection>", '><ssd:ConnectionGeometry pointsX="0" pointsY="0"/></ssd:Connection>'
+        ),
+        "SystemGeometry": DEVICE.replace(
+            "</ssd:Connections></ssd:System>", f"</ssd:Connections><ssd:SystemGeometry {line}/></ssd:System>"
+        ),
+        "GraphicalElements": DEVICE.replace(
+            "</ssd:Connections></ssd:System>",
+            f'</ssd:Connections><ssd:GraphicalElements><ssd:Note {line} text=""/></ssd:GraphicalElements></ssd:System>',
+        ),
+        "Note": DEVICE.replace(
+            "</ssd:Connections></ssd:System>",
+            f'</ssd:Connections><ssd:GraphicalElements><ssd:Note {line} text=""/></ssd:GraphicalElements></ssd:System>',
+        ),
+        "MetaData": DEVICE.replace('version="1.0"', 'version="2.0"').replace(
+            "<ssd:Units>", '<ssd:MetaData kind="general"/><ssd:Units>'
+        ),
+    }
+
+
+@pytest.mark.parametrize("element", [name for name, (treatment, _) in SUPPORT.items() if treatment == SKIPPED])
+def test_a_drawing_changes_nothing(element: str, pack: Callable[..., Path]) -> None:
+    assert list(load_scenario("incline30").replace_fmu("brace", pack(_skipped()[element])).fmus)[-1] == "brace"
+
+
+@pytest.mark.parametrize("element", [name for name, (treatment, _) in SUPPORT.items() if treatment == "refused"])
+def test_what_is_refused_is_named(element: str, pack: Callable[..., Path]) -> None:
+    content = DEVICE.replace("<ssd:Units>", f"<ssd:{element}/><ssd:Units>")
+    with pytest.raises(InputError, match=f"{element}: .*not supported"):
+        landed(pack(content))
+
+
+def test_the_table_of_the_docs_is_the_code_s() -> None:
+    text = (ROOT / "docs" / "ssp.md").read_text()
+    for name, (treatment, _) in SUPPORT.items():
+        assert f"`{name}`" in text, name
+        line = next(line for line in text.splitlines() if f"`{name}`" in line and line.startswith("|"))
+        assert {READ: "read", SKIPPED: "skipped"}.get(treatment, "refused") in line, name
+
+
+SUBTALAR_IN = real("subtalar_angle", "input", "rad")
+MALFORMED = {  # what is changed in DEVICE: the words of the message
+    ("<ssd:Units>", "<ssd:Unites>"): "XML",
+    ('version="1.0"', ""): "version ''",
+    ('version="1.0"', 'version="3.0"'): "version '3.0'",
+    ('version="1.0" name="test"', 'version="1.0"'): "name",
+    ("SystemStructureDescription", "SystemStructure"): "expected SystemStructureDescription",
+    (SPACES, SPACES.replace("SSP1", "SSP0")): "expected SystemStructureDescription",
+    ('source="resources/brace.fmu"', 'source="resources/brase.fmu"'): "has no resources/brase.fmu",
+    ('source="resources/brace.fmu"', 'source="../brace.fmu"'): "leads out of the package",
+    ('source="resources/brace.fmu"', 'source="file:///etc/passwd"'): "no path inside the package",
+    ('source="resources/brace.fmu"', 'source="http://example.org/brace.fmu"'): "no path inside the package",
+    ('source="resources/brace.fmu"', 'source="SystemStructure.ssd"'): "not a readable zip archive",
+    ('source="resources/brace.fmu"', 'source=""'): "leads out of the package",
+    ('source="resources/brace.fmu"', ""): "source",
+    ('source="resources/brace.fmu"', 'source="resources/brace.fmu" type="application/x-ssp-package"'): "only FMUs",
+    ('source="resources/brace.fmu"', 'source="resources/brace.fmu" implementation="Both"'): "implementation",
+    ('endConnector="subtalar_torque"', 'endConnector="torque"'): "no connector torque",
+    ('startElement="brace"', 'startElement="brase"'): "there is no element brase",
+    ('kind="output"', 'kind="inout"'): "inout is not supported",
+    ('kind="output"', 'kind="sideways"'): "sideways",
+    ('unit="rad"', 'unit="grad"'): "unit 'grad' is not defined",
+    ('unit="rad"', 'unit="deg"'): "deg in the document and rad in the FMU",
+    ('rad="1"', 'rad="one"'): "one",
+    ('factor="0.001"', 'factor="0"'): "must be positive",
+    ('factor="0.001"', 'factor="INF"'): "must be finite",
+    ('kg="1" m="2"', 'kg="1.5" m="2"'): "1.5",
+    (SUBTALAR_IN, real("angle", "input", "rad")): "has no such variable",
+    (THROUGH, THROUGH * 2): "is fed twice",
+    (
+        wire("subtalar_angle", "brace.subtalar_angle"),
+        wire("subtalar_torque", "brace.subtalar_angle"),
+    ): "joins two that take",
+    (THROUGH, wire("subtalar_angle", "brace.subtalar_angle")): "none of the system's own outputs is a torque",
+    (PLAIN, PLAIN * 2): "two elements are named brace",
+    ("></ssd:Connection>", ">" + LINEAR.format("x", 0) + "</ssd:Connection>"): "x",
+    ("></ssd:Connection>", ">" + LINEAR.format(0, 0) + "</ssd:Connection>"): "its factor is 0",
+    ("></ssd:Connection>", ">" + LINEAR.format("NaN", 0) + "</ssd:Connection>"): "must be finite",
+    (
+        "></ssd:Connection>",
+        '><ssc:BooleanMappingTransformation><ssc:MapEntry source="true" target="false"/>'
+        "</ssc:BooleanMappingTransformation></ssd:Connection>",
+    ): "supported for parameters only",
+    (OUTSIDE, real("other", "input") + OUTSIDE): "",
+    (PLAIN, PLAIN.replace("</ssd:Component>", binding() + "</ssd:Component>")): "neither a source nor a ParameterSet",
+    (PLAIN, PLAIN.replace("</ssd:Component>", binding(more='source="p.ssv"') + "</ssd:Component>")): "has no p.ssv",
+    (
+        PLAIN,
+        PLAIN.replace("</ssd:Component>", binding(more='source="p" type="text/csv"') + "</ssd:Component>"),
+    ): "type text/csv are not supported",
+    (
+        PLAIN,
+        PLAIN.replace(
+            "</ssd:Component>", binding(parameters(value("stiffness", '<ssv:Real value="x"/>'))) + "</ssd:Component>"
+        ),
+    ): "x",
+    (
+        PLAIN,
+        PLAIN.replace(
+            "</ssd:Component>", binding(parameters(value("stiffness", '<ssv:Real value="NaN"/>'))) + "</ssd:Component>"
+        ),
+    ): "must be finite",
+    (
+        PLAIN,
+        PLAIN.replace(
+            "</ssd:Component>",
+            binding(parameters(value("stiffness", '<ssv:Boolean value="true"/>'))) + "</ssd:Component>",
+        ),
+    ): "is Boolean in the parameter set",
+    (
+        PLAIN,
+        PLAIN.replace(
+            "</ssd:Component>",
+            binding(parameters(value("stiffness", '<ssv:Real value="1" unit="m"/>'))) + "</ssd:Component>",
+        ),
+    ): "unit 'm' is not defined",
+    (
+        PLAIN,
+        PLAIN.replace("</ssd:Component>", binding(parameters(STIFF), inline_mapping("")) + "</ssd:Component>"),
+    ): "",
+    (
+        PLAIN,
+        PLAIN.replace(
+            "</ssd:Component>",
+            binding(parameters(STIFF), inline_mapping('<ssm:MappingEntry source="k" target="stiffness"/>'))
+            + "</ssd:Component>",
+        ),
+    ): "maps k, which the parameter set does not have",
+    (
+        PLAIN,
+        PLAIN.replace(
+            "</ssd:Component>",
+            binding(parameters(STIFF), inline_mapping('<ssm:MappingEntry source="stiffness" target="stiffness"/>' * 2))
+            + "</ssd:Component>",
+        ),
+    ): "two entries map to stiffness",
+    (
+        PLAIN,
+        PLAIN.replace(
+            "</ssd:Component>",
+            binding(parameters(value("subtalar_torque", '<ssv:Real value="1"/>'))) + "</ssd:Component>",
+        ),
+    ): "is of causality output",
+    ("<ssd:Units>", "<ssd:Wheels/><ssd:Units>"): "Wheels: no element of SSP",
+    ("<ssd:Units>", '<wheels xmlns="urn:x"/><ssd:Units>'): "of another namespace",
+    ("<ssd:SystemStructureDescription", "<!DOCTYPE x []><ssd:SystemStructureDescription"): "DOCTYPE",
+    (' version="1.0"', ' version="1.0" speed="3"'): "speed",
+    ('name="test"', 'name="test" generationDateAndTime="yesterday"'): "yesterday",
+}
+
+
+@pytest.mark.parametrize("number", range(len(MALFORMED)))
+def test_malformed(number: int, pack: Callable[..., Path], capsys: pytest.CaptureFixture[str]) -> None:
+    """One line, exit code 2; what the standard allows though it looks odd is read."""
+    (before, after), words = list(MALFORMED.items())[number]
+    assert before in DEVICE
+    package = pack(DEVICE.replace(before, after))
+    code = _run(["ssp", "check", str(package)], [])
+    said = capsys.readouterr().err
+    if not words:
+        assert code in (0, 2)
+        assert "internal" not in said
+        return
+    assert code == 2
+    assert words in said
+    assert len(said.splitlines()) == 1
+
+
+def test_archives_that_are_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, content in (("empty", b""), ("text", b"hello"), ("fmu", (FMUS / "plant.fmu").read_bytes())):
+        path = tmp_path / f"{name}.ssp"
+        path.write_bytes(content)
+        assert _run(["ssp", "check", str(path)], []) == 2
+        assert len(capsys.readouterr().err.splitlines()) == 1
+    assert _run(["ssp", "check", str(tmp_path)], []) == 2
+    assert _run(["ssp", "check", str(tmp_path / "none.ssp")], []) == 2
+
+
+# ---- an oracle that nobody here wrote
+
+ORACLE = """
+import json, sys
+from ecospy import EcosSimulation
+path, steps, *names = sys.argv[1:]
+simulation = EcosSimulation(0.0005, ssp_path=path)
+simulation.init(parameter_set="landing")
+rows = [[simulation.get_real(name) for name in names]]
+for _ in range(int(steps)):
+    simulation.step(1)
+    rows.append([simulation.get_real(name) for name in names])
+print("ROWS" + json.dumps(rows))
+"""
+
+
+@pytest.mark.skipif(
+    not ECOS.exists(), reason=f"no environment with ecospy and tbb ({ECOS}); make one and set SPRAIN_ECOS to its Python"
+)
+@pytest.mark.parametrize("name", ["level", "incline30", "incline30_brace"])
+def test_ecos_runs_the_package(name: str, tmp_path: Path) -> None:
+    """Fixed-step Jacobi in ecos: our scheme jacobi to rounding."""
+    export_package(load_scenario(name), tmp_path / "landing.ssp")
+    library = str(ECOS.parent.parent / "lib")
+    run = subprocess.run(
+        [ECOS, "-c", ORACLE, tmp_path / "landing.ssp", "300", "plant::subtalar_angle"],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "LD_LIBRARY_PATH": library},
+        timeout=300,
+    )
+    assert run.returncode == 0, run.stderr[-2000:]
+    line = next(line for line in run.stdout.splitlines() if line.startswith("ROWS"))
+    theirs = np.array(json.loads(line.removeprefix("ROWS")))[:, 0]
+    scenario = load_scenario(tmp_path / "landing.ssp").with_master("jacobi", identify=0)
+    ours = angles(replace(scenario, master=replace(scenario.master, guard=False)))
+    assert np.ptp(ours) > 0.1
+    assert np.abs(ours - theirs).max() < 1e-12
