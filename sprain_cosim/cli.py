@@ -1185,6 +1185,11 @@ def _changed(
         chosen = chosen.with_subject(subject)
     for text in settings:
         name, value = _pair(text, "--set", "COMPONENT.PARAMETER=VALUE")
+        if value.startswith("@") and "." not in name:
+            described = getattr(chosen, "scenario", chosen)
+            for full, member in described.values_of_set(name, value[1:]).items():
+                chosen = chosen.override(full, member)
+            continue
         chosen = chosen.override(name, parse_value(value))
     return chosen
 

@@ -13,6 +13,8 @@ from ..errors import InputError, problems_to_error
 from ..fmu import cache
 from ..fmu.component import Component
 from ..ssp.flat import Feed, Flat, flattened
+from ..ssp.package import Package
+from ..ssp.values import parameter_set, set_name
 from ..units import quantity, unit
 from .wiring import Wiring
 
@@ -137,6 +139,30 @@ def _meetings(flat: Flat, names: Mapping[str, str], plant: Component) -> tuple[d
 
 def _seen(feed: Feed, names: Mapping[str, str]) -> Feed:
     return Feed(_named(feed.source, names), feed.link)
+
+
+def parameter_set_values(component: Component, name: str) -> dict[str, float | str | bool]:
+    """{parameter: value as a scenario file has it} of a named parameter set (SSV) inside an FMU, by the set's own name
+    or its file's. Raises InputError with the names there are."""
+    inside = Package.within(component.fmu)
+    files = [file for file in inside.names if file.lower().endswith(".ssv")]
+    sets: dict[str, str] = {}
+    for file in files:
+        sets[Path(file).stem] = file
+        sets.setdefault(set_name(inside.member(file), f"{component.fmu}:{file}"), file)
+    if name not in sets:
+        known = f"it has {', '.join(sorted(sets))}" if sets else "it carries none"
+        raise InputError(f"@{name}: {component.fmu.name} has no parameter set of that name; {known}")
+    place = f"{component.fmu}:{sets[name]}"
+    found, unknown = dict[str, float | str | bool](), list[str]()
+    for value in parameter_set(inside.member(sets[name]), place):
+        connector = component.connectors.get(value.name)
+        if connector is None:
+            unknown.append(f"{value.name}: the FMU has no such parameter")
+        else:
+            found[value.name] = value.value(connector)
+    problems_to_error(place, unknown)
+    return found
 
 
 def _with_plant(flat: Flat, path: Path) -> tuple[dict[str, str], list[str]]:

@@ -30,7 +30,7 @@ from ..units import quantity, unit
 from .apart import Apart
 from .body import is_of_subject, plant_values, subject_connectors, with_measures
 from .isolation import Isolation, isolation
-from .package import device, is_package
+from .package import device, is_package, parameter_set_values
 from .title import Ran, heading
 from .wiring import Wiring
 
@@ -246,6 +246,13 @@ class Scenario:
         """The same, with these local variables of its FMUs in the result besides inputs and outputs: "plant.*",
         "plant.*_fibre_length"."""
         return replace(self, master=replace(self.master, record=patterns))
+
+    def values_of_set(self, name: str, chosen: str) -> dict[str, Value]:
+        """{"component.parameter": value} of a parameter set that a component's FMU carries. Raises InputError."""
+        if name not in self.fmus:
+            raise InputError(f"{name}=@{chosen}: no component {name!r}{nearest(name, self.fmus)}")
+        component = read_component(name, self.fmus[name], self.maps.get(name))
+        return {f"{name}.{n}": value for n, value in parameter_set_values(component, chosen).items()}
 
     def initial_pose(self) -> str | None:
         """The name of the plant's initial pose; None for a plant that has no such choice."""

@@ -386,6 +386,22 @@ def test_what_is_left_out_is_said(pack: Callable[..., Path]) -> None:
     assert any("stifness: there is no such parameter" in warning for warning in scenario.warnings)
 
 
+def test_a_parameter_set_inside_an_fmu(brace: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """--set brace=@NAME: by the set's own name or its file's; a name that is none is answered with those there are."""
+    fmu = tmp_path / "with_sets.fmu"
+    fmu.write_bytes(brace.read_bytes())
+    with zipfile.ZipFile(fmu, "a") as archive:
+        archive.writestr("resources/stiff.ssv", parameters(STIFF))
+    run = ["run", "incline30", "--fmu", f"brace={fmu}", "--json", "--set"]
+    found = []
+    for setting in ("brace=@stiff", "brace=@p", "brace.stiffness=30 N.m/rad"):
+        assert _run([*run, setting], []) == 0
+        found.append(json.loads(capsys.readouterr().out)["metrics"])
+    assert found[0] == found[1] == found[2]
+    assert _run([*run, "brace=@soft"], []) == 2
+    assert "has no parameter set of that name; it has p, stiff" in capsys.readouterr().err
+
+
 # ---- what is supported, row by row
 
 

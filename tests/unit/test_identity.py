@@ -16,6 +16,7 @@ import sprain_cosim as sc
 from sprain_cosim.cosim.master import Master
 from sprain_cosim.errors import InputError
 from sprain_cosim.scenario import Scenario
+from sprain_cosim.scenario.wiring import Wiring
 from sprain_cosim.shipped import fmu_path
 from sprain_cosim.study.codec import encode
 from sprain_cosim.study.folder import load_study_plan, recorded_plan
@@ -31,6 +32,7 @@ from sprain_cosim.study.previous import facts_today
 from sprain_cosim.study.questions import Question
 from sprain_cosim.study.until import Until
 from sprain_cosim.subject import Subject
+from sprain_cosim.units import unit
 from sprain_cosim.uq.distributions import Marginal, Normal, Truncated
 
 METHOD = {
@@ -91,6 +93,7 @@ SCENARIO: dict[str, Callable[[Plan, dict[str, Path]], Any]] = {
     "warnings": lambda *_: ("x",),
     "dropped": lambda *_: ("x",),
     "subject": lambda *_: Subject("female", {"stature": 1.63}),
+    "wiring": lambda *_: Wiring(units={"brace.x": unit("deg")}, complete=("brace",)),
 }
 PLAN: dict[str, Callable[[Plan], Any]] = {
     "marginals": lambda s: {**s.marginals, "plant.drop_height": Normal(0.3, 0.04)},
