@@ -15,14 +15,16 @@ What the recipe needs, and why:
 
 from __future__ import annotations
 
+import os
+import select
 import shutil
 import struct
 import subprocess
 import sys
-import threading
+import time
 import tomllib
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
@@ -49,36 +51,37 @@ VARIABLES = {
 def run(folder: Path, *arguments: str, place: str = "/work", limit: float = 600.0) -> tuple[int, str]:
     """Runs a program under wine in `place` of the folder, for at most `limit` [s]: exit code, and what it printed.
 
-    Its streams are pipes, without which Python does not start there; services of wine hold them longer than it
-    lives."""
-    process = start(folder, *arguments, place=place)
-    said = bytearray()
-
-    def read() -> None:
-        assert process.stdout is not None
-        while piece := process.stdout.read1(1 << 16):  # type: ignore[attr-defined]
-            said.extend(piece)
-
-    reader = threading.Thread(target=read, daemon=True)
-    reader.start()
+    Its streams are pipes, without which Python does not start there; services of wine hold them longer than it lives.
+    Raises TimeoutError."""
+    source, sink = os.pipe()
+    process = start(folder, *arguments, place=place, output=sink)
+    os.close(sink)
+    said, deadline = b"", time.monotonic() + limit
     try:
-        code = process.wait(limit)
+        while time.monotonic() < deadline:
+            if select.select([source], [], [], 0.2)[0]:
+                piece = os.read(source, 1 << 16)
+                said += piece
+                if not piece:
+                    break
+            elif process.poll() is not None:
+                break
+        else:
+            raise TimeoutError(f"{' '.join(arguments)}: not ended within {limit:g} s: {said[-500:]!r}")
+        return process.wait(), said.decode("cp1252", "replace").replace("\r\n", "\n")
     finally:
+        os.close(source)
         process.kill()
-    reader.join(0.5)
-    return code, bytes(said).decode("cp1252", "replace").replace("\r\n", "\n")
+        process.wait()
 
 
 def start(
-    folder: Path, *arguments: str, place: str = "/work", more: Mapping[str, str] | None = None
+    folder: Path, *arguments: str, place: str = "/work", output: int = subprocess.DEVNULL
 ) -> subprocess.Popen[bytes]:
-    variables = [f"{name}={value}" for name, value in (VARIABLES | dict(more or {})).items()]
+    variables = [f"{name}={value}" for name, value in VARIABLES.items()]
     enter = ["chroot", str(folder), "env", "-i", *variables, "/bin/sh", "-c", f'cd {place}; exec "$@"', "sh"]
     return subprocess.Popen(
-        [*enter, "/usr/lib/wine/wine64", *arguments],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
+        [*enter, "/usr/lib/wine/wine64", *arguments], stdin=subprocess.DEVNULL, stdout=output, stderr=output
     )
 
 

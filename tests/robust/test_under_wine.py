@@ -38,6 +38,7 @@ def work() -> Iterator[Path]:
     keeper = windows.start(FOLDER, "ping", "-n", "100000", "127.0.0.1")  # else wine starts its services each time
     yield place
     keeper.kill()
+    keeper.wait()
 
 
 def there(path: Path) -> str:
@@ -112,6 +113,15 @@ def test_no_row_is_lost_when_the_driver_is_killed(work: Path) -> None:
     found = answer("kills", work)
     assert (found["lost"], found["finished"], found["code"]) == (0, MANY, 0)
     assert len(found["kept"]) == KILLS
+
+
+def test_a_vendor_s_brace_is_that_of_this_machine(desk: Path) -> None:
+    """Both built from one source; in a process of its own there as here."""
+    ended, said = prompt("sprain-cosim run incline30 --fmu brace=my_brace.fmu --json", desk)
+    assert ended == 0, said[-1500:]
+    found = json.loads(next(line for line in said.splitlines() if line.startswith("{")))
+    own = sc.load_scenario("incline30").replace_fmu("brace", desk / "linux.fmu").run()
+    assert near(dict(own.metrics), found["metrics"])
 
 
 COMMANDS = [  # those of the README and of the first pages, as the prompt of Windows has them
