@@ -215,7 +215,7 @@ def test_resume_and_merge_name_the_field_that_changed(study: sc.Study, tmp_path:
 
 
 def test_a_folder_says_which_file_has_changed(study: sc.Study, tmp_path: Path) -> None:
-    brace = tmp_path / "brace.fmu"
+    brace = tmp_path / "edited.fmu"  # of which the cache has no copy from another test
     brace.write_bytes(study.scenario.fmus["brace"].read_bytes())
     own = study.replace_fmu("brace", brace)
     ledger(own, tmp_path / "s").close()
