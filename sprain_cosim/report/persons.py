@@ -13,7 +13,7 @@ from ..folders.study import StudyFolder
 from ..scenario.body import is_of_subject
 from ..study.summary import VarianceShare
 from .blocks import Block, Cell, Heading, PageTable, Paragraph, Row
-from .words import ends, percentage, percentage_ends, rounded, signed
+from .words import ends, percent, percentage, percentage_ends, rounded, signed
 
 WORST_INPUTS = 6  # rows of each brace
 OF_WORST = (
@@ -31,6 +31,30 @@ def persons_tables(persons: Persons) -> list[Block]:
     for brace in persons.worst:
         blocks += [Heading(f"The worst tenth: {_named(brace)}"), _worst(persons, brace)]
     return [*blocks, Paragraph(OF_WORST, "about")]
+
+
+def persons_sentence(persons: Persons | None, brace: str) -> str:
+    """The probability in the lowest and in the highest fifth of the measure that moves it most, where their intervals
+    are apart; empty where nothing was estimated."""
+    known = []
+    for name, bands in persons.bands.items() if persons else ():
+        found = [(b.metrics.get(brace, {}).get(INJURY), b) for b in (bands[0], bands[-1])]
+        ends_of = [(e.value, e.ci_low, e.ci_high, b) for e, b in found if e is not None and e.value is not None]
+        ends_of.sort(key=lambda end: end[0])
+        if len(ends_of) == 2:
+            (_, _, below, _), (_, above, _, _) = ends_of
+            gap = -1.0 if above is None or below is None else above - below
+            known.append((gap, name, ends_of))
+    if not known or persons is None:
+        return ""
+    gap, name, ((least, _, _, few), (most, _, _, many)) = max(known, key=lambda entry: entry[0])
+    if gap <= 0.0:
+        return (
+            f" With {brace} no measure of the persons moves that probability beyond its interval, fifth against fifth."
+        )
+    unit = persons.units[name]
+    high, low = (f"{percent(p)} for {b.low:.3g} to {b.high:.3g} {unit}" for p, b in ((most, many), (least, few)))
+    return f" With {brace} that probability depends on the {label(name)}: {high}, {low}."
 
 
 def who_landed(item: RunFolder | StudyFolder) -> list[Row]:

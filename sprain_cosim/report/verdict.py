@@ -19,6 +19,7 @@ from ..literature import INJURY_INVERSION
 from ..study.summary import FormSearch, Level, LevelSearch, LevelTest, Percentile, Probability, Threshold, UntilRule
 from .blocks import Block, Paragraph, Verdict, rich
 from .design import design_verdict
+from .persons import persons_sentence
 from .words import ends, fine_ends, interval, percent, percentage_ends, rounded, signed, unit_after
 
 MEAN, SD = INJURY_INVERSION
@@ -106,6 +107,7 @@ def _of_comparison(folder: ComparisonFolder) -> Verdict | None:
         if rows[1:]:
             text += f" The others: {', '.join(f'{n} {signed(v)}°' for v, n, _ in rows[1:])}."
         text += _decided(decisions) if decisions is not None else Markup("")
+        text += persons_sentence(folder.summary.persons, best)
     failed = "; ".join(f"{name}: {brace.message}" for name, brace in folder.summary.failed.items())
     if failed:
         text += rich(" <b>Failed:</b> {failed}.", failed=failed)

@@ -10,7 +10,7 @@ from sprain_cosim.brace.comparison import INJURY, INVERSION
 from sprain_cosim.brace.persons import persons_listing, persons_of
 from sprain_cosim.figures.persons import persons_figure
 from sprain_cosim.folders.comparison import BraceSummary, ComparisonSummary
-from sprain_cosim.report.persons import groups_table, persons_tables
+from sprain_cosim.report.persons import groups_table, persons_sentence, persons_tables
 from sprain_cosim.study.groups import group_of_input, groups_listing, input_groups
 from sprain_cosim.uq.groups import group_share
 
@@ -72,6 +72,9 @@ def test_a_summary_with_persons_travels_and_is_shown(summary: ComparisonSummary)
     assert summary.persons is not None
     assert len(persons_figure(summary).axes) == 4
     assert len(persons_tables(summary.persons)) == 7
+    said = persons_sentence(summary.persons, "none")
+    assert said.startswith(" With none that probability depends on the body mass: ")
+    assert persons_sentence(summary.persons, "absent") == persons_sentence(None, "none") == ""
 
 
 def test_landings_that_are_no_random_sample_have_no_intervals() -> None:
