@@ -37,6 +37,7 @@ REASONS = (
     "model too stiff",
     "initial_pose = given: the foot is {depth_mm:.1f} mm inside the platform; raise pelvis_ty_at_contact, or let "
     "initial_pose = touching find the height",
+    "no part of the sole is on this side of the platform's edge; make platform_edge_distance larger",
     "initial_pose = published is a height measured on the base person, which leaves another one's foot far above or "
     "inside the platform; with length factors other than 1 choose initial_pose = touching",
 )

@@ -69,6 +69,7 @@ PERSON = (
 )  # fmt: skip
 
 POSES = {"touching": 0, "published": 1, "given": 2}
+NO_EDGE = 1000.0  # m
 FIBRE_STARTS = {"equilibrium": 0, "as_published": 1}
 
 # the state at contact: {coordinate: parameter}; talocrural, subtalar and the pelvis' vertical speed have their own names
@@ -114,6 +115,8 @@ PARAMETERS = (
     *(_at_contact(c, name, False) for c, name in PLACED.items()),
     *(_at_contact(c, name, True) for c, name in MOVING.items()),
     *PERSON,
+    ("platform_edge_distance", "m", NO_EDGE, -1.0, NO_EDGE, "the platform ends at a line this far from the calcaneus' origin at contact; 1000 m: nowhere"),
+    ("platform_edge_direction", "rad", 0.0, -3.2, 3.2, "in the platform's plane to that line, from anterior, + lateral"),
     ("evertor_strength_scale", "1", 1.0, 0.0, 10.0, "scales the maximal forces of the four evertors besides"),
 )  # fmt: skip
 

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
-from .interface import AXES, COORDINATES, IMPEDANCES, MOVING, PLACED, POSES
+from .interface import AXES, COORDINATES, IMPEDANCES, MOVING, NO_EDGE, PLACED, POSES
 
 NQ, NB, NM, NP = 15, 8, 49, 175
 GROUND = 0
@@ -57,6 +57,7 @@ STATE = np.dtype(
         # parameters of the landing
         ("plane", f8, (3, 3)), ("modulus", f8), ("dissipation", f8), ("friction", f8), ("viscous_friction", f8), ("transition", f8),
         ("passive_scale", f8), ("internal_brace_scale", f8), ("reflex_scale", f8), ("excitation_floor", f8), ("strength", f8, (NM,)), ("tolerance", f8),
+        ("edged", i8), ("edge", f8, (3,)),  # the platform is where edge[0] x + edge[1] y <= edge[2] in its plane
         # inputs, held over a communication step
         ("excitation", f8, (N_ANKLE,)), ("torque", f8, (N_AXES,)), ("stiffness", f8, (N_AXES, N_AXES)), ("damping", f8, (N_AXES, N_AXES)),
         ("held_angle", f8, (N_AXES,)), ("held_velocity", f8, (N_AXES,)), ("braced", i8), ("yielding", i8),
@@ -95,7 +96,7 @@ IMPEDANCE_COLUMN = np.array([AXES.index(b) for _, b in IMPEDANCES])
 N_OUTPUTS = 2 * N_AXES + N_ANKLE + N_AXES + 1 + 2 * N_AXES + 5 + 3
 PLACED_AT = np.array([COORDINATES.index(c) for c in PLACED])
 MOVING_AT = np.array([COORDINATES.index(c) for c in MOVING])
-DONE, NOT_FINITE, STEP_TOO_SMALL, TOO_MANY_STEPS, FOOT_INSIDE = 0, 1, 2, 3, 4
+DONE, NOT_FINITE, STEP_TOO_SMALL, TOO_MANY_STEPS, FOOT_INSIDE, NO_FOOTHOLD = 0, 1, 2, 3, 4, 5
 TOUCHING, PUBLISHED, GIVEN = POSES["touching"], POSES["published"], POSES["given"]
 FORGIVEN_MM = 0.1  # depth of a given foot in the platform that its numbers' rounding explains
 EQUILIBRIUM_START, AS_PUBLISHED = 0, 1
@@ -696,6 +697,14 @@ def place_facets(m, s, facets, blocks, place, origin):
 
 
 @kernel
+def let_off(s, n):
+    """Facets beyond the platform's edge carry nothing."""
+    for i in range(n):
+        if s.edge[0] * s.facet_x[i] + s.edge[1] * s.facet_y[i] > s.edge[2]:
+            s.facet_force[i] = 0.0
+
+
+@kernel
 def contact(m, s, facets, blocks, stage):
     """`facets` (n, 4, BLOCK) are sorted into `blocks` (6, n): centre and half extents of each. Wrench of the platform
     on the calcaneus, and the damping matrices for the integrator, about the platform's pivot."""
@@ -722,6 +731,8 @@ def contact(m, s, facets, blocks, stage):
         s.contact[c] = 0.0
     s.touching = 0
     n = place_facets(m, s, facets, blocks, place, origin)
+    if s.edged == 1:
+        let_off(s, n)
     force = (
         s.facet_x,
         s.facet_y,
@@ -1288,6 +1299,10 @@ def prepare(m, s, p):
     s.plane[0, 0] = 1.0
     s.plane[1, 1], s.plane[1, 2] = sine, -cosine
     s.plane[2, 1], s.plane[2, 2] = cosine, sine
+    s.edged = p.platform_edge_distance < NO_EDGE
+    # the plane's second axis points medially
+    s.edge[0], s.edge[1] = math.cos(p.platform_edge_direction), -math.sin(p.platform_edge_direction)
+    s.edge[2] = p.platform_edge_distance
     s.modulus, s.dissipation = p.contact_modulus, p.contact_dissipation
     s.friction, s.viscous_friction, s.transition = p.contact_friction, p.contact_viscous_friction, SLIP_TRANSITION
     s.passive_scale, s.internal_brace_scale = p.passive_angle_scale, p.internal_brace_angle_scale
@@ -1318,33 +1333,49 @@ def prepare(m, s, p):
             s.stiffness[k, j] = s.damping[k, j] = 0.0
 
 
+@kernel
+def deepest(m, s, facets):
+    """Depth of the deepest facet on the platform [m], whose edge is still counted from the calcaneus' origin. -1e9: none
+    is on it."""
+    xpos, xmat = s.xpos, s.xmat
+    depth = -1e9
+    for i in range(facets.shape[0] * BLOCK):
+        facet = facets[i // BLOCK, :, i % BLOCK]
+        height = reach = 0.0
+        for c in range(3):
+            turned = 0.0
+            for j in range(3):
+                turned += xmat[CALCN, 3 * c + j] * facet[j]
+            reach += (s.edge[0] * s.plane[0, c] + s.edge[1] * s.plane[1, c]) * turned
+            height += s.plane[2, c] * (xpos[CALCN, c] - m.pivot[c] + turned)
+        if s.edged == 0 or reach <= s.edge[2]:
+            depth = max(depth, -height)
+    return depth
+
+
 @entry
 def initialise(m, s, facets, blocks, pose, as_published):
     """From coordinates, speeds and activations to a consistent start: the pose (pelvis moved along the vertical until
     the deepest facet lies in the plane, if TOUCHING) and the fibres in equilibrium. Leaves the depth of the deepest
-    facet before that in the state. Returns DONE, or FOOT_INSIDE for a given pose whose foot is inside the platform."""
+    facet before that in the state, and places the edge in the platform. Returns DONE, FOOT_INSIDE for a given pose whose
+    foot is inside the platform, or NO_FOOTHOLD."""
     s.known = 0
     s.time, s.h = 0.0, 2e-6
     s.evaluations = s.steps = s.rejected = 0
     for k in range(NM):
         s.l[k] = m.l_opt[k]
     evaluate(m, s, facets, blocks, 0, s.q, s.u, s.a, s.l)
-    xpos, xmat = s.xpos, s.xmat
-    depth = -1e9
-    for i in range(facets.shape[0] * BLOCK):
-        facet = facets[i // BLOCK, :, i % BLOCK]
-        height = 0.0
-        for c in range(3):
-            x = xpos[CALCN, c] - m.pivot[c]
-            for j in range(3):
-                x += xmat[CALCN, 3 * c + j] * facet[j]
-            height += s.plane[2, c] * x
-        depth = max(depth, -height)
+    depth = deepest(m, s, facets)
+    if depth < -1e8:
+        return NO_FOOTHOLD
     s.depth_mm = 1e3 * depth
     if pose == GIVEN and s.depth_mm > FORGIVEN_MM:
         return FOOT_INSIDE
     if pose == TOUCHING:
         s.q[1] += depth / s.plane[2, 1]
+        s.edge[2] += s.edge[1] * s.plane[1, 1] * depth / s.plane[2, 1]
+    for c in range(3):
+        s.edge[2] += (s.edge[0] * s.plane[0, c] + s.edge[1] * s.plane[1, c]) * (s.xpos[CALCN, c] - m.pivot[c])
     for k in range(NM):
         s.l[k] = fibre_equilibrium(m, k, s.mtu[0, k], s.mtu_rate[0, k], s.a[k], as_published)
     s.valid = 0

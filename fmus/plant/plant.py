@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from . import constants, kernels, person
-from .interface import MOVING, PERSON, PLACED
+from .interface import MOVING, NO_EDGE, PERSON, PLACED
 from .interface import PARAMETERS as OF_FMU
 
 STARTS = {name: start for name, _, start, *_ in OF_FMU}
@@ -42,6 +42,8 @@ class Landing:
     body_reflex_scale: float = 1.0
     initial_ankle_activation: float = 0.0
     internal_brace_angle_scale: float = 0.0
+    platform_edge_distance: float = NO_EDGE
+    platform_edge_direction: float = 0.0
     tolerance: float = 0.0025
     initial_pose: int = 0
     fibre_start: int = 0
@@ -125,6 +127,8 @@ class Plant:
         self.penetration = 1e-3 * self.state["depth_mm"]
         if status == kernels.FOOT_INSIDE:
             raise SimulationError(f"plant: the foot is {self.state['depth_mm']:.1f} mm inside the platform")
+        if status == kernels.NO_FOOTHOLD:
+            raise SimulationError("plant: no part of the sole is on this side of the platform's edge")
 
     def advance(self, to: float, fixed_step: float = 0.0) -> None:
         """Integrates to time `to` [s] with inputs held. `fixed_step` [s] > 0 switches the step control off (for

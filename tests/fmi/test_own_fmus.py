@@ -212,6 +212,16 @@ def test_a_heavier_person_may_take_the_published_pose() -> None:
         assert bench["ground_force_y"] > 1e4
 
 
+def test_an_edge_away_from_the_foot_changes_nothing() -> None:
+    with Bench(component("plant")) as whole, Bench(component("plant"), platform_edge_distance=0.5) as far:
+        assert np.array_equal(whole.move(0.0, 0.02), far.move(0.0, 0.02))
+
+
+def test_an_edge_that_leaves_no_foothold_is_refused() -> None:
+    with pytest.raises(SimulationError, match="no part of the sole is on this side of the platform's edge"):
+        Bench(component("plant"), platform_edge_distance=-0.5)
+
+
 def test_reset_equals_a_fresh_instance() -> None:
     for name in ("incline30_mixed", "incline30"):
         scenario = load_scenario(name)

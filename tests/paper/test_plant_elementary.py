@@ -286,6 +286,32 @@ def contact_alone(model, state, facets, blocks):
     kernels.contact(model[0], state[0], facets, blocks, 0)
 
 
+@pytest.mark.parametrize("incline", [0.0, 0.4])
+@pytest.mark.parametrize(("direction", "distance"), [(0.0, 0.12), (1.57, -0.02), (-1.2, 0.01), (3.1, 0.0)])
+def test_beyond_its_edge_the_platform_carries_nothing(incline: float, direction: float, distance: float) -> None:
+    """The wrench on the foot is that of a sole without the facets beyond the line, which stands in the platform where
+    it was at contact."""
+    p = Plant()
+    p.start(Landing(platform_incline=incline, platform_edge_direction=direction, platform_edge_distance=distance))
+    lateral = np.array([0.0, -math.sin(incline), math.cos(incline)])
+    normal = math.cos(direction) * np.array([1.0, 0.0, 0.0]) + math.sin(direction) * lateral
+    heel = p.state["xpos"][kernels.CALCN].copy()
+    p.advance(0.03)
+    p.observe()
+    place, turn = p.state["xpos"][kernels.CALCN], p.state["xmat"][kernels.CALCN].reshape(3, 3)
+    facets = p._facets.copy()
+    beyond = np.einsum("i,nij->nj", turn.T @ normal, facets[:, :3]) + (place - heel) @ normal > distance
+    assert 0 < beyond.sum() < beyond.size
+    found = []
+    for edged, sole in ((1, p._facets), (0, facets)):
+        p.state["edged"] = edged
+        contact_alone(p._model, p._state, sole, p._blocks)
+        found.append(p.state["contact"].copy())
+        facets[:, 3][beyond] = 0.0
+    assert found[0][1] != 0.0
+    assert found[0] == pytest.approx(found[1], rel=1e-9, abs=1e-6)
+
+
 def pressed(p: Plant, row: pd.Series) -> tuple[np.ndarray, np.ndarray]:
     """Force [N] and moment [N m] about the calcaneus origin on a foot of given orientation, depth and velocity over the
     level floor."""
