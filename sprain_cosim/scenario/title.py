@@ -21,6 +21,7 @@ SHIPPED = {"plant": "plant", "controller": "reflex_controller"}  # not worth a w
 INCLINE, MASS = "plant.platform_incline", "plant.body_mass"
 COACTIVATION, GAIN = "controller.coactivation", "controller.reflex_gain"
 PASSIVE_SCALE, EVERTORS = "plant.passive_angle_scale", "plant.evertor_strength_scale"
+MODULUS, FRICTION, EDGE = "plant.contact_modulus", "plant.contact_friction", "plant.platform_edge_distance"
 ANGLE_SCALE, TORQUE_SCALE = "brace.angle_scale", "brace.torque_scale"
 
 
@@ -62,7 +63,15 @@ class Ran:
         if "plant" not in self.fmus:
             return "", set()
         parts, named = list[str](), set[str]()
-        found = (self._slope(), self._body(), self._ankle(), self._brace(), self._muscles(), self._others())
+        found = (
+            self._slope(),
+            self._ground(),
+            self._body(),
+            self._ankle(),
+            self._brace(),
+            self._muscles(),
+            self._others(),
+        )
         for words, names in found:
             parts += words
             named |= names
@@ -85,6 +94,17 @@ class Ran:
         if incline is None:
             return [], set()
         return [f"{incline:.4g}° slope" if round(incline, 9) else "level floor"], {INCLINE}
+
+    def _ground(self) -> tuple[list[str], set[str]]:
+        """A ground that is not the model's, and a platform that ends under the foot."""
+        rows = ((MODULUS, "MPa/m", 50.0, "ground {:.4g} MPa/m"), (FRICTION, "1", 0.9, "friction {:.4g}"))
+        words, named = list[str](), set[str]()
+        for name, of, usual, text in (*rows, (EDGE, "mm", 1e6, "edge at {:.4g} mm")):
+            value = self._value(name, unit(of)) if name in self.parameters else None
+            if value is not None and round(value / usual, 9) != 1.0:
+                words.append(text.format(value))
+                named.add(name)
+        return words, named
 
     def _body(self) -> tuple[list[str], set[str]]:
         if self.person:
