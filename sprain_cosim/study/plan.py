@@ -535,7 +535,7 @@ class Plan:
         Raises InputError for a plant that cannot be other persons."""
         subject = subject or Subject(SEXES[0])
         sex = subject.sex if subject.sex in population.shares else next(iter(population.shares))
-        scenario = replace(self.scenario, subject=replace(subject, sex=sex, measures={}))
+        scenario = replace(self.scenario, subject=replace(subject, sex=sex, measures=dict(population.fixed)))
         scenario.system()
         others = {name: m for name, m in self.marginals.items() if not is_of_subject(name)}
         kept = [k for k, name in enumerate(self.marginals) if name in others]

@@ -163,6 +163,10 @@ def test_a_population_may_share_a_measure(population: Study) -> None:
     assert "subject.sex" not in x
     assert x["subject.trochanterion_height"].mean() > 0.95
     assert tall.correlation is not None
+    sitting = population.override("subject.sitting_height", "0.95 m")  # none of the inputs: it must hold all the same
+    assert sitting.scenario.subject is not None
+    assert sitting.scenario.subject.measures == {"sitting_height": 0.95}
+    assert sitting.marginals["subject.stature"].mean > population.marginals["subject.stature"].mean + 0.05
 
 
 def test_what_no_population_allows(population: Study, tmp_path: Path) -> None:
