@@ -840,14 +840,32 @@ def _show_spans(spans: Mapping[str, tuple[float, float]]) -> None:
 
 @cli.command("plot")
 @FOLDERS
+@click.option(
+    "--format", "kinds", default="png,svg", show_default=True, help="Of pdf, svg, png, tiff; several with commas."
+)
+@click.option("--width", metavar="single|double|CM", help="8.5, 17.8 or so many cm (default: single; 16 on a screen).")
+@click.option("--style", type=click.Choice(["journal", "screen"]), default="journal", show_default=True)
+@click.option("--only", metavar="NAME,...", help="These figures alone, such as cdf,tornado.")
+@click.option("--response", metavar="NAME", help="Of studies, in place of the first that their files name.")
+@click.option("--panels", is_flag=True, help="A, B, C on the panels.")
 @out_option("Where figures/ goes (default: the first folder).")
-def plot_command(folders: tuple[Path, ...], out: Path | None) -> None:
-    """Draw what the FOLDERS of runs, studies and comparisons hold, over each other: PNG and SVG, one journal column
-    wide."""
-    from .figures.gallery import write_figures
+def plot_command(
+    folders: tuple[Path, ...],
+    kinds: str,
+    width: str | None,
+    style: str,
+    only: str | None,
+    response: str | None,
+    panels: bool,
+    out: Path | None,
+) -> None:
+    """Draw what the FOLDERS of runs, studies and comparisons hold, over each other; captions.txt beside the figures."""
+    from .figures.gallery import figure_form, figure_kinds, write_figures
     from .folders.read import read_folders
 
-    for path in write_figures(read_folders(folders), out or folders[0]):
+    form, chosen = figure_form(width, style == "screen", panels), figure_kinds(kinds)
+    names = [name.strip() for name in (only or "").split(",") if name.strip()]
+    for path in write_figures(read_folders(folders), out or folders[0], chosen, form, names, response):
         _show(f"written: {path}")
 
 

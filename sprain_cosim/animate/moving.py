@@ -31,7 +31,8 @@ class MovingBodies:
     turns               {body: (n, 4) orientation, a unit quaternion x, y, z, w}
     volumes             round cones of the bodies: part, ends [m] and radii [m] in the body's frame; bones among them
     braced              whether there is a brace
-    pivot, tilt         of the platform: (3,) [m], angle about x [rad] as its own parameter has it
+    pivot, tilt         of the drawn part of the platform: its middle (3,) [m], angle about x [rad] as its own parameter
+                        has it
     ankle, axis         (n, 3) [m] of the ankle, (n, 3) unit vector of the subtalar axis
     force, point        (n, 3) [N] of the platform on the foot, (n, 3) [m] where it acts; zeros without contact
     signals             {name: (n,)} angle [deg] of the subtalar joint, moments [N·m] of anatomy and brace about it,
@@ -71,7 +72,7 @@ class MovingBodies:
         carriers = _carriers(skeleton.content["bodies"])
         names = list(dict.fromkeys(carriers.values()))
         turns = {name: np.array([pose[name][1] for pose in poses]) for name in names}
-        joint = skeleton.content["subtalar_axis"]
+        joint, tilt = skeleton.content["subtalar_axis"], landing.parameter(skeleton.content["platform"]["incline"])
         contact = at("in_contact") > 0.5
         braced = bool(brace_torques(result))
         volumes = [_carried(volume, carriers[volume["body"]], poses[0]) for volume in skeleton.content["volumes"]]
@@ -83,8 +84,8 @@ class MovingBodies:
             turns={name: quaternions(turns[name]) for name in names},
             volumes=tuple(v for v in volumes if braced or v["part"] != "brace"),
             braced=braced,
-            pivot=np.array(skeleton.content["platform"]["pivot"], float),
-            tilt=landing.parameter(skeleton.content["platform"]["incline"]),
+            pivot=platform_place(skeleton, poses[0], tilt),
+            tilt=tilt,
             ankle=np.array([skeleton.point("ankle", pose) for pose in poses]),
             axis=turns[joint["body"]] @ np.array(joint["axis"], float),
             force=np.stack([at(f"ground_force_{c}") for c in "xyz"], axis=1) * contact[:, None],
@@ -100,6 +101,19 @@ class MovingBodies:
     def peak(self) -> int:
         """Where the subtalar angle is the largest."""
         return int(np.argmax(self.signals["angle"]))
+
+
+def platform_place(skeleton: Skeleton, first: Pose, tilt: float) -> Array:
+    """(3,) [m] the middle of the drawn part of the platform: the pivot, or under the foot of a motion that lands beside
+    what is drawn there. `first`: the pose at contact."""
+    pivot = np.array(skeleton.content["platform"]["pivot"], float)
+    sine, cosine = math.sin(tilt), math.cos(tilt)
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]])
+    along = turn @ (skeleton.point("ankle", first) - pivot)
+    if (np.abs(along) <= HALF_PLATFORM)[[0, 2]].all():
+        return pivot
+    found: Array = pivot + along[0] * turn[0] + along[2] * turn[2]
+    return found
 
 
 def _carriers(bodies: Sequence[Mapping[str, Any]]) -> dict[str, str]:

@@ -22,7 +22,7 @@ from ..figures import DEGREES
 from ..figures.style import ANATOMY, BRACE, FAINT, GROUND, INK, MUTED, SUBTALAR, TALOCRURAL, palette
 from ..folders.landing import Landing
 from ..metrics import brace_torques
-from .moving import HALF_PLATFORM
+from .moving import HALF_PLATFORM, platform_place
 from .skeleton import Pose, Skeleton
 from .solid import PAPER, Camera
 
@@ -270,13 +270,9 @@ class _Actor:
     def _stand(self) -> tuple[np.ndarray, float]:
         """The middle (3,) of the drawn part of the platform, and how far it lies above the pivot [m]: the pivot, or
         under the foot of a motion that lands beside what is drawn there."""
-        pivot = np.array(self.skeleton.content["platform"]["pivot"], float)
         first = {c: float(self.run.result[f"plant.{c}"][0]) for c in self.skeleton.coordinates}
-        along = self.turn @ (self.skeleton.point("ankle", self.skeleton.pose(first)) - pivot)
-        if (np.abs(along) <= HALF)[[0, 2]].all():
-            return pivot, 0.0
-        moved = pivot + along[0] * self.turn[0] + along[2] * self.turn[2]
-        return moved, float(moved[1] - pivot[1])
+        place = platform_place(self.skeleton, self.skeleton.pose(first), self.incline)
+        return place, float(place[1] - self.skeleton.content["platform"]["pivot"][1])
 
     def __getitem__(self, name: str) -> np.ndarray:
         """(n,) a signal of the record; zeros where the record has none."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -12,9 +12,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from .. import __version__
 from .. import figures as plots
 from ..cosim.result import Result
 from ..errors import EnvironmentProblem, InputError
+from ..files import write
 from ..folders.comparison import NONE, ComparisonFolder
 from ..folders.read import Folder
 from ..folders.run import RunFolder, RunSummary, coupling_note, write_run
@@ -28,6 +30,7 @@ from .records import published_records
 from .samples import Sample
 from .selection import (
     FEWEST,
+    asking,
     named_folders,
     palette_of,
     pearson_intervals,
@@ -38,8 +41,10 @@ from .selection import (
     spread_intervals,
     study_devices,
 )
-from .style import FORM, Form, drawn_as, palette
+from .style import DOUBLE, FORM, FORMATS, SINGLE, palette
 
+CAPTIONS = "captions.txt"
+SCREEN, NARROWEST, WIDEST = 16.0, 8.0, 40.0  # cm
 FAN = 20  # trajectories for a fan
 
 Runs = Sequence[tuple[str, RunFolder]]
@@ -142,17 +147,89 @@ def _least_and_most(shapes: Mapping[str, float] | None) -> tuple[float, float] |
     return (min(shapes.values()), max(shapes.values())) if shapes else None
 
 
-def write_figures(folders: Sequence[Folder], out: Path) -> list[Path]:
-    """All figures as PNG and SVG in `out`/figures."""
-    target, written = out / "figures", list[Path]()
+def figure_form(width: str | None, screen: bool, panels: bool) -> plots.Form:
+    """The form that the options of `plot` ask for. Raises InputError."""
+    named = {None: SCREEN if screen else SINGLE, "single": SINGLE, "double": DOUBLE}
+    if width in named:
+        return plots.Form(named[width], screen, panels)
     try:
-        with drawn_as(Form(palette=palette_of(folders))):
+        centimetres = float(str(width).removesuffix("cm"))
+    except ValueError:
+        raise InputError(f"--width {width}: must be single, double or a number of cm") from None
+    if not NARROWEST <= centimetres <= WIDEST:
+        raise InputError(f"--width {width}: must lie between {NARROWEST:g} and {WIDEST:g} cm")
+    return plots.Form(centimetres, screen, panels)
+
+
+def figure_kinds(text: str) -> list[str]:
+    """The kinds of file in "pdf,svg". Raises InputError."""
+    kinds = [kind.strip().lower() for kind in text.split(",") if kind.strip()]
+    for kind in kinds:
+        if kind not in FORMATS:
+            raise InputError(f"--format {kind}: must be of {', '.join(FORMATS)}")
+    if not kinds:
+        raise InputError(f"--format {text!r}: name one of {', '.join(FORMATS)}")
+    return list(dict.fromkeys(kinds))
+
+
+def write_figures(
+    folders: Sequence[Folder],
+    out: Path,
+    kinds: Sequence[str] = ("png", "svg"),
+    form: plots.Form | None = None,
+    only: Sequence[str] = (),
+    response: str | None = None,
+) -> list[Path]:
+    """The figures as files of the `kinds` in `out`/figures, captions.txt beside them.
+
+    form       width, style and panel letters; its palette is set here
+    only       beginnings of names, such as cdf; all figures where empty
+    response   of studies, in place of the one that their files name first
+
+    Raises InputError for names that no figure has, EnvironmentProblem."""
+    folders = asking(folders, response) if response else folders
+    target, written, names, captions = out / "figures", list[Path](), list[str](), list[str]()
+    try:
+        with plots.drawn_as(replace(form or plots.Form(), palette=palette_of(folders))):
             for drawn in draw(folders):
+                names.append(drawn.name)
+                if only and not any(_chosen(drawn.name, name) for name in only):
+                    continue
                 target.mkdir(parents=True, exist_ok=True)
-                written += plots.save(drawn.figure, target / drawn.name)
+                written += plots.save(drawn.figure, target / drawn.name, kinds)
+                captions.append(_caption(drawn, folders))
+        for name in only:
+            if not any(_chosen(drawn_name, name) for drawn_name in names):
+                raise InputError(f"--only {name}: these folders allow no such figure, but {', '.join(names)}")
+        if captions:
+            write(target / CAPTIONS, "\n\n".join(captions) + "\n")
+            written.append(target / CAPTIONS)
     except OSError as problem:
         raise EnvironmentProblem(f"{target}: cannot be written: {problem.strerror or problem}") from None
     return written
+
+
+def _chosen(figure: str, name: str) -> bool:
+    """Whether `name` is the figure's, or its kind: cdf is also of cdf_peak_inversion_from_neutral_deg."""
+    return figure == name or bool(re.match(rf"{re.escape(name)}(_|\d*$)", figure))
+
+
+def _caption(drawn: Drawn, folders: Sequence[Folder]) -> str:
+    """What a journal prints below: what is shown, of how many landings, which intervals, from which versions."""
+    counts, versions = list[str](), dict[str, None]()
+    for name, item in named_folders(folders):
+        if isinstance(item, RunFolder):
+            counts.append(f"{name}: one landing")
+            versions[f"sprain-cosim {item.summary.version}" if item.summary.version else ""] = None
+        else:
+            failed = f", {item.summary.n_failed} failed" if item.summary.n_failed else ""
+            counts.append(f"{name}: n = {item.summary.n_completed}{failed} ({item.summary.method})")
+            versions[", ".join(f"{k} {v}" for k, v in item.manifest.versions.items())] = None
+    text = f"{drawn.name}. {drawn.title}. {drawn.caption} {'; '.join(counts)}. Intervals are 95 % where shown."
+    made = " | ".join(v for v in versions if v)
+    return f"{text} {pose_note(named_folders(folders))}{f' Computed with {made}.' if made else ''} Drawn with " + (
+        f"sprain-cosim {__version__}."
+    )
 
 
 def _end(study: StudyFolder, of: int) -> str:

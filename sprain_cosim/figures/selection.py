@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from ..errors import InputError, nearest
 from ..folders.comparison import NONE, ComparisonFolder
 from ..folders.read import Folder
 from ..folders.run import RunFolder
@@ -35,6 +37,26 @@ def named_folders(folders: Sequence[Folder]) -> list[Named]:
         items = [(f"{item.pose} pose · {name}" if item.pose else name, item) for name, item in items]
     names = [name for name, _ in items]
     return [(name if names.count(name) == 1 else f"{item.path.resolve().name} · {name}", item) for name, item in items]
+
+
+def asking(folders: Sequence[Folder], response: str) -> list[Folder]:
+    """The same folders, their studies about another `response`. Raises InputError where none of them has it."""
+    known: dict[str, None] = {}
+
+    def of(folder: Folder) -> Folder:
+        if isinstance(folder, ComparisonFolder):
+            members = {name: of(member) for name, member in folder.members.items()}
+            return replace(folder, members=members)  # type: ignore[arg-type]
+        if isinstance(folder, StudyFolder):
+            known.update(dict.fromkeys(str(c) for c in folder.trials if unit_of(str(c)) and "." not in str(c)))
+            if response in folder.trials:
+                return replace(folder, file=replace(folder.file, responses=(response,)))
+        return folder
+
+    found = [of(folder) for folder in folders]
+    if response not in known:
+        raise InputError(f"--response {response}: these folders have no such response{nearest(response, list(known))}")
+    return found
 
 
 def palette_of(folders: Sequence[Folder]) -> dict[str, Look]:

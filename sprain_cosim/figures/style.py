@@ -29,6 +29,7 @@ from ..errors import visible
 from ..files import write
 
 SINGLE, DOUBLE = 8.5, 17.8  # width of one and of two columns of a journal [cm]
+MARGIN = 0.22  # cm at the right, for half of the last tick's label
 MOST_DRAWN = 2000  # points of a curve; of more points, a picture inside the figure
 SMALL, NORMAL = 7.0, 7.5  # points
 INK, FAINT = "#1f2933", "#9aa5b1"
@@ -85,6 +86,7 @@ JOURNAL: Any = {
     "lines.markersize": 4.0,
     "svg.fonttype": "none",
     "svg.hashsalt": "sprain-cosim",
+    "pdf.fonttype": 42,  # letters that can be searched and edited
 }
 # what a parameter of the shipped FMUs is called in figures and tables, and the unit it is read in
 PARAMETERS = {
@@ -205,7 +207,10 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 def _letter_panels(figure: Figure) -> None:
-    """A, B, C before the title of each panel."""
+    """A, B, C before the title of each panel, with room for it where there was no title."""
+    bare = [axis for axis in figure.axes if not axis.get_title(loc="left")]
+    rows = {spec.rowspan.start for axis in bare if (spec := axis.get_subplotspec()) is not None}
+    grow(figure, 0.45 * len(rows))
     for letter, axis in zip(ascii_uppercase, figure.axes, strict=False):
         title = axis.get_title(loc="left")
         axis.set_title(f"{letter}   {title}".rstrip(), loc="left", fontweight="normal" if title else "bold")
@@ -219,7 +224,9 @@ def sheet(heights: Sequence[float], note: str = "", columns: int = 1, **options:
     total = taller * sum(heights) + 0.35 * len(lines) + 0.3
     figure = Figure(
         figsize=(form.width / 2.54, form.scale * total / 2.54),
-        layout=ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03, hspace=0.02),
+        layout=ConstrainedLayoutEngine(
+            w_pad=0.03, h_pad=0.03, hspace=0.02, rect=(0, 0, 1 - MARGIN * form.scale / form.width, 1)
+        ),
     )
     FigureCanvasAgg(figure)
     axes = figure.subplots(len(heights), columns, squeeze=False, height_ratios=list(heights), **options)
@@ -310,23 +317,29 @@ def label(name: str) -> str:
     )
 
 
-def save(figure: Figure, target: Path) -> list[Path]:
-    """Writes `target`.png (300 dots per inch) and `target`.svg; the same figure gives the same bytes."""
+FORMATS = ("pdf", "svg", "png", "tiff")
+
+
+def save(figure: Figure, target: Path, kinds: Sequence[str] = ("png", "svg")) -> list[Path]:
+    """Writes `target`.KIND for each of the `kinds`, of FORMATS; the same figure gives the same bytes."""
     written = []
-    for kind in ("png", "svg"):
+    for kind in kinds:
         written.append(target.with_name(f"{target.name}.{kind}"))
         write(written[-1], picture(figure, kind))
     return written
 
 
 def picture(figure: Figure, kind: str = "svg") -> bytes:
-    """The figure as a `kind` of file, png or svg."""
+    """The figure as a `kind` of file: letters stay letters in pdf and svg, png has 300 dots per inch, tiff 600."""
+    undated: dict[str, Any] = {
+        "svg": {"Date": None, "Creator": None},
+        "pdf": {"CreationDate": None, "ModDate": None, "Creator": None, "Producer": None},
+        "png": {"Software": None},
+    }
+    options: dict[str, Any] = {"pil_kwargs": {"compression": "tiff_lzw"}} if kind == "tiff" else {}
+    if kind in undated:
+        options["metadata"] = undated[kind]
     buffer = io.BytesIO()
     with rc_context(_style()):  # ticks are made while drawing
-        figure.savefig(
-            buffer,
-            format=kind,
-            dpi=300,
-            metadata={"Date": None, "Creator": None} if kind == "svg" else {"Software": None},
-        )
+        figure.savefig(buffer, format=kind, dpi=600 if kind == "tiff" else 300, **options)
     return buffer.getvalue()

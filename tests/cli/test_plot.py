@@ -8,6 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from sprain_cosim.errors import InputError
+from sprain_cosim.figures.gallery import write_figures
+from sprain_cosim.folders.read import read_folders
+
 from .test_run import call, refused
 
 
@@ -39,6 +43,32 @@ def test_figures_of_all_kinds_together(results: Path, tmp_path: Path) -> None:
 def test_figures_go_into_the_first_folder(results: Path) -> None:
     assert call("plot", str(results / "amv")).returncode == 0
     assert (results / "amv" / "figures" / "amv.svg").is_file()
+
+
+def test_figures_for_a_journal(results: Path, tmp_path: Path) -> None:
+    """Kinds, one figure of all, another response, what stands below; wrong names in one line."""
+    options = (
+        "--format",
+        "pdf,tiff",
+        "--width",
+        "double",
+        "--panels",
+        "--only",
+        "cdf",
+        "--response",
+        "peak_talocrural_angle_deg",
+    )
+    outcome = call("plot", str(results / "study"), *options, "--out", str(tmp_path))
+    assert outcome.returncode == 0, outcome.stderr
+    assert {p.name for p in (tmp_path / "figures").iterdir()} == {"cdf.pdf", "cdf.tiff", "captions.txt"}
+    caption = (tmp_path / "figures" / "captions.txt").read_text("utf-8")
+    for words in ("cdf. Distribution.", "n = 24 (monte-carlo)", "95 %", "Initial pose: published", "sprain-cosim 0."):
+        assert words in caption
+    folders = read_folders([results / "study"])
+    with pytest.raises(InputError, match="--only violin: these folders allow no such figure, but cdf, "):
+        write_figures(folders, tmp_path / "x", only=["violin"])
+    with pytest.raises(InputError, match=r"--response peak_talocrural_angle: .*did you mean peak_talocrural_angle_deg"):
+        write_figures(folders, tmp_path / "x", response="peak_talocrural_angle")
 
 
 def spoil(folder: Path, kind: str) -> list[str]:

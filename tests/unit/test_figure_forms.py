@@ -1,0 +1,94 @@
+"""Figures as journals and slides want them: no letter cut off or over another in any width and style, contrast, names
+of files, what stands below."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from matplotlib import rc_context
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from sprain_cosim.errors import InputError
+from sprain_cosim.figures.gallery import figure_form, figure_kinds
+from sprain_cosim.figures.style import DOUBLE, SINGLE, Form, _style, drawn_as, picture
+
+from .test_plots import FIGURES
+
+FORMS = {
+    "single": Form(),
+    "double": Form(DOUBLE),
+    "screen": Form(16.0, screen=True),
+    "panels": Form(SINGLE, panels=True),
+}
+
+
+def letters(figure: Figure) -> list[tuple[Text, np.ndarray]]:
+    """All words that are drawn, with left, bottom, right and upper end of each [pixels]."""
+    figure.draw_without_rendering()
+    renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+    kept, drawn = set[Text](), set[Text]()  # matplotlib keeps the labels of ticks outside the limits
+    for axis in figure.axes:
+        for direction in (axis.xaxis, axis.yaxis):
+            for tick in (*direction.get_major_ticks(), *direction.get_minor_ticks()):
+                kept |= {tick.label1, tick.label2}
+            for tick in direction._update_ticks():
+                drawn |= {label for label in (tick.label1, tick.label2) if label.get_visible()}
+    found = []
+    for text in figure.findobj(Text):
+        assert isinstance(text, Text)
+        if text.get_visible() and text.get_text().strip() and (text not in kept or text in drawn):
+            found.append((text, np.array(text.get_window_extent(renderer).extents)))
+    return found
+
+
+@pytest.mark.parametrize("form", [f if f == "panels" else pytest.param(f, marks=pytest.mark.long) for f in FORMS])
+@pytest.mark.parametrize("name", FIGURES)
+def test_no_letter_is_cut_off_or_lies_over_another(name: str, form: str) -> None:
+    with drawn_as(FORMS[form]), rc_context(_style()):  # ticks are made while drawing, also those of a file
+        figure = FIGURES[name]()
+        found = letters(figure)
+    width, height = figure.get_size_inches() * figure.dpi
+    assert abs(figure.get_size_inches()[0] * 2.54 - FORMS[form].width) < 1e-6
+    slack = 1.5
+    for text, (left, low, right, high) in found:
+        inside = left > -slack and low > -slack and right < width + slack and high < height + slack
+        assert inside, f"{text.get_text()!r} is cut off"
+        rgb = np.array(to_rgb(text.get_color()))
+        linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+        assert 1.05 / (0.05 + linear @ [0.2126, 0.7152, 0.0722]) >= 4.5, f"{text.get_text()!r} is pale"
+    for (one, a), (other, b) in combinations(found, 2):
+        over = np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2])
+        assert not (over > slack).all(), f"{one.get_text()!r} lies over {other.get_text()!r}"
+
+
+def test_panels_have_letters() -> None:
+    with drawn_as(Form(panels=True)):
+        titles = [axis.get_title(loc="left") for axis in FIGURES["landing"]().axes]
+    assert [title[0] for title in titles] == list("ABCDEF")[: len(titles)]
+    assert titles[0].endswith("subtalar angle [deg], + supination")
+
+
+@pytest.mark.parametrize("kind", ["pdf", "tiff"])
+def test_files_of_a_journal_are_the_same_each_time(kind: str) -> None:
+    first, second = (picture(FIGURES["cdf"](), kind) for _ in range(2))
+    assert first == second
+    assert first.startswith({"pdf": b"%PDF", "tiff": b"II*"}[kind])
+    if kind == "pdf":
+        assert b"/Type3" not in first, "letters are fonts that can be edited"
+
+
+def test_options_of_plot() -> None:
+    assert figure_form("double", False, True) == Form(DOUBLE, False, True)
+    assert figure_form("12.5", False, False).width == figure_form("12.5 cm", False, False).width == 12.5
+    assert figure_form(None, True, False).width > SINGLE
+    assert figure_kinds("PDF, svg,pdf") == ["pdf", "svg"]
+    for text in ("wide", "3", "-1", "nan"):
+        with pytest.raises(InputError, match="--width"):
+            figure_form(text, False, False)
+    for text in ("jpg", ",", "pdf,eps"):
+        with pytest.raises(InputError, match="--format"):
+            figure_kinds(text)
