@@ -13,6 +13,7 @@ from .fmu.build.built import PACKAGES, version
 from .fmu.build.link import PLATFORMS, has_compiler
 from .sandbox.kernel import offered
 
+FOR_LINUX = ("plant_mujoco",)  # MuJoCo's library is part of it
 REQUIRED = ("fmpy", "numpy", "scipy", "pandas", "matplotlib", "click")
 
 Finding = tuple[bool, str, str]
@@ -76,6 +77,9 @@ def _fmus() -> list[Finding]:
         return [(False, "FMUs", "none built; run `sprain-cosim build`")]
     rows: list[Finding] = []
     for name in names:
+        if name in FOR_LINUX and platform.system() != "Linux":
+            rows.append((True, name, "for Linux alone"))
+            continue
         try:
             component = Component.read(name, FMUS / f"{name}.fmu")
             rows.append(

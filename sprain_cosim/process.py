@@ -410,6 +410,9 @@ def _live(handlers: Callable[[Any], AbstractContextManager[Handlers]]) -> NoRetu
             _answer_all(line, first, handlers(subject))
         except SprainError as problem:
             line.send(replace(first, content=_refusal(problem)))
+        except OSError as problem:
+            SYSTEM.end_by(problem)
+            raise
     os._exit(0)  # what a foreign library does at the end of a process is not our matter
 
 

@@ -71,6 +71,9 @@ class System(Protocol):
     def die_with(self, parent: int) -> None:
         """This process ends when `parent` does; at once when it is gone already."""
 
+    def end_by(self, problem: OSError) -> None:
+        """Ends this process by the fault of foreign code that Python has turned into `problem`; else nothing."""
+
     def allow_processor_time(self, seconds: float) -> None:
         """From here on; then this process is ended."""
 

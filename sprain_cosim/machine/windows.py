@@ -46,7 +46,11 @@ CONDITIONS = {  # NTSTATUS, as an exit code
     0xC0000409: "a stack buffer overrun or a call of abort",
     0x40000015: "a call of abort",
 }
-ABORTED = 3  # what abort() of Microsoft's C library leaves
+FAULTS = {  # what ctypes makes of them
+    "exception: access violation": 0xC0000005,
+    "exception: stack overflow": 0xC00000FD,
+    "exception: datatype misalignment": 0x80000002,
+}
 LOCKED = 1 << 30  # place of the byte that is locked; what is locked cannot be read, and the holder's number must be
 RETRIES, PAUSE = 20, 0.05  # s, for a file that a virus scanner or an indexer has open
 DEVICES = {
@@ -179,6 +183,14 @@ class Windows:
     def die_with(self, parent: int) -> None:
         pass  # the job does
 
+    def end_by(self, problem: OSError) -> None:
+        code = next((code for text, code in FAULTS.items() if str(problem).startswith(text)), None)
+        if code is not None:
+            self._end(code)
+
+    def _end(self, code: int) -> None:
+        self._kernel.TerminateProcess(self._kernel.GetCurrentProcess(), code)
+
     def allow_processor_time(self, seconds: float) -> None:
         first, self._allowed = self._allowed is None, process_time() + seconds
         if first:
@@ -187,7 +199,7 @@ class Windows:
     def _watch(self) -> None:
         while (left := (self._allowed or 0.0) - process_time()) > 0:
             sleep(max(SLICE, left / (os.cpu_count() or 1)))
-        self._kernel.TerminateProcess(self._kernel.GetCurrentProcess(), OVERRAN)
+        self._end(OVERRAN)
 
     def resident(self) -> int:
         found = _Memory(size=ctypes.sizeof(_Memory))

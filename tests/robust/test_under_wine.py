@@ -65,7 +65,20 @@ def cross_compiled(fmu: Path, source: str, *options: str) -> Path:
     library = fmu.with_suffix(".dll")
     sources = [str(native.SOURCES / f"{name}.c") for name in source.split()]
     head = ["-include", str(native.SOURCES / "windows.h"), f"-I{native.HEADERS}"]
-    command = [windows.MINGW, "-shared", "-static", "-O1", "-w", *head, *options, "-o", str(library), *sources, "-lm"]
+    command = [
+        windows.MINGW,
+        "-shared",
+        "-static",
+        "-Wl,--export-all-symbols",
+        "-O1",
+        "-w",
+        *head,
+        *options,
+        "-o",
+        str(library),
+        *sources,
+        "-lm",
+    ]
     subprocess.run(command, check=True)
     with zipfile.ZipFile(fmu) as archive:
         description = archive.read("modelDescription.xml")
