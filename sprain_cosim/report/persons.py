@@ -22,7 +22,8 @@ OF_WORST = (
 )
 OF_GROUPS = (
     "What each group of inputs explains of the response's variance by itself, by a polynomial of degree 1 or 2; the "
-    "rest needs several groups together, or is not smooth. Small: 95 % intervals."
+    "rest needs several groups together, or is not smooth. Groups that a study correlates count twice. "
+    "Small: 95 % intervals."
 )
 
 

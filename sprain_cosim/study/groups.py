@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 PERSON = "person"
 FEWEST = 20  # completed trials
+NOISE = 0.05  # by which shares of independent groups may add up to more than 1
 FALL = ("plant.drop_height", "plant.platform_incline", "plant.contact_", "plant.pelvis_vertical_velocity")
 ANKLE = ("plant.passive_", "plant.ankle_strength_scale", "plant.evertor_strength_scale")
 STARTS = {
@@ -71,7 +72,8 @@ def groups_listing(response: str, shares: Mapping[str, VarianceShare]) -> list[s
         ends = "" if share.ci_low is None or share.ci_high is None else _percent_ends(share.ci_low, share.ci_high)
         lines.append(f"  {group:32}{100 * (share.value or 0.0):8.0f} %{ends:>20}")
     rest = 1.0 - sum(share.value or 0.0 for share in shares.values())
-    return [*lines, f"  {'together, or not smooth':32}{100 * rest:8.0f} %"]
+    left = "together, or not smooth" if rest > -NOISE else "twice: groups are correlated"
+    return [*lines, f"  {left:32}{100 * (rest if rest > -NOISE else -rest):8.0f} %"]
 
 
 def _percent_ends(low: float, high: float) -> str:

@@ -12,6 +12,7 @@ from sprain_cosim.figures.persons import persons_figure
 from sprain_cosim.folders.comparison import BraceSummary, ComparisonSummary
 from sprain_cosim.report.persons import groups_table, persons_sentence, persons_tables
 from sprain_cosim.study.groups import group_of_input, groups_listing, input_groups
+from sprain_cosim.study.summary import VarianceShare
 from sprain_cosim.uq.groups import group_share
 
 HEADINGS = ["subject.sex", "subject.stature [m]", "subject.mass [kg]", "plant.subtalar_angle_at_contact [rad]"]
@@ -114,6 +115,8 @@ def test_person_and_posture_are_told_apart() -> None:
     mass, posture = rows["subject.mass [kg]"].std() * 0.3, rows[HEADINGS[3]].std() * 10
     assert shares["person"].value == pytest.approx(mass**2 / (mass**2 + posture**2), abs=0.05)
     assert "person" in groups_listing(INVERSION, shares)[2]
+    twice = groups_listing(INVERSION, {"person": VarianceShare(0.8), "posture": VarianceShare(0.35)})
+    assert twice[-1].split() == ["twice:", "groups", "are", "correlated", "15", "%"]
     assert len(groups_table(INVERSION, shares)) == 2
     assert input_groups(HEADINGS[3:], rows, values, [INVERSION]) is None
     assert group_of_input("plant.contact_modulus") == "fall and ground"
