@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import click
 
-from . import __version__, signals, terminal
+from . import __version__, guidance, signals, terminal
 from .errors import InputError, SimulationError, SprainError, visible
 
 if TYPE_CHECKING:
@@ -35,7 +35,14 @@ def out_option(text: str, **more: Any) -> Callable[[Command], Command]:
 
 OUT = out_option("Folder for signals, summary and figure.")
 FOLDERS = click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
-FMUS = click.option("--fmu", "fmus", multiple=True, metavar="NAME=FILE", help="Put another FMU in a component's place.")
+FMUS = click.option(
+    "--fmu",
+    "fmus",
+    multiple=True,
+    metavar="NAME=FILE",
+    shell_complete=guidance.devices,
+    help="Put another FMU in a component's place.",
+)
 MAPS = click.option(
     "--map", "maps", multiple=True, metavar="NAME=FILE", help="Mapping file of the FMU given with --fmu."
 )
@@ -50,7 +57,11 @@ PROGRESS = click.option(
     "--progress", type=click.Choice(["auto", "plain", "json", "none"]), default="auto", show_default=True
 )
 JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
-SCHEME = click.option("--scheme", help="auto, jacobi, gauss-seidel, gauss-seidel-extrapolated, iterative, impedance.")
+SCHEME = click.option(
+    "--scheme",
+    shell_complete=guidance.schemes,
+    help="auto, jacobi, gauss-seidel, gauss-seidel-extrapolated, iterative, impedance.",
+)
 STEP = click.option("--step", metavar='"0.5 ms"', help="Communication step.")
 TRIAL_LIMIT = click.option(
     "--trial-limit", metavar='"20 s"', help="Wall time after which a landing in a process of its own is ended."
@@ -72,14 +83,14 @@ IN_PROCESS = click.option(
 )
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.group(cls=guidance.Guided, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(__version__)
 def cli() -> None:
     """Simulate single-leg landings and the ankle braces that should make them safe."""
 
 
 @cli.command("run")
-@click.argument("scenario")
+@click.argument("scenario", shell_complete=guidance.scenarios)
 @FMUS
 @MAPS
 @SET
@@ -322,8 +333,12 @@ def _again() -> str:
 
 
 @cli.command("study")
-@click.argument("study")
-@click.option("--method", help="monte-carlo, lhs, sobol, grid, table, mean-value, amv, amv+, hmv, form, sobol-indices.")
+@click.argument("study", shell_complete=guidance.studies)
+@click.option(
+    "--method",
+    shell_complete=guidance.methods,
+    help="monte-carlo, lhs, sobol, grid, table, mean-value, amv, amv+, hmv, form, sobol-indices.",
+)
 @click.option("--trials", type=click.IntRange(1), help="Number of trials.")
 @click.option("--seed", type=click.IntRange(0), help="Seed of the sample.")
 @click.option(
@@ -427,7 +442,7 @@ def _warn_of_trials(done: Campaign, folder: Path) -> None:
 
 
 @cli.command("design")
-@click.argument("study")
+@click.argument("study", shell_complete=guidance.studies)
 @click.option(
     "--vary",
     "varied",
@@ -594,12 +609,13 @@ def check_command(fmu: Path, mapping: Path | None, settings: tuple[str, ...], as
 
 
 @cli.command("compare")
-@click.argument("source", metavar="SCENARIO|STUDY")
+@click.argument("source", metavar="SCENARIO|STUDY", shell_complete=guidance.sources)
 @click.option(
     "--brace",
     "braces",
     multiple=True,
     metavar="NAME=FILE",
+    shell_complete=guidance.devices,
     help="A brace to compare: an FMU, or the name of a shipped one.",
 )
 @click.option("--map", "maps", multiple=True, metavar="NAME=FILE", help="Mapping file of the brace NAME.")
@@ -707,7 +723,7 @@ PLATFORM = click.option(
 )
 
 
-@cli.group("brace")
+@cli.group("brace", cls=guidance.Guided)
 def brace_group() -> None:
     """Make a brace FMU: from a measured table, or from a template."""
 
@@ -784,7 +800,7 @@ def brace_calibrate(fmu: Path, bench: Path, varied: tuple[str, ...], mapping: Pa
     _show(f"next: sprain-cosim design STUDY --fmu brace={fmu} {found.settings()} --vary ... --goal ...")
 
 
-@cli.group("anatomy")
+@cli.group("anatomy", cls=guidance.Guided)
 def anatomy_group() -> None:
     """Take the passive ankle from measurements."""
 
@@ -929,7 +945,7 @@ def export_command(
     _show(f"written: {out} ({rows} rows, {columns} columns and time)")
 
 
-@cli.group("ssp")
+@cli.group("ssp", cls=guidance.Guided)
 def ssp_group() -> None:
     """Landings and devices as systems of the SSP standard: FILE.ssp."""
 
@@ -1066,19 +1082,45 @@ def report_command(folders: tuple[Path, ...], trial: str | None, out: Path | Non
     _show(f"written: {write_report(found, out or folders[0], trial)}")
 
 
-@cli.command("scenarios")
+@cli.command("list")
+@click.argument("kind", required=False, type=click.Choice(guidance.LISTED))
+@click.argument("scenario", required=False, shell_complete=guidance.scenarios)
+@FMUS
+@MAPS
+@JSON
+def list_command(
+    kind: str | None, scenario: str | None, fmus: tuple[str, ...], maps: tuple[str, ...], as_json: bool
+) -> None:
+    """List every name that may be typed: scenarios, studies and braces that ship, the parameters of a SCENARIO with
+    unit, range, default, value and meaning, the responses of a landing. Without KIND: all that needs no scenario."""
+    from .catalogue import catalogue, catalogue_table
+    from .scenario import load_scenario
+
+    if kind != "parameters" and (scenario or fmus or maps):
+        raise InputError("list: only `list parameters` takes a SCENARIO, --fmu and --map")
+    chosen = None if scenario is None else _changed(load_scenario(scenario), fmus, maps, (), None)
+    kinds = (kind,) if kind else tuple(k for k in guidance.LISTED if k != "parameters")
+    if as_json:
+        heard = {"scenario": scenario} if scenario else {}
+        _show(json.dumps(heard | {k: catalogue(k, chosen) for k in kinds}, allow_nan=False))
+        return
+    _show("\n\n".join(catalogue_table(k, terminal.width(), chosen) for k in kinds))
+    if kind is None:
+        _show("\nnext: sprain-cosim list parameters incline30_brace")
+
+
+@cli.command("scenarios", hidden=True)
 @JSON
 def scenarios_command(as_json: bool) -> None:
-    """List the scenarios that ship."""
-    from .scenario import load_scenario
-    from .shipped import scenario_folder, shipped_scenarios
+    """List the scenarios that ship: another name of `list scenarios`."""
+    from .catalogue import catalogue, catalogue_table
+    from .shipped import scenario_folder
 
-    listed = [(name, load_scenario(name).heading) for name in shipped_scenarios()]
     if as_json:
-        _show(json.dumps({"folder": str(scenario_folder()), "scenarios": dict(listed)}))
+        names = {record["name"]: record["heading"] for record in catalogue("scenarios")}
+        _show(json.dumps({"folder": str(scenario_folder()), "scenarios": names}))
         return
-    for name, title in listed:
-        _show(f"{name:26}{title}")
+    _show(catalogue_table("scenarios", terminal.width()))
 
 
 @cli.command("subject")
@@ -1296,6 +1338,9 @@ def _run(arguments: list[str] | None, received: list[int]) -> int:
             )
             or 0
         )
+    except click.exceptions.NoArgsIsHelpError as problem:  # whose message is the help itself
+        _show(problem.format_message(), err=True)
+        code = problem.exit_code
     except click.ClickException as problem:
         where = problem.ctx.command_path if isinstance(problem, click.UsageError) and problem.ctx else "sprain-cosim"
         code = _say(f"{_one_line(problem.format_message())} (see `{where} --help`)", 2)

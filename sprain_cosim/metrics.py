@@ -43,6 +43,30 @@ NAMES = (  # of all metrics; those OF_BRACE need a brace on the plant
     "peak_vertical_grf_N",
     "peak_vertical_grf_after_impact_N",
 )
+AXES = {
+    "subtalar": "supination about the subtalar axis",
+    "talocrural": "dorsiflexion about the talocrural axis",
+    "dorsiflexion": "dorsiflexion in the joint coordinate system",
+    "inversion": "inversion in the joint coordinate system",
+    "internal_rotation": "internal rotation in the joint coordinate system",
+}
+MEANINGS = {
+    **{f"peak_{a}_angle_deg": f"largest {AXES[a]}" for a in ANATOMIC},
+    **{f"peak_jcs_{a}_deg": f"largest {AXES[a]} (raw)" for a in JCS},
+    "peak_inversion_from_neutral_deg": "largest inversion of the foot, counted from its neutral position",
+    "time_of_peak_subtalar_s": "time of the largest supination after contact",
+    **{f"peak_{label}_velocity_deg_s": f"largest angular velocity of {AXES[a]}" for a, label in LABELS.items()},
+    **{
+        f"{who}_{label}_moment_Nm": f"moment of the {who} against {AXES[a]}, at the time of that axis' peak angle"
+        for who in ("anatomy", "brace")
+        for a, label in LABELS.items()
+    },
+    "peak_brace_subtalar_moment_Nm": "largest moment of the brace against supination, at any time",
+    "brace_subtalar_work_to_peak_J": "energy that the brace took from the rolling foot until its peak",
+    "brace_work_J": "energy that the brace took from all axes in the whole landing; negative where it gave",
+    "peak_vertical_grf_N": "largest vertical ground reaction, impact included",
+    "peak_vertical_grf_after_impact_N": f"largest vertical ground reaction later than {1e3 * IMPACT:g} ms",
+}
 UNITS = {"_deg": "deg", "_deg_s": "deg/s", "_Nm": "N·m", "_N": "N", "_s": "s", "_J": "J"}
 
 

@@ -12,7 +12,7 @@ from ..cosim.coupling import SCHEMES, check_scheme
 from ..cosim.master import Master
 from ..errors import InputError, nearest, problems_to_error
 from ..files import read_toml
-from ..shipped import fmu_path, is_file, scenario_folder, shipped_scenarios
+from ..shipped import fmu_path, is_file, scenario_folder, shipped_scenarios, shipped_studies
 from ..subject.words import SUBJECT, subject_of
 from .package import SUFFIX, is_package, package_content
 from .scenario import SECOND, Scenario, Value, share
@@ -186,9 +186,11 @@ def _find(name: str, beside: Path | None = None) -> Path:
             return inside
     if name.endswith((".toml", SUFFIX)) or "/" in name:
         raise InputError(f"{name}: no such scenario file")
+    if name in shipped_studies():
+        raise InputError(f"{name}: is a study, many landings; `sprain-cosim study {name}` runs it")
     raise InputError(
         f"scenario {name!r}: no such file, and none of that name ships{nearest(name, shipped_scenarios())}; "
-        "`sprain-cosim scenarios` lists them"
+        "`sprain-cosim list scenarios` shows them"
     )
 
 

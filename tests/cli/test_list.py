@@ -1,0 +1,187 @@
+"""The first minute: what may be typed is listed, found by the shell and grouped in the help, whatever the width of the
+terminal."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import pytest
+from click.shell_completion import ShellComplete
+
+from sprain_cosim import load_scenario, metrics
+from sprain_cosim.catalogue import parameters_of
+from sprain_cosim.cli import _run, cli
+from sprain_cosim.cosim.coupling import SCHEMES
+from sprain_cosim.guidance import EXAMPLES, LISTED, SECTIONS
+from sprain_cosim.mapping import read_component
+from sprain_cosim.shipped import FMUS, shipped_fmus, shipped_scenarios, shipped_studies
+from sprain_cosim.study.methods import METHODS
+from sprain_cosim.terminal import fitted_table
+
+WIDTHS = (60, 80, 120)
+Typed = pytest.CaptureFixture[str]
+
+
+def commands(group: click.Group = cli, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    yield path
+    for name, command in group.commands.items():
+        yield from commands(command, (*path, name)) if isinstance(command, click.Group) else [(*path, name)]
+
+
+def typed(capsys: Typed, *arguments: str) -> str:
+    assert _run(list(arguments), []) == 0
+    return capsys.readouterr().out
+
+
+# ---- list
+
+
+def test_parameters_are_all_that_the_fmus_have() -> None:
+    for name in ("incline30_mixed", "ankle_chronic_instability"):
+        scenario = load_scenario(name)
+        system = scenario.system()
+        listed = {p.name: p for p in parameters_of(scenario)}
+        of_fmus = {f"{c.name}.{n}" for c in system.components for n in c.parameters}
+        assert len(of_fmus) > 40
+        assert of_fmus == {n for n, p in listed.items() if not p.input}
+        fed = {*system.connections, *system.undeclared}
+        inputs = {f"{c.name}.{n}" for c in system.components for n in c.inputs}
+        assert inputs - fed == {n for n, p in listed.items() if p.input}
+        for full, parameter in listed.items():
+            connector = system.find(full)
+            assert (parameter.unit or None) == (connector.unit.name if connector.unit else None)
+            assert parameter.meaning == connector.description != ""
+            if connector.start is not None and not connector.items:
+                assert parameter.default == connector.start
+
+
+def test_parameters_say_value_range_and_choices(capsys: Typed) -> None:
+    found = json.loads(typed(capsys, "list", "parameters", "incline30_brace", "--json"))
+    assert found["scenario"] == "incline30_brace"
+    by_name = {record["name"]: record for record in found["parameters"]}
+    assert by_name["brace.angle_scale"]["value"] == 2.4
+    incline = by_name["plant.platform_incline"]
+    assert (incline["unit"], incline["value"]) == ("rad", "30 deg")
+    assert incline["minimum"] < 0.5235987755982988 < incline["maximum"]
+    pose = by_name["plant.initial_pose"]
+    assert (pose["default"], pose["value"]) == ("touching", None)
+    assert {"touching", "published"} <= set(pose["choices"])
+    table = typed(capsys, "list", "parameters", "incline30_brace")
+    row = next(line for line in table.splitlines() if line.startswith("plant.platform_incline"))
+    assert row.split()[1:8] == ["deg", "-60", "...", "60", "30", "30", "deg"]
+
+
+def test_parameters_of_another_device(capsys: Typed) -> None:
+    found = json.loads(typed(capsys, "list", "parameters", "incline30", "--fmu", "brace=brace_linear", "--json"))
+    own = {r["name"].removeprefix("brace.") for r in found["parameters"] if r["name"].startswith("brace.")}
+    assert own == set(read_component("brace", FMUS / "brace_linear.fmu").parameters) != set()
+
+
+def test_lists_hold_what_ships(capsys: Typed) -> None:
+    found = json.loads(typed(capsys, "list", "--json"))
+    assert [r["name"] for r in found["scenarios"]] == shipped_scenarios()
+    assert [r["name"] for r in found["studies"]] == shipped_studies()
+    assert all(r["heading"] and r["method"] in METHODS for r in found["studies"])
+    assert [r["name"] for r in found["braces"]] == [n for n in shipped_fmus() if n.startswith("brace_")]
+    assert all(r["description"] for r in found["braces"])
+    assert [r["name"] for r in found["responses"]] == list(metrics.NAMES)
+    assert set(metrics.MEANINGS) == set(metrics.NAMES)
+    assert all(r["unit"] for r in found["responses"])
+    old = json.loads(typed(capsys, "scenarios", "--json"))
+    assert old["scenarios"] == {r["name"]: r["heading"] for r in found["scenarios"]}
+
+
+def test_a_list_that_cannot_be_given(capsys: Typed) -> None:
+    for arguments, words in (
+        (["parameters"], "name a scenario"),
+        (["responses", "incline30"], "only `list parameters` takes a SCENARIO"),
+        (["parameters", "incline31"], "did you mean"),
+        (["parameter"], "is not one of"),
+    ):
+        assert _run(["list", *arguments], []) == 2
+        said = capsys.readouterr()
+        assert (said.out, said.err.count("\n"), words in said.err) == ("", 1, True), said.err
+
+
+# ---- widths
+
+
+@pytest.mark.parametrize("columns", WIDTHS)
+def test_no_line_of_help_or_list_is_wrapped(columns: int, capsys: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    monkeypatch.setenv("NO_COLOR", "1")
+    calls = [[*path, "--help"] for path in commands()]
+    calls += [["list", kind] for kind in LISTED if kind != "parameters"]
+    calls += [["list", "parameters", "incline30_mixed"], ["list"], ["scenarios"]]
+    for call in calls:
+        text = typed(capsys, *call)
+        assert "\x1b" not in text
+        assert [line for line in text.splitlines() if len(line) > columns] == [], call
+
+
+def test_a_pipe_has_one_line_a_name(capsys: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)
+    assert len(typed(capsys, "list", "responses").splitlines()) == 1 + len(metrics.NAMES)
+
+
+def test_a_table_in_little_room() -> None:
+    rows = [("a_long_name", "deg", "of the foot relative to the shank, all through the landing")]
+    assert fitted_table(("name", "unit", "meaning"), rows, None).splitlines()[1].startswith("a_long_name  deg   of the")
+    wide = fitted_table(("name", "unit", "meaning"), rows, 50).splitlines()
+    assert wide[0] == "name         unit  meaning"
+    assert {line[:19].strip() for line in wide[2:]} == {""}
+    under = fitted_table(("name", "unit", "meaning"), rows, 40).splitlines()
+    assert under[2:] == ["a_long_name  deg", "    of the foot relative to the shank,", "    all through the landing"]
+    assert fitted_table(("name", "unit", "meaning"), rows, 15).splitlines()[:2] == ["a_long_name", "    unit deg"]
+
+
+# ---- help
+
+
+@pytest.mark.parametrize("group", [path for path in commands() if path in ((), ("brace",), ("anatomy",), ("ssp",))])
+def test_a_bare_group_shows_its_help(group: tuple[str, ...], capsys: Typed) -> None:
+    assert _run(list(group), []) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("Usage: sprain-cosim")
+    assert "error" not in said.err
+    examples = said.err.partition("Examples:")[2].splitlines()[1:]
+    assert len(examples) >= 2
+    assert said.err.rstrip("\n") == typed(capsys, *group, "--help").rstrip("\n")
+
+
+def test_every_command_has_its_subject_and_examples_their_commands() -> None:
+    known = {name for names in SECTIONS["sprain-cosim"].values() for name in names}
+    assert {n for n, c in cli.commands.items() if not c.hidden} == known
+    for lines in EXAMPLES.values():
+        for line in lines:
+            assert len(line) <= 56
+            command: click.Command = cli
+            for word in line.split()[1:]:
+                if isinstance(command, click.Group):
+                    command = command.commands[word]
+                elif word.startswith("-"):
+                    assert word in {o for p in command.params for o in p.opts}, line
+
+
+# ---- completion
+
+
+def completed(*arguments: str, begun: str = "") -> list[str]:
+    found = ShellComplete(cli, {}, "sprain-cosim", "_SPRAIN_COSIM_COMPLETE").get_completions(list(arguments), begun)
+    return [item.value for item in found if item.type == "plain"]
+
+
+def test_names_are_completed(tmp_path: Path) -> None:
+    assert completed("run", begun="incline30_m") == ["incline30_mixed"]
+    assert completed("list", "parameters") == shipped_scenarios()
+    assert completed("study", begun="study") == [f"study{n}" for n in range(1, 7)]
+    assert set(completed("compare")) == {*shipped_scenarios(), *shipped_studies()}
+    assert completed("run", "incline30", "--scheme") == ["auto", *SCHEMES]
+    assert completed("study", "study1", "--method", begun="am") == ["amv", "amv+"]
+    assert completed("run", "incline30", "--fmu", begun="br") == ["brace="]
+    assert completed("compare", "level", "--brace", begun="soft=brace_l") == ["soft=brace_linear"]
+    assert completed("run", begun=str(tmp_path)) == []
