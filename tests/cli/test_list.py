@@ -58,7 +58,8 @@ def test_parameters_are_all_that_the_fmus_have() -> None:
                 assert parameter.default == connector.start
 
 
-def test_parameters_say_value_range_and_choices(capsys: Typed) -> None:
+def test_parameters_say_value_range_and_choices(capsys: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)
     found = json.loads(typed(capsys, "list", "parameters", "incline30_brace", "--json"))
     assert found["scenario"] == "incline30_brace"
     by_name = {record["name"]: record for record in found["parameters"]}
