@@ -262,7 +262,8 @@ class CampaignOptions:
         from .brace.doubts import device_doubts
         from .study.progress import reporter
 
-        doubts = (*warnings, *study.scenario.doubts(), *device_doubts(study.scenario))
+        idle = study.scenario.without_effect(study.names)
+        doubts = (*warnings, *idle, *study.scenario.doubts(), *device_doubts(study.scenario))
         for warning in (*study.warnings, *doubts):
             _show(f"warning: {warning}", err=True)
         again, out = _again(), self.out or folder

@@ -24,6 +24,8 @@ def motion_warnings(start: MotionStart) -> list[str]:
         found.append(f"the file has no {', '.join(start.filled)}: filled with 0, at rest")
     if start.side == "left":
         found.append("a left-footed landing is mirrored: the plant's right leg is the person's left one")
+    if start.model is not None:
+        found.append(f"{start.model.name}: factors are against the model that was scaled; is that of the plant's size?")
     if start.drop == 0.0:
         found.append("the pelvis does not fall at this instant: is it before the landing?")
     unsure = [c for c, v in start.values.items() if v.tried and v.high - v.low > 0.5 * max(abs(v.speed), 0.5)]

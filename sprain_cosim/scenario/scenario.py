@@ -361,12 +361,27 @@ class Scenario:
     def _connected(self, components: Sequence[Component]) -> tuple[dict[str, str], list[str]]:
         return connect(components, self.connections, () if self.wiring is None else self.wiring.complete)
 
+    def without_effect(self, names: Collection[str]) -> list[str]:
+        """Of parameters that somebody sets or varies, those that another one makes idle, a line each."""
+        found = []
+        if "plant.drop_height" in names and "plant.pelvis_vertical_velocity" in self.parameters:
+            value = self._described().settable("plant.pelvis_vertical_velocity")
+            speed = value.value(self.parameters["plant.pelvis_vertical_velocity"], "plant.pelvis_vertical_velocity")
+            if speed != 0.0:
+                found.append(
+                    f"plant.drop_height has no effect: the pelvis falls with {-speed:.3g} m/s, as "
+                    'plant.pelvis_vertical_velocity says; set that to "0 m/s" for a drop'
+                )
+        if "plant.pelvis_ty_at_contact" in names and (pose := self.initial_pose()) != "given":
+            found.append(f"plant.pelvis_ty_at_contact has no effect with plant.initial_pose = {pose}; it needs given")
+        return found
+
     def doubts(self) -> list[str]:
         """What is assumed without being said anywhere, one line each: undeclared units of connected variables, a
-        mapping that another replaces; and what foreign FMUs may do beyond the sandbox."""
+        mapping that another replaces, a change that has no effect; and what foreign FMUs may do beyond the sandbox."""
         components = self.components()
         connections, _ = self._connected(components)
-        found = []
+        found = self.without_effect([change.partition(" = ")[0] for change in self.changes])
         for component in components:
             ends = {
                 end.partition(".")[2]: None

@@ -87,6 +87,14 @@ def test_the_command_leaves_a_scenario_a_page_and_a_picture(tmp_path: Path, caps
     assert "fall.mot" in scenario.heading
     result = scenario.run()
     assert result.metrics["peak_subtalar_angle_deg"] == pytest.approx(content["peak_subtalar_angle_deg"][""], abs=1e-9)
+    idle = scenario.override("plant.drop_height", "0.5 m").doubts()
+    assert idle == scenario.without_effect(["plant.drop_height"]) != []
+    assert "plant.drop_height has no effect: the pelvis falls with 3.92 m/s" in idle[0]
+    assert (
+        "has no effect with plant.initial_pose = touching" in scenario.without_effect(["plant.pelvis_ty_at_contact"])[0]
+    )
+    assert scenario.without_effect(["plant.contact_modulus"]) == scenario.doubts() == []
+    assert load_scenario("incline30").without_effect(["plant.drop_height"]) == []
     page = (tmp_path / "own.md").read_text()
     for words in ("the sign was turned", "mtp_angle_r", "15 Hz", "one row earlier", "own.png", "touching"):
         assert words in page
