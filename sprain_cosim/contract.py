@@ -5,6 +5,8 @@ Angles are zero at the model's neutral pose."""
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from .units import Unit, unit
 
 VERSION = "1.0"
@@ -101,6 +103,7 @@ def is_impedance(connector: str) -> bool:
     return connector.endswith(tuple(f"_{kind}" for kind in MOTION))
 
 
+@lru_cache(maxsize=4096)
 def plain(name: str) -> str:
     """`.`, `_` and letter case do not count in names."""
     return name.replace("_", "").replace(".", "").lower()

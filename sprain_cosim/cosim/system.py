@@ -36,8 +36,13 @@ class System:
     derived: Mapping[str, Connector] = field(default_factory=dict)
     links: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
+    @cached_property
+    def _by_name(self) -> dict[str, Element]:
+        """The first of a name counts."""
+        return {c.name: c for c in reversed(self.components)}
+
     def component(self, name: str) -> Element | None:
-        return next((c for c in self.components if c.name == name), None)
+        return self._by_name.get(name)
 
     def find(self, full: str) -> Connector:
         """The connector of "component.connector". Raises InputError with the nearest name."""

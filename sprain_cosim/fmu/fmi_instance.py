@@ -61,15 +61,32 @@ def _ease_loading() -> None:
     from fmpy import fmi1
 
     fmi1.os = _Os()
+    fmi1.cdll = _Libraries()
     fmi1._FMU._loadFunctions = _load_functions
+
+
+class _Libraries:
+    """`ctypes.cdll` as fmpy sees it: a library that is loaded stays loaded, and is found again by its path, which is
+    that of its content."""
+
+    @staticmethod
+    @lru_cache(maxsize=64)
+    def LoadLibrary(path: str) -> ctypes.CDLL:
+        return ctypes.CDLL(path)
 
 
 def _load_functions(fmu: Any) -> None:
     kind: Any = type(fmu)
-    for name, of_library, argument_names, argument_types, result in signatures(kind):
-        function = getattr(fmu.dll, of_library.format(fmu.modelIdentifier))
-        function.argnames, function.argtypes, function.restype = argument_names, argument_types, result
-        fmu._functions[name] = function
+    tables = vars(fmu.dll).setdefault("tables", {})
+    found = tables.get((kind, fmu.modelIdentifier))
+    if found is None:
+        found = {}
+        for name, of_library, argument_names, argument_types, result in signatures(kind):
+            function = fmu.dll[of_library.format(fmu.modelIdentifier)]
+            function.argnames, function.argtypes, function.restype = argument_names, argument_types, result
+            found[name] = function
+        tables[kind, fmu.modelIdentifier] = found
+    fmu._functions.update(found)
 
 
 @lru_cache(maxsize=8)
