@@ -5,6 +5,7 @@ numerical convergence."""
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -95,3 +96,25 @@ def test_corners_are_as_converged_as_the_mean(name: str, inputs: dict[str, tuple
                 results[0].metrics["peak_subtalar_angle_deg"] - results[1].metrics["peak_subtalar_angle_deg"]
             )
     assert max(map(abs, changes)) < 0.2
+
+
+def test_other_grounds_land_and_the_page_has_their_numbers() -> None:
+    """On ice the foot slips instead of turning; a step's edge under the outer sole turns it where a level floor does
+    not."""
+    page = (Path(__file__).parents[2] / "docs" / "other-landings.md").read_text("utf-8")
+    rows = {c[1].strip(" `"): c for line in page.splitlines() if len(c := line.split("|")) == 7}
+    peaks = {}
+    for name in ("surface_gym_floor", "surface_turf", "surface_ice", "surface_sand", "step_edge"):
+        scenario = load_scenario(name)
+        result = scenario.run()
+        assert result.status == "completed", result.message
+        peaks[name] = result.metrics["peak_subtalar_angle_deg"]
+        if name in rows:
+            parameters = scenario.system().parameters
+            keys = ("contact_modulus", "contact_dissipation", "contact_friction")
+            stated = [float(cell.split()[0]) for cell in rows[name][2:5]]
+            found = [float(parameters[f"plant.{key}"]) for key in keys]
+            assert stated == pytest.approx([found[0] / 1e6, *found[1:]])
+            assert parameters["plant.contact_viscous_friction"] == 0.0
+    assert len(rows.keys() & peaks.keys()) == 4
+    assert peaks["surface_ice"] < 20.0 < 30.0 < peaks["step_edge"]
