@@ -104,8 +104,8 @@ EVIDENCE = (
             "of 0.83...1.12, and never with an experiment",
             "landings were compared until 150 ms, one until 250 ms; after that, and for a drop outside 0.2...0.4 m or "
             "an incline outside 0...30°, the numerics alone were checked, to 0.5 s",
-            "surfaces other than the paper's (assumptions, but for the friction of ice), a platform with an edge, and a "
-            "passive ankle with other coefficients were compared with nothing",
+            "surfaces other than the paper's (assumptions, but for the friction of ice), a platform with an edge and "
+            "a passive ankle with other coefficients were compared with nothing",
             f"the published pose starts {DEPTH_TEXT}; its first milliseconds are an artefact of the records",
         ),
     ),
