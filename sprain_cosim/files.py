@@ -39,6 +39,12 @@ ENOUGH = 5  # wrong rows of a table, after which the rest is not read
 PARTIAL = re.compile(r"\..*\.[0-9a-f]{8}\.partial(\..*)?")
 
 
+def check_path(path: Path) -> None:
+    """Raises InputError for a path that no file or folder of this system can have."""
+    if why := SYSTEM.refusal(path):
+        raise InputError(f"{path}: {why}")
+
+
 @contextlib.contextmanager
 def whole_file(path: Path, advice: str = "", parents: bool = False) -> Iterator[Path]:
     """A path with the ending of `path` to write a file at; the file takes its place when the block ends well, and is
@@ -46,8 +52,7 @@ def whole_file(path: Path, advice: str = "", parents: bool = False) -> Iterator[
 
     `advice` follows the cause in the message of an EnvironmentProblem ("; continue with --resume"); with `parents`
     missing folders are made. Any OSError of the block is taken for one of writing."""
-    if why := SYSTEM.refusal(path):
-        raise InputError(f"{path}: {why}")
+    check_path(path)
     partial = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.partial{path.suffix}")
     try:
         if parents:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import EnvironmentProblem, InputError
-from ..files import write
+from ..files import check_path, write
 from ..fmu.build import build_fmu, headers, pack
 from ..fmu.build.link import COMPILERS, PLATFORMS, compiler_for, has_compiler, joined, library_command
 from ..fmu.build.models import known_platforms, own_platform, usual_platforms
@@ -35,6 +35,7 @@ def new_brace(folder: Path, language: str) -> list[Path]:
         )
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: {'is not empty' if folder.is_dir() else 'is a file'}; name a new folder")
+    check_path(folder)
     source = template(language, f"brace_template_{language}")
     written = []
     try:

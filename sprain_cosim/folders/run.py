@@ -153,7 +153,8 @@ class RunFolder:
 
 
 def check_run_folder(folder: Path) -> None:
-    """Raises InputError when the folder holds something else than an earlier run."""
+    """Raises InputError when the folder holds something else than an earlier run, or cannot be there at all."""
+    files.check_path(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file; name a folder")
     if folder.is_dir():

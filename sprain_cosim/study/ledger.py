@@ -23,7 +23,7 @@ from typing import Any, Self
 import numpy as np
 
 from ..errors import EnvironmentProblem, InputError
-from ..files import whole_file
+from ..files import check_path, whole_file
 from ..fmu.messages import Messages
 from ..machine.here import SYSTEM
 from ..uq.distributions import Array
@@ -85,6 +85,7 @@ class Ledger:
         self.facts: Mapping[str, str] = facts
         try:
             if folder is not None:
+                check_path(folder)
                 folder.mkdir(parents=True, exist_ok=True)
                 self._hold(folder)
             self._connect(":memory:" if folder is None else folder / FILE)

@@ -9,10 +9,15 @@ from pathlib import Path
 
 import pytest
 
+from sprain_cosim import files
+from sprain_cosim.brace import new
+from sprain_cosim.errors import InputError
+from sprain_cosim.folders.run import check_run_folder
 from sprain_cosim.machine import here
 from sprain_cosim.machine.posix import Posix
 from sprain_cosim.process import python_command
 from sprain_cosim.shipped import PACKAGE
+from sprain_cosim.study.ledger import Ledger
 
 ABSENT = """
 import sys, os, select, importlib, pkgutil, signal, socket, warnings
@@ -103,3 +108,16 @@ def test_an_exit_code_is_put_into_words(code: int, status: str, words: str) -> N
 
 def test_a_child_does_not_import_from_the_current_folder() -> None:
     assert "-P" in python_command("sprain_cosim.fmu.isolated")
+
+
+def test_a_name_that_the_system_does_not_have_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Posix, "refusal", lambda _, path: "is the name of a device" if path.name == "aux" else "")
+    for refused in (
+        lambda: files.write(tmp_path / "aux", "text"),
+        lambda: check_run_folder(tmp_path / "aux"),
+        lambda: Ledger(tmp_path / "aux", "", {}),
+        lambda: new.new_brace(tmp_path / "aux", "c"),
+    ):
+        with pytest.raises(InputError, match="aux: is the name of a device"):
+            refused()
+    assert not any(tmp_path.iterdir())
