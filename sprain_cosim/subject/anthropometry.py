@@ -10,7 +10,6 @@ ONE 18 (2023) e0295152."""
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -18,6 +17,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ..files import read_toml
 
 MASS = "mass"
 SEXES = ("female", "male")  # in the order of their numbers in tables
@@ -121,7 +122,7 @@ def unit_of_measure(name: str) -> str:
     return "kg" if name == MASS else "m"
 
 
-_TABLES = tomllib.loads((Path(__file__).parent / "ansur2.toml").read_text("utf-8"))  # before any sandbox closes
+_TABLES = read_toml(Path(__file__).parent / "ansur2.toml")  # before any sandbox closes
 
 
 @cache
