@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import codecs
 import io
+import itertools
 import os
 import re
-import shutil
 import sys
 import textwrap
 import unicodedata
 from collections.abc import Sequence
+from typing import TextIO
 
 NAME = "sprain-cosim"
 RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺", "0123456789-+")
@@ -66,15 +67,71 @@ def _plain(sign: str) -> str:
 
 
 GAP = 2  # blanks between two columns
+USUAL = 80
+CELLS = re.compile(r"\S {2,}\S|^ {8,}\S")  # in a line of a table
+COPIED = ("next:", "written:")
 READABLE = 28  # the least width of a column of running text
 
 
-def width() -> int | None:
-    """Columns of the terminal that stdout goes to, or as COLUMNS says; None for a pipe or a file, whose lines are as
+def width(stream: TextIO | None = None) -> int | None:
+    """Columns of the terminal that `stream` (default stdout) goes to; None for a pipe or a file, whose lines are as
     long as they need."""
-    if not (sys.stdout is not None and sys.stdout.isatty()) and not os.environ.get("COLUMNS"):
-        return None
-    return max(20, shutil.get_terminal_size().columns)
+    stream = sys.stdout if stream is None else stream
+    try:
+        if stream is None or not stream.isatty():
+            return None
+        columns = int(os.environ.get("COLUMNS") or os.get_terminal_size(stream.fileno()).columns)
+    except (OSError, ValueError):
+        return USUAL
+    return max(20, columns or USUAL)
+
+
+def fitted(text: str, columns: int | None) -> str:
+    """A listing within that many columns (None: as it is). A table that is too wide is divided: the first column again
+    with the columns that had no room; single lines that are too long go on below. Commands and paths stay whole, for
+    they are copied."""
+    if columns is None or all(len(line) <= columns for line in text.split("\n")):
+        return text
+    lines = list[str]()
+    for of_table, run in itertools.groupby(text.split("\n"), lambda line: bool(CELLS.search(line))):
+        lines += (_divided if of_table else _all_folded)(list(run), columns)
+    return "\n".join(lines)
+
+
+def _divided(table: list[str], columns: int) -> list[str]:
+    """Aligned lines, divided between columns where half of them or more are too long."""
+    if len(table) < 2 or 2 * sum(len(line) > columns for line in table) < len(table):
+        return _all_folded(table, columns)
+    longest = max(map(len, table))
+    blank = "".join(" " if all(line[k : k + 1] in (" ", "") for line in table) else "x" for k in range(longest))
+    spans = [cell.span() for cell in re.finditer(r"^ *\S+(?: \S+)*|\S+(?: \S+)*", blank)]
+    parts = [[spans[0]]]
+    for span in spans[1:]:
+        if len(parts[-1]) > 1 and sum(end - start + GAP for start, end in (*parts[-1], span)) - GAP > columns:
+            parts.append([spans[0]])
+        parts[-1].append(span)
+    return [row for part in parts for k, line in enumerate(table) for row in _cut(line, part, columns, k == 0)]
+
+
+def _cut(line: str, part: Sequence[tuple[int, int]], columns: int, head: bool) -> list[str]:
+    """The cells of a line within a part of the table; none where only its name is left, unless it is the head."""
+    name, *cells = [f"{line[start:end]:{end - start}}" for start, end in part]
+    rest = (" " * GAP).join(cells).rstrip()
+    if not rest.strip() and not head and name.strip() != line.strip():
+        return []
+    whole = f"{name}{' ' * GAP}{rest}".rstrip()
+    return [whole] if len(whole) <= columns else _all_folded([name.rstrip(), f"    {rest.strip()}"], columns)
+
+
+def _all_folded(lines: list[str], columns: int) -> list[str]:
+    return [part for line in lines for part in _folded(line, columns)]
+
+
+def _folded(line: str, columns: int) -> list[str]:
+    if len(line) <= columns or line.startswith(COPIED):
+        return [line]
+    indent = " " * (len(line) - len(line.lstrip()) + 4)
+    return textwrap.wrap(line, columns, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
 def fitted_table(head: Sequence[str], rows: Sequence[Sequence[str]], columns: int | None) -> str:

@@ -71,11 +71,10 @@ class Master:
                 f"{1e3 * self.stop:g} ms; at most 10 000 000"
             )
         if abs(n * self.communication_step - span) > 1e-9 * span:
-            fewer = max(1, math.floor(span / self.communication_step))
+            near = " and ".join(f"{1e3 * step:.12g} ms" for step in _accepted(span, self.communication_step))
             raise InputError(
                 f"communication step {1e3 * self.communication_step:g} ms: the stop at {1e3 * self.stop:g} ms is not "
-                "a whole number of steps; "
-                f"the nearest that are: {1e3 * span / fewer:.12g} ms and {1e3 * span / (fewer + 1):.12g} ms"
+                f"a whole number of steps; near it are {near}"
             )
         return n
 
@@ -134,6 +133,18 @@ class Master:
             parameters=dict(parameters),
             wall=perf_counter() - began,
         )
+
+
+def _accepted(span: float, step: float) -> list[float]:
+    """The nearest larger and smaller step [s] of which `span` is a whole number, such as people write: with at most
+    three digits after the point of the milliseconds, where there is one within half and twice the step."""
+    fewer = max(1, math.floor(span / step))
+    several = (range(fewer, fewer // 2, -1), range(fewer + 1, 2 * fewer + 2))
+    return [next((span / n for n in each if _short(span / n)), span / each[0]) for each in several]
+
+
+def _short(step: float) -> bool:
+    return abs(1e3 * step - round(1e3 * step, 3)) < 1e-9
 
 
 def _points(coupling: Coupling, assembly: Assembly, recorder: Recorder, plan: Schedule) -> Iterator[int]:

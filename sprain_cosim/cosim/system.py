@@ -71,26 +71,28 @@ class System:
             )
         return connector
 
-    def check(self, communication_step: float | None = None) -> list[str]:
-        """All problems, one line each; empty when the system can run at `communication_step` [s]."""
+    def check(self, communication_step: float | None = None, span: float = 0.0) -> list[str]:
+        """All problems, one line each; empty when the system can run for `span` [s] at `communication_step` [s]."""
         problems = [p for target, source in self.connections.items() for p in self._check_connection(target, source)]
         problems += [p for full in self.parameters for p in self._check_parameter(full)]
         problems += [p for component in self.components for p in self._check_component(component)]
         if communication_step is not None:
-            problems += self.check_step(communication_step)
+            problems += self.check_step(communication_step, span)
         return problems
 
-    def check_step(self, h: float) -> list[str]:
+    def check_step(self, h: float, span: float = 0.0) -> list[str]:
         """What keeps the plant from taking a communication step of `h` [s]; other components are called at their own
-        rate."""
+        rate. Steps that it proposes are parts of `span` [s]."""
         plant = self.component(PLANT)
         own = plant.capabilities.fixed_step if plant else None
         if own is None or is_multiple(h, own):
             return []
-        low = max(1, int(h / own))
+        most = max(1, round(span / own)) if span else int(h / own) + 1
+        steps = [k * own for k in range(1, min(most, 10_000) + 1) if not span or is_multiple(span, k * own)]
+        near = [*[s for s in steps if s < h][-1:], *[s for s in steps if s > h][:1]]
         return [
             f"communication step {1e3 * h:g} ms: {PLANT} takes only whole multiples of its own {1e3 * own:g} ms; "
-            f"use {1e3 * low * own:g} ms or {1e3 * (low + 1) * own:g} ms"
+            f"use {' or '.join(f'{1e3 * s:.12g} ms' for s in near) or 'another stop'}"
         ]
 
     def _check_connection(self, target: str, source: str) -> list[str]:

@@ -266,7 +266,7 @@ class Scenario:
     def system(self) -> System:
         """The checked system. Raises InputError with all problems in one line."""
         system = self._described()
-        problems = system.check(self.master.communication_step)
+        problems = system.check(self.master.communication_step, self.master.stop - self.master.start)
         values: dict[str, float] = {}
         if self.subject is not None:
             try:

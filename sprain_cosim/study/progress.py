@@ -7,7 +7,9 @@ import json
 import sys
 from collections.abc import Callable
 
-BAR = 24  # characters
+from .. import terminal
+
+BAR, LEAST = 24, 5  # characters
 EVERY = 5.0  # s between lines where nothing renews itself
 
 
@@ -41,11 +43,17 @@ def reporter(kind: str) -> Callable[[int, int, int, float], None] | None:
             f", {_span(left)} left" if left is not None and not last else ""
         )
         if renews:
-            full = round(BAR * finished / total)
-            line = f"\r[{'#' * full}{'.' * (BAR - full)}] {line:60}"
+            line = f"\r{bar(finished / total, line, terminal.width(sys.stderr) or terminal.USUAL)}"
         print(line, end="\n" if last or not renews else "", file=sys.stderr, flush=True)
 
     return report
+
+
+def bar(share: float, text: str, columns: int) -> str:
+    """One line that covers an earlier one and leaves the last of the terminal's columns free, where a cursor stands."""
+    room = min(BAR, columns - 1 - len(text) - len("[] "))
+    drawn = f"[{'#' * round(room * share):.<{room}}] " if room >= LEAST else ""
+    return f"{drawn + text:{columns - 1}.{columns - 1}}"
 
 
 def _span(seconds: float) -> str:

@@ -3,6 +3,7 @@ terminal."""
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,7 +12,7 @@ import click
 import pytest
 from click.shell_completion import ShellComplete
 
-from sprain_cosim import load_scenario, metrics
+from sprain_cosim import load_scenario, metrics, terminal
 from sprain_cosim.catalogue import parameters_of
 from sprain_cosim.cli import _run, cli
 from sprain_cosim.cosim.coupling import SCHEMES
@@ -19,7 +20,7 @@ from sprain_cosim.guidance import EXAMPLES, LISTED, SECTIONS
 from sprain_cosim.mapping import read_component
 from sprain_cosim.shipped import FMUS, shipped_fmus, shipped_scenarios, shipped_studies
 from sprain_cosim.study.methods import METHODS
-from sprain_cosim.terminal import fitted_table
+from sprain_cosim.terminal import fitted, fitted_table
 
 WIDTHS = (60, 80, 120)
 Typed = pytest.CaptureFixture[str]
@@ -58,8 +59,7 @@ def test_parameters_are_all_that_the_fmus_have() -> None:
                 assert parameter.default == connector.start
 
 
-def test_parameters_say_value_range_and_choices(capsys: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("COLUMNS", raising=False)
+def test_parameters_say_value_range_and_choices(capsys: Typed) -> None:
     found = json.loads(typed(capsys, "list", "parameters", "incline30_brace", "--json"))
     assert found["scenario"] == "incline30_brace"
     by_name = {record["name"]: record for record in found["parameters"]}
@@ -112,7 +112,8 @@ def test_a_list_that_cannot_be_given(capsys: Typed) -> None:
 
 @pytest.mark.parametrize("columns", WIDTHS)
 def test_no_line_of_help_or_list_is_wrapped(columns: int, capsys: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", str(columns))
+    monkeypatch.setenv("COLUMNS", str(columns))  # of help
+    monkeypatch.setattr(terminal, "width", lambda: columns)
     monkeypatch.setenv("NO_COLOR", "1")
     calls = [[*path, "--help"] for path in commands()]
     calls += [["list", kind] for kind in LISTED if kind != "parameters"]
@@ -124,7 +125,7 @@ def test_no_line_of_help_or_list_is_wrapped(columns: int, capsys: Typed, monkeyp
 
 
 def test_a_pipe_has_one_line_a_name(capsys: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("COLUMNS", raising=False)
+    monkeypatch.setenv("COLUMNS", "40")
     assert len(typed(capsys, "list", "responses").splitlines()) == 1 + len(metrics.NAMES)
 
 
@@ -137,6 +138,50 @@ def test_a_table_in_little_room() -> None:
     under = fitted_table(("name", "unit", "meaning"), rows, 40).splitlines()
     assert under[2:] == ["a_long_name  deg", "    of the foot relative to the shank,", "    all through the landing"]
     assert fitted_table(("name", "unit", "meaning"), rows, 15).splitlines()[:2] == ["a_long_name", "    unit deg"]
+
+
+SHORT = ("--stop", "10 ms")
+
+
+def test_no_line_of_a_result_is_wrapped(tmp_path: Path, capsys: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
+    many = ("--workers", "1", "--progress", "none", "--out")
+    monkeypatch.chdir(tmp_path)
+    braces = ("--brace", "soft=brace_linear", "--brace", "a_long_name=brace_bushing")
+    for call in (
+        ("run", "incline30_mixed", *SHORT),
+        ("study", "study6", "--trials", "8", *SHORT, *many, "s"),
+        ("compare", "incline30", *braces, *SHORT, *many, "c"),
+    ):
+        text = typed(capsys, *call)
+        for columns in WIDTHS:
+            lines = fitted(text, columns).splitlines()
+            assert [line for line in lines if len(line) > columns and not line.startswith("written:")] == [], call
+            assert {*text.split()} == {*" ".join(lines).split()}
+        assert fitted(text, None) == text
+    monkeypatch.setattr(terminal, "width", lambda: 60)
+    assert max(map(len, typed(capsys, "run", "incline30", *SHORT).splitlines())) <= 60
+
+
+def test_a_wide_table_is_divided_between_its_columns() -> None:
+    table = (
+        "name        first   second\n  one         1.0      2.0\n  two                  3.0\nnext: sprain-cosim run x"
+    )
+    assert fitted(table, 18).splitlines() == [
+        *("name   first", "  one    1.0"),
+        *("name   second", "  one     2.0", "  two     3.0"),
+        "next: sprain-cosim run x",
+    ]
+    assert fitted(table, 26) == table
+
+
+def test_the_width_is_that_of_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "77")
+    assert terminal.width(io.StringIO()) is None
+    stream = io.StringIO()
+    monkeypatch.setattr(stream, "isatty", lambda: True, raising=False)
+    assert terminal.width(stream) == 77
+    monkeypatch.delenv("COLUMNS")
+    assert terminal.width(stream) == terminal.USUAL  # it has no descriptor to ask
 
 
 # ---- help

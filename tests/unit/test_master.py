@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -32,7 +34,7 @@ def test_communication_points_come_from_the_integer() -> None:
 @pytest.mark.parametrize(
     ("master", "words"),
     [
-        (Master(communication_step=7e-4), "nearest that are: 0.700934579439 ms and 0.697674418605 ms"),
+        (Master(communication_step=7e-4), "near it are 0.75 ms and 0.625 ms"),
         (Master(communication_step=0.0), "must be positive"),
         (Master(communication_step=math.nan), "must be positive"),
         (Master(stop=0.0), "must lie after the start"),
@@ -42,6 +44,25 @@ def test_communication_points_come_from_the_integer() -> None:
 def test_times_that_do_not_fit(master: Master, words: str) -> None:
     with pytest.raises(InputError, match=words):
         _ = master.steps
+
+
+@pytest.mark.parametrize("step", [0.7e-3, 0.41e-3, 7e-3, 1.1e-5, 0.149])
+def test_steps_that_are_proposed_are_accepted(step: float) -> None:
+    with pytest.raises(InputError) as refused:
+        _ = Master(communication_step=step).steps
+    proposed = re.findall(r"([\d.]+) ms", str(refused.value).partition("near it are")[2])
+    assert len(proposed) == 2
+    assert float(proposed[1]) < 1e3 * step < float(proposed[0])
+    for text in proposed:
+        assert Master(communication_step=float(text) / 1e3).steps > 0
+
+
+def test_steps_that_suit_the_plant_and_the_stop_are_proposed() -> None:
+    part = ramp()
+    plant = replace(part, name="plant", capabilities=replace(part.capabilities, fixed_step=2e-3))
+    (problem,) = System((plant,), {}).check(5e-3, 0.15)
+    assert "use 2 ms or 6 ms" in problem
+    assert System((plant,), {}).check(6e-3, 0.15) == []
 
 
 def test_a_value_that_is_not_finite_ends_the_run() -> None:

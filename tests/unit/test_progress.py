@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from sprain_cosim.study.progress import BAR, reporter
+from sprain_cosim.study.progress import BAR, bar, reporter
 
 
 def said(kind: str, terminal: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> str:
@@ -57,3 +57,13 @@ def test_long_times_are_in_minutes_and_hours(
 
 def test_none_says_nothing() -> None:
     assert reporter("none") is None
+
+
+@pytest.mark.parametrize("columns", [20, 40, 60, 80, 120])
+def test_the_bar_never_fills_the_terminals_line(columns: int) -> None:
+    for text in ("7 of 9 trials, 0 failed, 0.1/s", "100000 of 100000 trials, 1234 failed, 1000.0/s, 12 h 31 min left"):
+        shown = bar(0.5, text, columns)
+        assert len(shown) == columns - 1
+        assert text in shown or len(text) > columns - 1
+    assert bar(0.5, "x", 60).startswith(f"[{'#' * 12}{'.' * 12}] x ")
+    assert bar(1.0, "x" * 40, 60).startswith(f"[{'#' * 16}] x")
