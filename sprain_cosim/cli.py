@@ -610,7 +610,7 @@ def check_command(fmu: Path, mapping: Path | None, settings: tuple[str, ...], as
 
 
 @cli.command("compare")
-@click.argument("source", metavar="SCENARIO|STUDY", shell_complete=guidance.sources)
+@click.argument("source", metavar="SCENARIO|STUDY", shell_complete=guidance.scenarios_and_studies)
 @click.option(
     "--brace",
     "braces",

@@ -112,7 +112,7 @@ def studies(_: click.Context, __: click.Parameter, incomplete: str) -> list[Comp
     return _names(shipped_studies(), incomplete)
 
 
-def sources(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
+def scenarios_and_studies(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
     return _names([*shipped_scenarios(), *shipped_studies()], incomplete)
 
 

@@ -1,110 +1,14 @@
-"""The face that all systems show, and the one of this machine. Nothing else asks which system it is on, but for what a
-file or a picture is made of (the FMU's library, fonts)."""
+"""The system of this machine. Nothing else asks which it is, but for what a file or a picture is made of (the FMU's
+library, fonts)."""
 
 from __future__ import annotations
 
-import subprocess
 import sys
-from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+
+from .face import OperatingSystem
 
 
-class Ending(NamedTuple):
-    """How a process came to its end: `status` crashed or timeout, `words` for it, `killed` by somebody else."""
-
-    status: str
-    words: str
-    killed: bool = False
-
-
-class Pipe(Protocol):
-    """The end of a pipe that is read."""
-
-    def read(self, count: int, seconds: float) -> bytes:
-        """`count` bytes at most; none when the other end is closed. Raises TimeoutError when there are none within
-        `seconds`."""
-
-    def close(self) -> None: ...
-
-
-class System(Protocol):
-    """What a system offers."""
-
-    @property
-    def stops(self) -> Sequence[str]:
-        """Names of the signals that ask to stop."""
-
-    @property
-    def patience(self) -> float | None:
-        """How long [s] a wait of the main thread may last before it looks for signals; None: they interrupt it."""
-
-    # ---- processes, from outside
-
-    def options(self, passed: Sequence[int] = ()) -> dict[str, Any]:
-        """Of subprocess.Popen: for a process apart, which is not met by what the terminal sends to this one, and
-        inherits the descriptors `passed`."""
-
-    def variables(self, scratch: str) -> dict[str, str]:
-        """Of the environment of a child in Python that works in `scratch`."""
-
-    def name_of(self, descriptor: int) -> int:
-        """What the process that inherits it knows a descriptor by."""
-
-    def group(self, process: subprocess.Popen[bytes], memory: int = 0) -> Callable[[], None]:
-        """Takes hold of a process just started, with all that it will start, of `memory` [B] each where that is not 0;
-        the function that ends them all and waits for the first."""
-
-    def ending(self, code: int) -> Ending:
-        """What the exit code of a process says."""
-
-    def pipe(self, descriptor: int) -> Pipe: ...
-
-    # ---- processes, from inside
-
-    def opened(self, name: int, writes: bool) -> int:
-        """The descriptor of what was inherited as `name`."""
-
-    def confine(self, memory: int) -> None:
-        """What this process may use from here on: `memory` [B], no core file."""
-
-    def die_with(self, parent: int) -> None:
-        """This process ends when `parent` does; at once when it is gone already."""
-
-    def end_by(self, problem: OSError) -> None:
-        """Ends this process by the fault of foreign code that Python has turned into `problem`; else nothing."""
-
-    def allow_processor_time(self, seconds: float) -> None:
-        """From here on; then this process is ended."""
-
-    def resident(self) -> int:
-        """Memory of this process [B]; 0 where the system does not say."""
-
-    def cores(self) -> int:
-        """That this process may use."""
-
-    # ---- files
-
-    def lock(self, descriptor: int) -> bool:
-        """Locks a file until it is closed or this process ends; whether nobody else has."""
-
-    def refusal(self, path: Path) -> str:
-        """Why no file can have this path; empty when one can."""
-
-    def rename(self, source: Path, target: Path) -> None:
-        """One step; a file that is there is replaced. Raises OSError."""
-
-    def remove(self, file: Path) -> None:
-        """Also one that is protected from writing. Raises OSError."""
-
-    def remove_tree(self, folder: Path | str) -> None:
-        """As much of it as can be."""
-
-    def caches(self) -> Path:
-        """The user's folder for what can be made again. Raises RuntimeError where there is none."""
-
-
-def _own() -> System:
+def _own() -> OperatingSystem:
     if sys.platform == "win32":
         from .windows import Windows
 
@@ -114,4 +18,4 @@ def _own() -> System:
     return Posix()
 
 
-SYSTEM: System = _own()
+SYSTEM: OperatingSystem = _own()

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from . import here
+from .face import Ending, Pipe
 
 SET_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG
 
@@ -42,15 +42,15 @@ class Posix:
 
         return end
 
-    def ending(self, code: int) -> here.Ending:
+    def ending(self, code: int) -> Ending:
         if code == -signal.SIGXCPU:
-            return here.Ending("timeout", "overran its limit of processor time and was ended")
+            return Ending("timeout", "overran its limit of processor time and was ended")
         if code < 0:
             words = f"ended by signal {signal.Signals(-code).name}"
-            return here.Ending("crashed", words, killed=code == -signal.SIGKILL)
-        return here.Ending("crashed", f"ended its process with exit code {code}")
+            return Ending("crashed", words, killed=code == -signal.SIGKILL)
+        return Ending("crashed", f"ended its process with exit code {code}")
 
-    def pipe(self, descriptor: int) -> here.Pipe:
+    def pipe(self, descriptor: int) -> Pipe:
         return _Pipe(descriptor)
 
     def opened(self, name: int, writes: bool) -> int:

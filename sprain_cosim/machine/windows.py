@@ -22,7 +22,7 @@ from pathlib import Path
 from time import monotonic, process_time, sleep
 from typing import Any
 
-from . import here
+from .face import Ending, Pipe
 
 assert sys.platform == "win32"
 
@@ -160,17 +160,17 @@ class Windows:
 
         return end
 
-    def ending(self, code: int) -> here.Ending:
+    def ending(self, code: int) -> Ending:
         code &= 0xFFFFFFFF
         if code == OVERRAN:
-            return here.Ending("timeout", "overran its limit of processor time and was ended")
+            return Ending("timeout", "overran its limit of processor time and was ended")
         if code in CONDITIONS:
-            return here.Ending("crashed", f"ended by {CONDITIONS[code]} (0x{code:08X})")
+            return Ending("crashed", f"ended by {CONDITIONS[code]} (0x{code:08X})")
         if code >= 0x80000000:
-            return here.Ending("crashed", f"ended by condition 0x{code:08X}")
-        return here.Ending("crashed", f"ended its process with exit code {code}")
+            return Ending("crashed", f"ended by condition 0x{code:08X}")
+        return Ending("crashed", f"ended its process with exit code {code}")
 
-    def pipe(self, descriptor: int) -> here.Pipe:
+    def pipe(self, descriptor: int) -> Pipe:
         return _Pipe(descriptor)
 
     def opened(self, name: int, writes: bool) -> int:

@@ -20,7 +20,7 @@ from ..study.summary import FormSearch, Level, LevelSearch, LevelTest, Percentil
 from .blocks import Block, Paragraph, Verdict, rich
 from .design import design_verdict
 from .persons import persons_sentence
-from .words import ends, fine_ends, interval, percent, percentage_ends, rounded, signed, unit_after
+from .words import WithInterval, ends, fine_ends, interval, percent, percentage_ends, rounded, signed, unit_after
 
 MEAN, SD = INJURY_INVERSION
 EXCEEDS = f"Probability that inversion exceeds the injury range ({MEAN:g} ± {SD:g}° from neutral)"
@@ -87,31 +87,33 @@ def _of_comparison(folder: ComparisonFolder) -> Verdict | None:
         change = brace.difference_to_none.get(PEAK)
         if change is not None and change.value is not None:
             rows.append((change.value, name, change))
-    text = Markup("")
-    decisions = folder.summary.decisions
-    if rows:
-        lowest = None if decisions is None else decisions.lowest(name for _, name, _ in rows)
-        rows.sort(key=lambda row: (row[1] != lowest, row[0]))
-        value, best, change = rows[0]
-        text += rich(
-            "Over {count}, <b>{best}</b> {moved} the peak of supination{alone}: by <b>{by}</b>{about}{injury}.",
-            count=f"the same {folder.summary.count}" if folder.summary.is_study else "the same landing",
-            best=best,
-            moved="lowered" if value < 0 else "raised",
-            alone="" if len(rows) == 1 or (decisions and not lowest) else " most of all",
-            by=f"{abs(value):.1f}°{' on average' if folder.summary.is_study else ''}",
-            about=interval(change, 1, "°", value < 0)
-            or (" (one landing: no interval)" if not folder.summary.is_study else ""),
-            injury=_injuries(folder, best),
-        )
-        if rows[1:]:
-            text += f" The others: {', '.join(f'{n} {signed(v)}°' for v, n, _ in rows[1:])}."
-        text += _decided(decisions) if decisions is not None else Markup("")
-        text += persons_sentence(folder.summary.persons, best)
+    text = _best_first(folder, rows) if rows else Markup("")
     failed = "; ".join(f"{name}: {brace.message}" for name, brace in folder.summary.failed.items())
     if failed:
         text += rich(" <b>Failed:</b> {failed}.", failed=failed)
     return Verdict(text, warn=bool(failed)) if text else None
+
+
+def _best_first(folder: ComparisonFolder, rows: Sequence[tuple[float, str, WithInterval]]) -> Markup:
+    """The sentences on braces by (change of the peak against no brace, name, the change with its interval)."""
+    decisions, is_study = folder.summary.decisions, folder.summary.is_study
+    lowest = None if decisions is None else decisions.lowest(name for _, name, _ in rows)
+    rows = sorted(rows, key=lambda row: (row[1] != lowest, row[0]))
+    value, best, change = rows[0]
+    text = rich(
+        "Over {count}, <b>{best}</b> {moved} the peak of supination{alone}: by <b>{by}</b>{about}{injury}.",
+        count=f"the same {folder.summary.count}" if is_study else "the same landing",
+        best=best,
+        moved="lowered" if value < 0 else "raised",
+        alone="" if len(rows) == 1 or (decisions and not lowest) else " most of all",
+        by=f"{abs(value):.1f}°{' on average' if is_study else ''}",
+        about=interval(change, 1, "°", value < 0) or ("" if is_study else " (one landing: no interval)"),
+        injury=_injuries(folder, best),
+    )
+    if rows[1:]:
+        text += f" The others: {', '.join(f'{n} {signed(v)}°' for v, n, _ in rows[1:])}."
+    text += _decided(decisions) if decisions is not None else Markup("")
+    return text + persons_sentence(folder.summary.persons, best)
 
 
 def _decided(found: Decisions) -> Markup:

@@ -84,10 +84,10 @@ def test_every_system_shows_the_same_face() -> None:
             for item in node.body
             if isinstance(item, ast.FunctionDef | ast.Assign) and not ast.unparse(item).startswith("def _")
         }
-        for name, cls in (("here", "System"), ("posix", "Posix"), ("windows", "Windows"))
+        for name, cls in (("face", "OperatingSystem"), ("posix", "Posix"), ("windows", "Windows"))
     }
-    assert faces["here"] == faces["posix"] == faces["windows"]
-    assert len(faces["here"]) > 15
+    assert faces["face"] == faces["posix"] == faces["windows"]
+    assert len(faces["face"]) > 15
 
 
 def test_a_lock_keeps_a_second_holder_out(tmp_path: Path) -> None:
