@@ -21,6 +21,7 @@ from ..errors import EnvironmentProblem, InputError, SimulationError
 from ..files import is_partial, read_toml, write_json
 from ..folders.comparison import FILE, NONE, ComparisonSummary
 from ..folders.run import check_run_folder, read_run
+from ..notebook import Card, Rows
 from ..process import Limits
 from ..scenario import Value, load_scenario
 from ..scenario.file import NAME
@@ -38,8 +39,8 @@ RESERVED = (NONE, "plant", "controller", "figures")
 BESIDE = (FILE, "figures", "report.html", "animation.webp")  # what stands in the folder besides those of the braces
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, repr=False)
+class Comparison(Card):
     """What `compare_braces` did.
 
     entries  one for each brace, "none" first
@@ -54,6 +55,10 @@ class Comparison:
     @property
     def failed(self) -> list[Entry]:
         return [e for e in self.entries if e.status != "completed"]
+
+    def card(self) -> tuple[str, Rows]:
+        heading, rows = self.summary.card()
+        return heading, [*rows, ("folder", str(self.out))]
 
 
 def load_source(name: str) -> Source:

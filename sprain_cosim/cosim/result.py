@@ -15,6 +15,7 @@ from ..errors import InputError, visible
 from ..files import LARGEST_RECORD, read_frame
 from ..fmu.messages import Messages
 from ..metrics import metrics
+from ..notebook import Card, Rows, coupling_share, with_doubt
 from ..units import Unit
 
 if TYPE_CHECKING:
@@ -59,8 +60,8 @@ class Held:
     axis: str
 
 
-@dataclass(frozen=True)
-class Result:
+@dataclass(frozen=True, repr=False)
+class Result(Card):
     """One run.
 
     time            (n,) [s]
@@ -164,3 +165,13 @@ class Result:
     def metrics(self) -> dict[str, float]:
         """Named responses; empty unless the run completed."""
         return metrics(self) if self.status == "completed" else {}
+
+    def card(self) -> tuple[str, Rows]:
+        peak = self.metrics.get(PEAK)
+        rows = [] if peak is None else [("peak supination", with_doubt(peak, self.coupling_doubt, "deg"))]
+        rows += [("coupling error", coupling_share(self.coupling_error)), ("scheme", self.scheme or "not known")]
+        rows += [("warning", self.warning)] if self.warning else []
+        rows += [("why", self.message)] if self.message else []
+        until = f", until {1e3 * float(self.time[-1]):.4g} ms" if len(self.time) else ""
+        rows.append(("record", f"{len(self.time)} times{until}, {len(self.names)} signals"))
+        return self.status, rows

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from numbers import Real
 
 from ..contract import MOTION, PLANT, PROFILES, impedance_input, motion_output, plain, torque_axis
 from ..errors import InputError, nearest
@@ -70,6 +71,23 @@ class System:
                 f"{full}: is an input, not a parameter; {source} feeds it, and a value holds only where nothing does"
             )
         return connector
+
+    def in_own_units(self, values: Mapping[str, float | str]) -> dict[str, float]:
+        """{"component.parameter": number}: numbers are in the parameter's own unit already and stay as they are, a text
+        such as "0.35 m" or a choice is read. Raises InputError for a name that cannot be set, a text that does not fit,
+        and anything else."""
+        found = dict[str, float]()
+        for full, value in values.items():
+            connector = self.settable(full)
+            if isinstance(value, str):
+                found[full] = connector.value(value, full)
+            elif isinstance(value, Real):
+                found[full] = float(value)
+            else:
+                own = connector.unit
+                unit = f" in {own.name}, or a text with its unit" if own and not own.dimensionless else ""
+                raise InputError(f"{full} = {value!r}: expected a number{unit}")
+        return found
 
     def check(self, communication_step: float | None = None, span: float = 0.0) -> list[str]:
         """All problems, one line each; empty when the system can run for `span` [s] at `communication_step` [s]."""

@@ -8,11 +8,13 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..files import read_json
+from ..notebook import Card, Rows, with_interval
 from ..records import FORMAT, Record, Summary, known_format, optional
 from .run import RunFolder
-from .study import StudyFolder
+from .study import PEAK, StudyFolder
 
 FILE = "compare.json"
+SHOWN = 6  # braces that are shown in brief
 NONE = "none"  # the name under which the landings without a brace stand
 
 
@@ -192,8 +194,8 @@ class Persons(Record):
     worst: Mapping[str, WorstTenth] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ComparisonSummary(Summary):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class ComparisonSummary(Card, Summary):
     """Several braces on the same landings: content of compare.json, and what `compare --json` prints.
 
     format            of the file
@@ -237,6 +239,20 @@ class ComparisonSummary(Summary):
         made = (brace.n_completed or 0) + (brace.n_failed or 0) if self.decisions else self.landings
         return f"{brace.n_completed} of {made}"
 
+    def card(self) -> tuple[str, Rows]:
+        rows = []
+        for name, brace in list(self.braces.items())[:SHOWN]:
+            change, peak = brace.difference_to_none.get(PEAK), brace.metrics.get(PEAK)
+            what, e = ("changes the peak by", change) if change else ("peak", peak)
+            text = f"{what} {with_interval(e.value, e.ci_low, e.ci_high, 'deg')}" if e else brace.status
+            rows.append((name, text))
+        rows += [("further braces", str(len(self.braces) - SHOWN))] if len(self.braces) > SHOWN else []
+        failed = f"; failed: {', '.join(self.failed)}" if self.failed else ""
+        return f"{self.title or self.source}, {self.count}", [
+            ("status", f"{len(self.completed)} completed{failed}"),
+            *rows,
+        ]
+
     @property
     def is_study(self) -> bool:
         return self.kind == "study"
@@ -255,8 +271,8 @@ class ComparisonSummary(Summary):
         return {name: brace for name, brace in self.braces.items() if not brace.completed}
 
 
-@dataclass(frozen=True)
-class ComparisonFolder:
+@dataclass(frozen=True, repr=False)
+class ComparisonFolder(Card):
     """Several braces on the same landings: the folder, compare.json, and {brace: its folder}."""
 
     path: Path
@@ -266,6 +282,10 @@ class ComparisonFolder:
     @property
     def title(self) -> str:
         return self.summary.title or self.path.name
+
+    def card(self) -> tuple[str, Rows]:
+        heading, rows = self.summary.card()
+        return heading, [*rows, ("folder", str(self.path))]
 
 
 def read_comparison_summary(folder: Path) -> ComparisonSummary:

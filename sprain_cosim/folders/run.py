@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any, Self
 
 from .. import __version__, files
-from ..cosim.result import Result
+from ..cosim.result import PEAK, Result
 from ..errors import EnvironmentProblem, InputError
 from ..fmu.messages import Messages
+from ..notebook import Card, Rows, coupling_share, with_doubt
 from ..records import FORMAT, Record, Summary, finite, known_format, optional
 from ..scenario import Scenario
 from ..subject.record import SubjectRecord
@@ -38,8 +39,8 @@ class HeldOutput(Record):
     axis: str
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class RunSummary(Summary):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class RunSummary(Card, Summary):
     """One landing: content of its summary.json, and what `run --json` prints.
 
     format                     of the file
@@ -133,9 +134,16 @@ class RunSummary(Summary):
             subject=None if scenario.subject is None else SubjectRecord.of(scenario.subject),
         )
 
+    def card(self) -> tuple[str, Rows]:
+        rows = [("status", f"{self.status}: {self.message}" if self.message else self.status)]
+        if PEAK in self.metrics:
+            rows.append(("peak supination", with_doubt(self.metrics[PEAK], self.coupling_doubt_deg, "deg")))
+        rows.append(("coupling error", coupling_share(self.coupling_error)))
+        return self.title, [*rows, ("warning", self.warning)] if self.warning else rows
 
-@dataclass(frozen=True)
-class RunFolder:
+
+@dataclass(frozen=True, repr=False)
+class RunFolder(Card):
     """One landing: its folder, summary and signals."""
 
     path: Path
@@ -145,6 +153,10 @@ class RunFolder:
     @property
     def title(self) -> str:
         return self.summary.title
+
+    def card(self) -> tuple[str, Rows]:
+        heading, rows = self.summary.card()
+        return heading, [*rows, ("folder", str(self.path))]
 
     @property
     def pose(self) -> str:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 from ..cosim.result import Result
 from ..errors import InputError
 from ..files import read_toml
+from ..notebook import Card, Rows
 from ..study.folder import read_trials
 from ..study.manifest import FILE as MANIFEST
 from ..study.manifest import Manifest, read_manifest
@@ -56,8 +57,8 @@ class StudyFile:
         return cls(str(content.get("scenario", "")), **tables, responses=responses)
 
 
-@dataclass(frozen=True)
-class StudyFolder:
+@dataclass(frozen=True, repr=False)
+class StudyFolder(Card):
     """Many landings.
 
     path     the folder
@@ -74,6 +75,10 @@ class StudyFolder:
     @property
     def title(self) -> str:
         return self.summary.title
+
+    def card(self) -> tuple[str, Rows]:
+        heading, rows = self.summary.card()
+        return heading, [*rows, ("folder", str(self.path))]
 
     @property
     def pose(self) -> str:

@@ -42,13 +42,14 @@ class Apart:
             self.close()
             raise
 
-    def run(self, parameters: Mapping[str, float] | None = None) -> Result:
-        """`parameters` {"component.parameter": value in the parameter's own unit} on top of the scenario's."""
+    def run(self, parameters: Mapping[str, float | str] | None = None) -> Result:
+        """`parameters` as in Session.run."""
+        values = self.system.in_own_units(parameters or {})
         if self._child is None:
             self._child = Child(__name__, self.limits)
             self._open(self._child)
         try:
-            result = fetched(partial(self._child.call, limit=self._runs.seconds), dict(parameters or {}))
+            result = fetched(partial(self._child.call, limit=self._runs.seconds), values)
         except Overrun as end:
             late = Overrun(end.limit, self._runs.origin)
             return self._failed(
@@ -67,7 +68,7 @@ class Apart:
             return replace(result, message=f"{result.message}; {HINT}")
         return result
 
-    def at_half_the_step(self, parameters: Mapping[str, float] | None = None) -> dict[str, float]:
+    def at_half_the_step(self, parameters: Mapping[str, float | str] | None = None) -> dict[str, float]:
         """As in Session; empty where the FMUs' process ends meanwhile, too."""
         if self._child is None:
             return {}

@@ -471,12 +471,12 @@ class Session:
         self.system = replace(system, components=tuple(limited))
         self._assembly: Assembly | None = self.system.open()
 
-    def run(self, parameters: Mapping[str, float] | None = None, judged: bool = True) -> Result:
-        """`parameters` {"component.parameter": value in the parameter's own unit} on top of the scenario's; `judged` as
-        in Master.run."""
+    def run(self, parameters: Mapping[str, float | str] | None = None, judged: bool = True) -> Result:
+        """`parameters` {"component.parameter": a number in the parameter's own unit, or a text such as "35 cm"} on top
+        of the scenario's; `judged` as in Master.run. Raises InputError for a text that does not fit."""
         return self._run(self.scenario.master, parameters, judged)
 
-    def at_half_the_step(self, parameters: Mapping[str, float] | None = None) -> dict[str, float]:
+    def at_half_the_step(self, parameters: Mapping[str, float | str] | None = None) -> dict[str, float]:
         """The metrics of the same run at half the communication step; empty where that does not run."""
         step = 0.5 * self.scenario.master.communication_step
         finer = replace(self.scenario.master, communication_step=step, record=())
@@ -485,10 +485,11 @@ class Session:
         except (InputError, SimulationError):
             return {}
 
-    def _run(self, master: Master, parameters: Mapping[str, float] | None, judged: bool) -> Result:
+    def _run(self, master: Master, parameters: Mapping[str, float | str] | None, judged: bool) -> Result:
+        values = self.system.in_own_units(parameters or {})
         if self._assembly is None:
             self._assembly = self.system.open()
-        own = self.scenario.of_persons(self.system, parameters or {})
+        own = self.scenario.of_persons(self.system, values)
         result = master.run(self._assembly, {**self.system.parameters, **own}, judged)
         if result.status != "completed":  # an instance that reported an error may only be freed
             self.close()

@@ -8,6 +8,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..notebook import Card, Rows
 from .plan import Plan
 from .summary import StudySummary
 
@@ -17,8 +18,8 @@ if TYPE_CHECKING:
 Tables = tuple["pd.DataFrame", "pd.DataFrame"]  # trials, timing
 
 
-@dataclass(frozen=True)
-class Campaign:
+@dataclass(frozen=True, repr=False)
+class Campaign(Card):
     """A finished study.
 
     study     what was run
@@ -47,6 +48,10 @@ class Campaign:
     def timing(self) -> pd.DataFrame:
         """One row for each trial: what depends on the machine, the columns of timing.csv."""
         return self._tables[1]
+
+    def card(self) -> tuple[str, Rows]:
+        heading, rows = self.summary.card()
+        return heading, [*rows, ("folder", str(self.out) if self.out else "none")]
 
 
 def at_hand(tables: Tables) -> Callable[[], Tables]:

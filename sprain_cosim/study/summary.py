@@ -15,10 +15,13 @@ from typing import Any, Self
 from ..errors import InputError
 from ..files import read_json
 from ..fmu.messages import spoke
+from ..metrics import unit_of
+from ..notebook import Card, Rows, with_interval
 from ..records import FORMAT, Record, Summary, known_format, optional
 
 FILE = "summary.json"
 PAIR = tuple[float | None, float | None]
+PEAK = "peak_subtalar_angle_deg"
 TORQUE = 5e-3  # N.m that are shown as something
 
 
@@ -311,6 +314,16 @@ class LevelSearch(Record):
     sd: float | None = None
     check: LevelTest | None = optional()
 
+    def rows(self) -> Rows:
+        """What is shown in brief."""
+        unit = unit_of(self.response)
+        levels = ", ".join(f"{k} %: {v.value:.4g}" for k, v in self.levels.items() if v.value is not None)
+        tested = f"; tested on {self.check.n} landings" if self.check else "; not tested"
+        return [
+            (f"levels of {self.response}", f"{levels}{f' {unit}' if unit else ''}"),
+            ("own check", f"{self.status}{tested}"),
+        ]
+
     @classmethod
     def from_json(cls, content: Any, place: str) -> Self:
         found = super().from_json(content, place)
@@ -378,6 +391,11 @@ class FormSearch(Record):
     specimens: int | None = optional()
     dominates: str | None = optional()
     sentence: str | None = optional()
+
+    def rows(self) -> Rows:
+        """What is shown in brief."""
+        text = with_interval(self.probability, self.ci_low, self.ci_high, "")
+        return [(f"P of {self.response}", text), ("own check", self.status)]
 
 
 @dataclass(frozen=True)
@@ -506,6 +524,18 @@ class DesignSearch(Record):
     residual: float | None
     second: str | None = optional()
     second_unit: str | None = optional()
+
+    def rows(self) -> Rows:
+        """What is shown in brief."""
+        found = [
+            (
+                f"{self.find} {self.parameter}",
+                f"{with_interval(p.value, p.ci_low, p.ci_high, self.unit)}, goal {p.status}",
+            )
+            for p in self.points[:2]
+        ]
+        more = [("further values", str(len(self.points) - 2))] if len(self.points) > 2 else []
+        return [("goal", self.goal), *found, *more]
 
     @property
     def met(self) -> bool:
@@ -704,8 +734,8 @@ class MessagesOfTrials(Record):
         return f"its FMU {spoke(self.count, self.warnings)} in {self.trials} of {of} trials{first}"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class StudySummary(Summary):
+@dataclass(frozen=True, repr=False, eq=False, kw_only=True)
+class StudySummary(Card, Summary):
     """Content of a study's summary.json, and what a campaign's `summary` is.
 
     format                     of the file
@@ -774,6 +804,22 @@ class StudySummary(Summary):
     def search(self) -> LevelSearch | FormSearch | None:
         """What the method itself judged, of a search."""
         return self.amv or self.form
+
+    def card(self) -> tuple[str, Rows]:
+        failed = f", {self.n_failed} failed" if self.n_failed else ""
+        rows = [("status", f"{self.n_completed} of {self.n_requested} landings completed{failed}")]
+        found = self.amv or self.form or self.design
+        if found is not None:
+            rows += found.rows()
+        else:
+            name = PEAK if PEAK in self.responses else next(iter(self.responses), "")
+            levels = self.responses[name].percentiles if name else {}
+            for level in [key for key in ("50", "95") if key in levels]:
+                e = levels[level]
+                text = with_interval(e.value, e.ci_low, e.ci_high, unit_of(name))
+                rows.append((f"{level} % of {name}", text))
+        rows += [("notes", f"{len(self.notes)}, the first: {self.notes[0]}")] if self.notes else []
+        return f"{self.title}, {self.method}", rows
 
     @property
     def first_kept(self) -> int:

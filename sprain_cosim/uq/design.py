@@ -105,6 +105,14 @@ class DesignResult:
     q2: float
     residual: float
 
+    def __repr__(self) -> str:
+        found = [f"{p.status} {p.value:.4g} (95 %: {p.low:.4g} ... {p.high:.4g})" for p in self.points[:3]]
+        more = f", {len(self.points) - 3} more" if len(self.points) > 3 else ""
+        return (
+            f"DesignResult({self.find}: {', '.join(found)}{more}; {self.evaluations} evaluations, "
+            f"{self.failed} failed, Q2 {self.q2:.2g})"
+        )
+
 
 def design(
     function: Callable[[Array], Array],
