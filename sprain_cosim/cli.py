@@ -70,7 +70,7 @@ STOP = click.option("--stop", metavar='"150 ms"', help="End of the landing.")
 SUBJECT = click.option(
     "--subject", metavar='"female, 1.63 m, 62 kg"', help="Who lands: sex, stature, mass and any other body measure."
 )
-FORCE = click.option("--force", is_flag=True, help="Overwrite an earlier run in --out without a warning.")
+FORCE = click.option("--force", is_flag=True, help="Overwrite an earlier result in --out without a warning.")
 ISOLATE = click.option(
     "--isolate",
     is_flag=True,
@@ -186,6 +186,12 @@ def _warn_of_run(out: Path, force: bool) -> None:
     check_run_folder(out)
     if (out / FILE).exists() and not force:
         _show(f"warning: {out}: its earlier run is overwritten; the next version asks for --force", err=True)
+
+
+def _warn_of_file(target: Path, force: bool) -> None:
+    """Before a file that people edit is written anew."""
+    if target.exists() and not force:
+        _show(f"warning: {target}: is overwritten; the next version asks for --force", err=True)
 
 
 def _print_messages(lines: Mapping[str, tuple[bool, str]]) -> None:
@@ -790,12 +796,16 @@ def brace_from_csv(table: Path, out: Path | None) -> None:
     help="Mapping file: the FMU's names, signs and units to the contract's.",
 )
 @out_option("File for the values, a figure beside it (default: FMU's name -values.toml, here).")
-def brace_calibrate(fmu: Path, bench: Path, varied: tuple[str, ...], mapping: Path | None, out: Path | None) -> None:
+@FORCE
+def brace_calibrate(
+    fmu: Path, bench: Path, varied: tuple[str, ...], mapping: Path | None, out: Path | None, force: bool
+) -> None:
     """Fit parameters of the device FMU to torques measured on a bench, before it lands."""
     from .brace.calibrate import calibrate, write_calibration
 
     found = calibrate(fmu, bench, dict(_pair(text, "--vary", "NAME=LOW..HIGH") for text in varied), mapping)
     target = out or Path(f"{fmu.stem}-values.toml")
+    _warn_of_file(target, force)
     write_calibration(target, found, bench.name)
     _show(f"{found.listing()}\n\nwritten: {target}, {target.with_suffix('.png')}")
     _show(f"next: sprain-cosim design STUDY --fmu brace={fmu} {found.settings()} --vary ... --goal ...")
@@ -819,8 +829,15 @@ def anatomy_group() -> None:
 @click.option("--talocrural", metavar='"0 deg"', help="Where it was held while the subtalar joint was turned.")
 @click.option("--subtalar", metavar='"0 deg"', help="Where it was held while the talocrural joint was turned.")
 @out_option("Scenario file, a figure and the brace beside it (default: TABLE's name .toml, here).")
+@FORCE
 def anatomy_from_csv(
-    table: Path, worn: Path | None, base: str, talocrural: str | None, subtalar: str | None, out: Path | None
+    table: Path,
+    worn: Path | None,
+    base: str,
+    talocrural: str | None,
+    subtalar: str | None,
+    out: Path | None,
+    force: bool,
 ) -> None:
     """Fit the passive ankle to a torque-angle TABLE measured without a brace (CSV: angle [deg], subtalar_resistance
     [N.m], or about rotation_x, rotation_y, rotation_z)."""
@@ -836,6 +853,7 @@ def anatomy_from_csv(
     found, curves = measured_ankle(table, base, **held)
     brace = None if worn is None else brace_between(worn, curves, table)
     target = out or Path(f"{table.stem}.toml")
+    _warn_of_file(target, force)
     write_ankle(target, found, table.name, base)
     _show(f"{found.listing()}\n\nwritten: {target}, {target.with_suffix('.png')}")
     device = target.with_name(f"{target.stem}_brace.fmu")
@@ -1025,6 +1043,7 @@ def ssp_check(file: Path, as_json: bool) -> None:
     "--model", type=click.Path(path_type=Path), metavar="FILE.osim", help="The person's scaled model: size, mass."
 )
 @out_option("Scenario file, a page and a picture beside it (default: FILE's name .toml, here).")
+@FORCE
 @JSON
 def motion_command(
     file: Path,
@@ -1038,6 +1057,7 @@ def motion_command(
     turn: str | None,
     model: Path | None,
     out: Path | None,
+    force: bool,
     as_json: bool,
 ) -> None:
     """Start a landing as a measured motion: FILE (.mot, .sto of OpenSim, OpenCap, AddBiomechanics) -> a scenario."""
@@ -1055,7 +1075,9 @@ def motion_command(
     for warning in motion_warnings(start):
         _show(f"warning: {warning}", err=True)
     peaks = peak_doubts(start)
-    written = write_motion(start, peaks, out or Path(f"{file.stem}.toml"))
+    target = out or Path(f"{file.stem}.toml")
+    _warn_of_file(target, force)
+    written = write_motion(start, peaks, target)
     if as_json:
         _show(json.dumps(motion_json(start, peaks), allow_nan=False))
         return

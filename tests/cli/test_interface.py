@@ -26,7 +26,8 @@ COMMANDS = {
     "plot": "--out",
     "report": "--out",
     "animate": "--trial --out",
-    "scenarios": "",
+    "list": "--fmu --map --json",
+    "scenarios": "--json",
     "build": "",
     "validate": "--quick --list --only --out --junit",
     "doctor": "",
@@ -68,6 +69,17 @@ def test_every_command_spells_where_it_writes_alike() -> None:
     places = [p for command in commands() for p in command.params if {"--out", "--output", "-o"} & set(p.opts)]
     assert len(places) >= 13
     assert {tuple(p.opts) for p in places} == {("-o", "--out")}
+
+
+def test_every_command_that_overwrites_an_edited_file_takes_force() -> None:
+    brace, anatomy = cli.commands["brace"], cli.commands["anatomy"]
+    assert isinstance(brace, click.Group)
+    assert isinstance(anatomy, click.Group)
+    for command in (
+        *(cli.commands[name] for name in ("run", "trial", "motion")),
+        *(brace.commands["calibrate"], anatomy.commands["from-csv"]),
+    ):
+        assert "--force" in {o for p in command.params for o in p.opts}, command.name
 
 
 def test_an_old_spelling_works_with_a_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

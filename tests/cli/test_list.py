@@ -146,11 +146,9 @@ SHORT = ("--stop", "10 ms")
 def test_no_line_of_a_result_is_wrapped(tmp_path: Path, capsys: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
     many = ("--workers", "1", "--progress", "none", "--out")
     monkeypatch.chdir(tmp_path)
-    braces = ("--brace", "soft=brace_linear", "--brace", "a_long_name=brace_bushing")
     for call in (
         ("run", "incline30_mixed", *SHORT),
-        ("study", "study6", "--trials", "8", *SHORT, *many, "s"),
-        ("compare", "incline30", *braces, *SHORT, *many, "c"),
+        ("study", "study6", "--trials", "4", *SHORT, *many, "s"),
     ):
         text = typed(capsys, *call)
         for columns in WIDTHS:

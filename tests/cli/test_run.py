@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 
 from sprain_cosim.shipped import shipped_scenarios
+from sprain_cosim.terminal import fitted
 from tests.fake import brace_variables, make_fmu
 from tests.native import device
 
@@ -435,6 +436,9 @@ def test_compare_prints_its_table_and_ends_with_3_where_a_brace_failed(tmp_path:
     assert len(refused_after_work) == 1
     assert "1 of 3 failed: bad: " in refused_after_work[0]
     assert "the strap broke" in refused_after_work[0]
+    for columns in (60, 80, 120):
+        lines = fitted(outcome.stdout, columns).splitlines()
+        assert [line for line in lines if len(line) > columns and not line.startswith("written:")] == []
     data = json.loads((out / "compare.json").read_text())
     assert (
         f"{data['braces']['linear']['difference_to_none']['peak_subtalar_angle_deg']['value']:+.2f}" in outcome.stdout

@@ -111,8 +111,10 @@ def test_one_command_makes_the_ankle_and_the_brace(
     bare = csv(tmp_path / "bare.csv", {"subtalar_resistance": 1.2 * hinges["subtalar_resistance"]})
     more = 1.2 * hinges["subtalar_resistance"] + 60.0 * np.radians(DEGREES)
     worn, target = csv(tmp_path / "worn.csv", {"subtalar_resistance": more}), tmp_path / "own.toml"
+    target.write_text("mine")
     assert _run(["anatomy", "from-csv", str(bare), "--with-brace", str(worn), "-o", str(target)], []) == 0
-    told = capsys.readouterr().out
+    told, warned = capsys.readouterr()
+    assert f"warning: {target}: is overwritten; the next version asks for --force\n" in warned
     assert "subtalar: -20 ... 45 deg; outside, the torque goes straight on" in told
     assert "95 % interval" in told
     scenario = load_scenario(target)
