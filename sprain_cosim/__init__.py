@@ -10,12 +10,15 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from . import notebook
+
 __version__ = "0.2.0"
 
 _HOME = {
     "load_scenario": "scenario",
     "Scenario": "scenario",
     "load_study": "study.file",
+    "open_folder": "folders.read",
     "Study": "study.study",
     "check_brace": "brace.check",
     "compare_braces": "brace.compare",
@@ -49,6 +52,7 @@ if TYPE_CHECKING:
     from .fmu.component import Component as Component
     from .fmu.driver import Driver as Driver
     from .fmu.python import PythonComponent as PythonComponent
+    from .folders.read import open_folder as open_folder
     from .scenario import Scenario as Scenario
     from .scenario import load_scenario as load_scenario
     from .study.file import load_study as load_study
@@ -60,6 +64,13 @@ def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
+
+
+def _draw(item: notebook.Plottable, kind: str) -> Any:
+    return importlib.import_module(".figures.results", __name__).figure_of(item, kind)
+
+
+notebook.draw = _draw
 
 
 def __dir__() -> list[str]:

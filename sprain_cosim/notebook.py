@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from html import escape
+from typing import TYPE_CHECKING
 
-from .errors import visible
+from .errors import EnvironmentProblem, visible
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 LONGEST = 400  # characters of a line
 LONGEST_VALUE = 160
@@ -33,6 +37,22 @@ class Card:
         )
         name = f"{type(self).__name__}: {shortened(visible(heading))}"
         return f'<table><caption style="text-align:left">{escape(name)}</caption><tbody>{lines}</tbody></table>'
+
+
+class Plottable(Card):
+    """Base of what can draw itself."""
+
+    def plot(self, kind: str = "") -> Figure:
+        """A matplotlib figure of the `kind` that `sprain-cosim plot` calls so, such as landing, cdf, tornado or paired;
+        empty: the first of them. Nothing is simulated. Raises InputError for a kind that it does not allow."""
+        return draw(self, kind)
+
+
+def _unset(item: Plottable, kind: str) -> Figure:
+    raise EnvironmentProblem("sprain_cosim is loaded in part; import sprain_cosim")
+
+
+draw: Callable[[Plottable, str], Figure] = _unset  # the package sets it: the figures lie above what is drawn
 
 
 def shortened(text: str, longest: int = LONGEST_VALUE) -> str:

@@ -15,13 +15,14 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import EnvironmentProblem, InputError, SimulationError
 from ..files import is_partial, read_toml, write_json
 from ..folders.comparison import FILE, NONE, ComparisonSummary
+from ..folders.read import read_folder
 from ..folders.run import check_run_folder, read_run
-from ..notebook import Card, Rows
+from ..notebook import Plottable, Rows
 from ..process import Limits
 from ..scenario import Value, load_scenario
 from ..scenario.file import NAME
@@ -34,13 +35,16 @@ from .comparison import PEAKS, Entry, Source, summarise_comparison, with_derived
 from .decision import check_decidable, land_until_decided
 from .doubts import device_doubts
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 log = logging.getLogger("sprain_cosim")
 RESERVED = (NONE, "plant", "controller", "figures")
 BESIDE = (FILE, "figures", "report.html", "animation.webp")  # what stands in the folder besides those of the braces
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison(Card):
+class Comparison(Plottable):
     """What `compare_braces` did.
 
     entries  one for each brace, "none" first
@@ -55,6 +59,9 @@ class Comparison(Card):
     @property
     def failed(self) -> list[Entry]:
         return [e for e in self.entries if e.status != "completed"]
+
+    def plot(self, kind: str = "") -> Figure:
+        return read_folder(self.out).plot(kind)
 
     def card(self) -> tuple[str, Rows]:
         heading, rows = self.summary.card()

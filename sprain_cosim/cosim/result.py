@@ -15,7 +15,7 @@ from ..errors import InputError, visible
 from ..files import LARGEST_RECORD, read_frame
 from ..fmu.messages import Messages
 from ..metrics import metrics
-from ..notebook import Card, Rows, coupling_share, with_doubt
+from ..notebook import Plottable, Rows, coupling_share, with_doubt
 from ..units import Unit
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class Held:
 
 
 @dataclass(frozen=True, repr=False)
-class Result(Card):
+class Result(Plottable):
     """One run.
 
     time            (n,) [s]
@@ -106,15 +106,27 @@ class Result(Card):
 
     @cached_property
     def signals(self) -> pd.DataFrame:
-        """(n, m) table over the index `time [s]`, columns "component.variable"."""
+        """(n, m) table over the index `time [s]`, columns "component.variable"; `attrs["units"]` has their units."""
         import pandas as pd
 
-        return pd.DataFrame(self.values, pd.Index(self.time, name="time [s]"), list(self.names))
+        table = pd.DataFrame(self.values, pd.Index(self.time, name="time [s]"), list(self.names))
+        table.attrs["units"] = {n: u.name if u else "?" for n, u in zip(self.names, self.units, strict=True)}
+        return table
+
+    @property
+    def headings(self) -> list[str]:
+        """ "component.variable [unit]" of the columns; "?" for a unit that is not declared."""
+        return [f"{n} [{u.name if u else '?'}]" for n, u in zip(self.names, self.units, strict=True)]
+
+    @property
+    def labelled_signals(self) -> pd.DataFrame:
+        """The signals with their units in the names of the columns, as signals.csv has them."""
+        return self.signals.set_axis(self.headings, axis=1)
 
     def csv(self) -> str:
         """The record as signals.csv has it: `time [s]`, then `component.variable [unit]`, ten digits; of the first
         row, from which another landing can start, the 17 that give every number back to the bit."""
-        headings = ["time [s]", *(f"{n} [{u.name if u else '?'}]" for n, u in zip(self.names, self.units, strict=True))]
+        headings = ["time [s]", *self.headings]
         head = io.StringIO()
         csv.writer(head, lineterminator="\n").writerow(map(visible, headings))  # names may hold commas
         values = np.column_stack([self.time, self.values])

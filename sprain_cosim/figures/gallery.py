@@ -193,13 +193,13 @@ def write_figures(
         with plots.drawn_as(replace(form or plots.Form(), palette=palette_of(folders))):
             for drawn in draw(folders):
                 names.append(drawn.name)
-                if only and not any(_chosen(drawn.name, name) for name in only):
+                if only and not any(is_of_kind(drawn.name, name) for name in only):
                     continue
                 target.mkdir(parents=True, exist_ok=True)
                 written += plots.save(drawn.figure, target / drawn.name, kinds)
                 captions.append(_caption(drawn, folders))
         for name in only:
-            if not any(_chosen(drawn_name, name) for drawn_name in names):
+            if not any(is_of_kind(drawn_name, name) for drawn_name in names):
                 raise InputError(f"--only {name}: these folders allow no such figure, but {', '.join(names)}")
         if captions:
             write(target / CAPTIONS, "\n\n".join(captions) + "\n")
@@ -209,7 +209,7 @@ def write_figures(
     return written
 
 
-def _chosen(figure: str, name: str) -> bool:
+def is_of_kind(figure: str, name: str) -> bool:
     """Whether `name` is the figure's, or its kind: cdf is also of cdf_peak_inversion_from_neutral_deg."""
     return figure == name or bool(re.match(rf"{re.escape(name)}(_|\d*$)", figure))
 

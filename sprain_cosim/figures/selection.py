@@ -83,10 +83,10 @@ def is_braced(item: RunFolder | StudyFolder) -> bool:
     return "brace" in (item.summary.fmus if isinstance(item, RunFolder) else item.manifest.fmus)
 
 
-def sample_of(name: str, study: StudyFolder, response: str | None = None) -> Sample:
+def sample_of(name: str, study: StudyFolder, response: str | None = None, with_published: bool = True) -> Sample:
     """A response of the study with everything known about it; of a search, its levels."""
     response = response or study.response
-    figures = study.published if response == PEAK else {}
+    figures = study.published if with_published and response == PEAK else {}
     published = {level: float(figures[f"{level:g} % [deg]"]) for level in LEVELS if f"{level:g} % [deg]" in figures}
     search = study.summary.search
     if search is not None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..files import read_json
-from ..notebook import Card, Rows, with_interval
+from ..notebook import Card, Plottable, Rows, with_interval
 from ..records import FORMAT, Record, Summary, known_format, optional
 from .run import RunFolder
 from .study import PEAK, StudyFolder
@@ -272,7 +272,7 @@ class ComparisonSummary(Card, Summary):
 
 
 @dataclass(frozen=True, repr=False)
-class ComparisonFolder(Card):
+class ComparisonFolder(Plottable):
     """Several braces on the same landings: the folder, compare.json, and {brace: its folder}."""
 
     path: Path

@@ -34,6 +34,16 @@ def read_folder(path: Path) -> Folder:
     return found
 
 
+def open_folder(path: Path | str) -> Folder:
+    """What `run --out`, `study --out` or `compare --out` left, to look at and to `plot()`:
+
+    - a run: `summary`, `result` (its `signals`, its `metrics`)
+    - a study: `summary`, `trials`, `trajectory(number)`
+    - a comparison: `summary`, `members` {brace: a run or a study}
+    """
+    return read_folder(Path(path).expanduser())
+
+
 def read_folders(paths: Sequence[Path]) -> list[Folder]:
     """Each folder once."""
     return [read_folder(path) for path in dict.fromkeys(paths)]

@@ -12,7 +12,7 @@ from .. import __version__, files
 from ..cosim.result import PEAK, Result
 from ..errors import EnvironmentProblem, InputError
 from ..fmu.messages import Messages
-from ..notebook import Card, Rows, coupling_share, with_doubt
+from ..notebook import Card, Plottable, Rows, coupling_share, with_doubt
 from ..records import FORMAT, Record, Summary, finite, known_format, optional
 from ..scenario import Scenario
 from ..subject.record import SubjectRecord
@@ -143,7 +143,7 @@ class RunSummary(Card, Summary):
 
 
 @dataclass(frozen=True, repr=False)
-class RunFolder(Card):
+class RunFolder(Plottable):
     """One landing: its folder, summary and signals."""
 
     path: Path
@@ -203,7 +203,8 @@ def read_run(folder: Path) -> RunFolder:
         raise InputError(f"{folder}: not a folder of `sprain-cosim run`: summary.json lacks {key}")
     summary = RunSummary.from_json(content, str(path))
     record = Result.read_csv(folder / SIGNALS)
-    result = replace(record, status=summary.status, message=summary.message, scheme=summary.scheme)
+    head = {key: getattr(summary, key) for key in ("status", "message", "scheme", "coupling_error")}
+    result = replace(record, **head)
     return RunFolder(folder, summary, result)
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 from ..cosim.result import Result
 from ..errors import InputError
 from ..files import read_toml
-from ..notebook import Card, Rows
+from ..notebook import Plottable, Rows
 from ..study.folder import read_trials
 from ..study.manifest import FILE as MANIFEST
 from ..study.manifest import Manifest, read_manifest
@@ -58,7 +58,7 @@ class StudyFile:
 
 
 @dataclass(frozen=True, repr=False)
-class StudyFolder(Card):
+class StudyFolder(Plottable):
     """Many landings.
 
     path     the folder

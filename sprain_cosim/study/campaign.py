@@ -8,7 +8,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..notebook import Card, Rows
+from ..notebook import Plottable, Rows
 from .plan import Plan
 from .summary import StudySummary
 
@@ -19,7 +19,7 @@ Tables = tuple["pd.DataFrame", "pd.DataFrame"]  # trials, timing
 
 
 @dataclass(frozen=True, repr=False)
-class Campaign(Card):
+class Campaign(Plottable):
     """A finished study.
 
     study     what was run

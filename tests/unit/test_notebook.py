@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import sprain_cosim as sc
 from sprain_cosim.brace.compare import Comparison
@@ -104,6 +106,53 @@ def test_a_design_in_brief() -> None:
     found = DesignResult("least", (point,) * 9, 300, 2, 0.97, 0.5)
     assert len(repr(found)) <= LONGEST
     assert "met 1.25 (95 %: 1.1 ... 1.4)" in repr(found) and "6 more" in repr(found)
+
+
+def test_results_draw_themselves(landing: sc.Result) -> None:
+    figure = landing.plot()
+    assert isinstance(figure, Figure) and len(figure.axes[0].lines) > 0
+    copied = pickle.loads(pickle.dumps(landing.plot("moment_angle")))
+    assert isinstance(copied, Figure) and copied._repr_png_()[:4] == b"\x89PNG"  # type: ignore[attr-defined]
+    with pytest.raises(sc.InputError, match=r"plot\('cdf'\): there is no such figure, but landing, moment_angle$"):
+        landing.plot("cdf")
+    with pytest.raises(sc.InputError, match="nothing to draw"):
+        replace(landing, time=landing.time[:0], values=landing.values[:0], status="failed").plot()
+
+
+def test_a_study_without_a_folder_draws_its_distribution() -> None:
+    done = campaign("light")
+    assert len(done.plot("cdf").axes[0].lines) > 0
+    with pytest.raises(sc.InputError, match="a study with a folder"):
+        done.plot("tornado")
+
+
+@pytest.mark.parametrize("name", ["run", "study", "comparison"])
+def test_a_folder_opens_and_draws_itself(name: str) -> None:
+    folder = sc.open_folder(str(OLD / name))
+    assert type(folder).__name__ == f"{name.capitalize()}Folder"
+    assert isinstance(folder.plot(), Figure)
+    if name == "study":
+        return
+    with pytest.raises(sc.InputError, match=r"plot\('film'\): there is no such figure, but "):
+        folder.plot("film")
+
+
+def test_finished_objects_draw_what_their_folder_holds() -> None:
+    comparison, study = sc.open_folder(OLD / "comparison"), sc.open_folder(OLD / "study")
+    assert isinstance(comparison, ComparisonFolder) and isinstance(study, StudyFolder)
+    assert isinstance(Comparison((), comparison.summary, comparison.path).plot("paired"), Figure)
+    assert isinstance(replace(campaign("study"), out=study.path).plot("cdf"), Figure)
+
+
+def test_a_folder_that_is_none_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(sc.InputError, match="no such folder"):
+        sc.open_folder(tmp_path / "nothing")
+
+
+def test_signals_say_their_units(landing: sc.Result) -> None:
+    assert "plant.subtalar_angle [rad]" in landing.labelled_signals
+    assert landing.signals.attrs["units"]["plant.subtalar_angle"] == "rad"
+    assert landing.csv().startswith(",".join(["time [s]", *landing.labelled_signals.columns]) + "\n")
 
 
 def test_values_with_units_in_a_session(session: Session, landing: sc.Result) -> None:
