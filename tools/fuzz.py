@@ -293,9 +293,9 @@ def _setting(text: str) -> object:
 
     kind, text = text[:1], text[1:]
     if kind == "s":
-        return cli._changed(load_scenario("incline30_brace"), (), (), (text,)).system()
+        return cli._changed(load_scenario("incline30_brace"), (), (), (text,), None).system()
     if kind == "t":
-        return cli._changed(load_study("study6"), (), (), (text,)).checked()
+        return cli._changed(load_study("study6"), (), (), (text,), None).checked()
     if kind in ("1", "2", "3"):
         return load_scenario("incline30").with_master(*(text if kind == k else None for k in "123")).system()
     if kind == "m":
@@ -422,7 +422,7 @@ def read_back(folder: Path) -> object:
     """All that looks at a folder without drawing: what it holds, the page's text and numbers, tables for a terminal,
     the ledger with its study, one landing."""
     from sprain_cosim.brace.comparison import comparison_listing
-    from sprain_cosim.figures.selection import named_folders
+    from sprain_cosim.figures.selection import named_folders, palette_of
     from sprain_cosim.folders.comparison import ComparisonFolder
     from sprain_cosim.folders.landing import load_landings
     from sprain_cosim.folders.read import read_folders
@@ -438,7 +438,7 @@ def read_back(folder: Path) -> object:
 
     held = read_folders([folder])
     items = named_folders(held)
-    found: list[object] = [verdicts(held, items), script_data(charts(items))]
+    found: list[object] = [verdicts(held, items), script_data(charts(items, palette_of(held)))]
     found += [t(items) for t in (tables.sensitivities_tables, tables.metrics_tables, tables.inputs_tables)]
     found += [tables.numbers_tables(held, items), tables.provenance_tables(items)]
     if isinstance(held[0], ComparisonFolder):

@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.text import Text
 
-from ..errors import InputError
+from ..errors import InputError, visible
 from ..figures import DEGREES
 from ..figures.style import ANATOMY, BRACE, FAINT, GROUND, INK, MUTED, SUBTALAR, TALOCRURAL, palette
 from ..folders.landing import Landing
@@ -159,11 +159,19 @@ class Stage:
         return page
 
     def label(self, x: float, y: float, text: str, size: float, colour: str) -> None:
-        self.front.text(x, y, text, fontsize=size * 0.72, color=colour, va="center", parse_math=False)
+        self.front.text(x, y, visible(text), fontsize=size * 0.72, color=colour, va="center", parse_math=False)
 
     def _text(self, x: float, y: float, text: str, size: float, colour: str, moving: bool = False, **more: Any) -> Text:
         return self.page.text(
-            x, y, text, fontsize=size * 0.72, color=colour, va="center", animated=moving, parse_math=False, **more
+            x,
+            y,
+            visible(text),
+            fontsize=size * 0.72,
+            color=colour,
+            va="center",
+            animated=moving,
+            parse_math=False,
+            **more,
         )
 
     def _head(self, block: int) -> None:

@@ -134,8 +134,10 @@ def test_a_screenshot_shows_something(page: Path, width: int, tmp_path: Path) ->
     assert 0.02 < np.mean(picture.min(axis=2) < 0.9) < 0.6, "ink on paper, neither empty nor black"
 
 
-def test_it_prints_on_a_few_sheets(page: Path, tmp_path: Path) -> None:
-    browse(page / "r.html", "--no-pdf-header-footer", f"--print-to-pdf={tmp_path / 'r.pdf'}")
+def test_it_prints_on_a_few_sheets(results: Path, tmp_path: Path) -> None:
+    """The page of a comparison."""
+    report.write_report(read_folders([results / "compared"]), tmp_path / "r.html")
+    browse(tmp_path / "r.html", "--no-pdf-header-footer", f"--print-to-pdf={tmp_path / 'r.pdf'}")
     printed = (tmp_path / "r.pdf").read_bytes()
     assert printed.startswith(b"%PDF") and len(printed) > 50_000
     assert 3 <= len(re.findall(rb"/Type\s*/Page[^s]", printed)) <= 6
