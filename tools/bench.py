@@ -66,7 +66,10 @@ def repeat_part(which, n, model, state, facets, blocks):  # type: ignore[no-unty
         elif which == 3:
             kernels.contact(m, s, facets, blocks, 0)
         elif which == 4:
-            kernels.solve(s, 0, 1e-4, s.force[0], out)
+            for k in range(kernels.NQ):
+                s.right[k] = s.force[0, k]
+            kernels.factorise(s.mass[0], s.damp, s.ankle_damp[0], 1e-4, s.rows, s.columns, s.pivot, s.inverse)
+            kernels.solve(s, s.right, out)
         else:
             kernels.evaluate(m, s, facets, blocks, 0, s.q, s.u, s.a, s.l)
 

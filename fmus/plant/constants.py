@@ -14,6 +14,7 @@ from .model import GRAVITY, Muscles, Skeleton, load_bodies, load_movements, load
 
 PLATFORM_PIVOT = (-0.2, 0.015, 0.35)
 MAX_PENNATION = math.acos(0.1)
+FLATNESS = (1.0, 4.0, 1.0)  # height counts more: flat blocks lie on one side of the platform or the other
 TURNS = ((0, 0, 1), (1, 0, 0), (0, 1, 0))  # of a ball joint, one after the other: z, x, y
 
 
@@ -42,7 +43,8 @@ def blocks(facets: np.ndarray) -> np.ndarray:
         if len(members) <= kernels.BLOCK:
             return [members]
         here = facets[:3, members]
-        members = members[np.argsort(here[np.argmax(np.ptp(here, axis=1))], kind="stable")]
+        widest = np.argmax(np.ptp(here, axis=1) * FLATNESS)
+        members = members[np.argsort(here[widest], kind="stable")]
         half = math.ceil(len(members) / 2 / kernels.BLOCK) * kernels.BLOCK
         return split(members[:half]) + split(members[half:])
 
@@ -157,11 +159,8 @@ def _muscles(model: np.void, muscles: Muscles) -> None:
     for name in ("point_muscle", "point_body", "point", "point_coordinate"):
         model[name] = getattr(muscles, name)
     model["point_low"], model["point_high"] = muscles.point_range.T
-    reached = ankle_muscles(muscles)
-    model["ankle_muscle"] = reached
+    model["ankle_muscle"] = ankle_muscles(muscles)
     model["tibialis_anterior"] = muscles.names.index("tib_ant_r")
-    model["ankle_index"] = -1
-    model["ankle_index"][reached] = np.arange(len(reached))
 
 
 def _springs(model: np.void) -> None:

@@ -21,6 +21,8 @@ N_ANKLE, N_EVERTORS = 8, 4  # the evertors first
 N_AXES = len(AXES)
 N_KNOTS = 13
 MAX_FACETS = 8192
+NS, LANES = 128, 4  # segments that cross from body to body, in groups of whole vectors
+WIDTH = 16  # of rows of NQ numbers, padded to whole vectors
 BLOCK = 16  # facets that are skipped together while their bounding box is off the platform
 GAMMA = 0.25  # of the Rosenbrock-W method: A-stable, smallest error constant
 
@@ -32,8 +34,16 @@ SLOPE_LINEAR = (1.0 - F_TOE) / (STRAIN_0 - STRAIN_TOE)
 TAU_RISE, TAU_FALL, MIN_ACTIVATION = 0.01, 0.04, 0.01
 EQUILIBRIUM = 1e-10  # of the maximal force, in fibre_equilibrium; a tendon at its slack length cannot come closer
 ECCENTRIC = (2.0 + 2.0 / A_F) / (F_LEN - 1.0)
+GAP = ECCENTRIC * F_LEN * (1.0 - LINEAR_ABOVE)
+TOE, PASSIVE = F_TOE / (math.exp(K_TOE) - 1.0), 1.0 / (math.exp(K_PASSIVE) - 1.0)
+HALF_PI_HIGH, HALF_PI_LOW = float.fromhex("0x1.921fb54400000p+0"), float.fromhex("0x1.0b4611a626331p-34")
+LOG2_E, LN2_HIGH, LN2_LOW = (
+    1.4426950408889634,
+    float.fromhex("0x1.62e42fee00000p-1"),
+    float.fromhex("0x1.a39ef35793c76p-33"),
+)
 
-f8, i8 = np.float64, np.int64
+f8, f4, i8 = np.float64, np.float32, np.int64
 MODEL = np.dtype(
     [
         # `scaled`: of a person of another size than the MuJoCo model; a joint's anchor in the parent's and in the body's own frame
@@ -44,7 +54,7 @@ MODEL = np.dtype(
         ("spline_coefficient", f8, (5, N_KNOTS, 4)),
         ("max_force", f8, (NM,)), ("l_opt", f8, (NM,)), ("l_slack", f8, (NM,)), ("height", f8, (NM,)), ("l_min", f8, (NM,)),
         ("length_gain", f8, (NM,)), ("velocity_gain", f8, (NM,)), ("rest_length", f8, (NM,)),
-        ("ankle_muscle", i8, (N_ANKLE,)), ("ankle_index", i8, (NM,)), ("tibialis_anterior", i8),
+        ("ankle_muscle", i8, (N_ANKLE,)), ("tibialis_anterior", i8),
         ("point_muscle", i8, (NP,)), ("point_body", i8, (NP,)), ("point", f8, (NP, 3)), ("point_coordinate", i8, (NP,)),
         ("point_low", f8, (NP,)), ("point_high", f8, (NP,)),
         ("ankle_bushing", f8, (3, 3)), ("brace_bushing", f8, (3, 3)), ("lumbar_bushing", f8, (3, 4)),
@@ -72,17 +82,20 @@ STATE = np.dtype(
         ("xpos", f8, (NB, 3)), ("xmat", f8, (NB, 9)), ("acceleration", f8, (NB, 6)), ("inertia", f8, (NB, 10)),
         ("joint_axes", f8, (3, 3)), ("momentum", f8, (2, 6)), ("place", f8, (6,)), ("slope", f8, (6,)), ("curvature", f8, (6,)),
         ("screw", f8, (NQ, 6)), ("patella_screw", f8, (6,)), ("twist", f8, (NB, 6)), ("wrench", f8, (NB, 6)),
-        ("segments", i8), ("active", i8), ("known", i8), ("path_first", i8, (NM + 1,)), ("path_base", f8, (NM,)),
-        ("from_body", i8, (NP,)), ("to_body", i8, (NP,)), ("from_point", f8, (NP, 3)), ("to_point", f8, (NP, 3)), ("line", f8, (NP, 6)),
+        ("segments", i8), ("groups", i8), ("active", i8), ("known", i8), ("path_base", f8, (NM,)),
+        ("group_start", i8, (NB * NB,)), ("group_end", i8, (NB * NB,)), ("group_first", i8, (NB * NB + 1,)),
+        ("segment_muscle", i8, (NS,)), ("segment_place", i8, (NS,)), ("start_point", f8, (3, NS)), ("end_point", f8, (3, NS)),
         ("contact", f8, (6,)), ("normal_damping", f8, (3, 3)), ("tangent_damping", f8, (3, 3)), ("plane_screw", f8, (12, 6)), ("touching", i8),
         ("angle", f8, (N_AXES,)), ("velocity", f8, (N_AXES,)), ("axis", f8, (N_AXES, 3)), ("dual", f8, (N_AXES, 3)),
         ("talo_rate", f8, (N_AXES,)), ("sub_rate", f8, (N_AXES,)), ("anatomy", f8, (3,)), ("brace", f8, (3,)), ("axis_torque", f8, (N_AXES,)),
         ("facet_place", f8, (3, 3)), ("facet_origin", f8, (3,)), ("facet_twist", f8, (6,)), ("facet_sum", f8, (16,)),
         ("back_axis", f8, (3, 3)), ("back_dual", f8, (3, 3)),
         # work space that a saved state leaves out (SAVED_BEFORE)
-        ("unit", f8, (NQ,)), ("depth_mm", f8), ("column", f8, (NQ,)),
+        ("unit", f8, (WIDTH,)), ("depth_mm", f8), ("turn", f8, (WIDTH,)), ("cosine", f8, (WIDTH,)), ("sine", f8, (WIDTH,)),
+        ("segment_ends", i8, (NS, 2)), ("line", f8, (6, NS)), ("segment_length", f8, (NS,)), ("segment_rate", f8, (NS,)), ("pull", f8, (NS,)),
+        ("drive", f8, (NM,)),
         ("block_low", f8, (MAX_FACETS // BLOCK,)), ("facet_x", f8, (MAX_FACETS,)), ("facet_y", f8, (MAX_FACETS,)), ("facet_force", f8, (MAX_FACETS,)),
-        ("factor", f8, (NQ, NQ)), ("right", f8, (NQ,)),
+        ("rows", f8, (NQ, WIDTH)), ("columns", f8, (NQ, WIDTH)), ("pivot", f8, (WIDTH,)), ("inverse", f8, (NQ,)), ("right", f8, (WIDTH,)),
         ("k1q", f8, (NQ,)), ("k1u", f8, (NQ,)), ("k1a", f8, (NM,)), ("k1l", f8, (NM,)), ("k2q", f8, (NQ,)), ("k2u", f8, (NQ,)), ("k2a", f8, (NM,)), ("k2l", f8, (NM,)),
         ("yq", f8, (NQ,)), ("yu", f8, (NQ,)), ("ya", f8, (NM,)), ("yl", f8, (NM,)),
     ],
@@ -100,6 +113,7 @@ DONE, NOT_FINITE, STEP_TOO_SMALL, TOO_MANY_STEPS, FOOT_INSIDE, NO_FOOTHOLD = 0, 
 TOUCHING, PUBLISHED, GIVEN = POSES["touching"], POSES["published"], POSES["given"]
 FORGIVEN_MM = 0.1  # depth of a given foot in the platform that its numbers' rounding explains
 EQUILIBRIUM_START, AS_PUBLISHED = 0, 1
+LEAST_FORCE = 1e-6  # N, of a foot that touches; the touching pose leaves a depth of rounding
 SLIP_TRANSITION = 0.1  # m/s, below which friction grows linearly with slip
 OTHER_ACTIVATION = 0.05  # of the muscles that the controller does not reach, at contact
 STRETCH = 0.15  # a step may be this much longer than proposed, rather than two short ones up to the next exchange
@@ -108,6 +122,23 @@ MAX_STEPS = 50_000  # of one call; a landing needs about 800
 FAST = {"reassoc", "contract", "nsz", "arcp"}
 kernel = njit(error_model="numpy", fastmath=FAST)
 entry = njit(error_model="numpy", fastmath=FAST, cache=True, nogil=True)  # called from Python by plant.py
+
+
+def apart(fastmath):
+    """Of a loop over arrays that share no memory, which the build tells the compiler: without that it looks for overlaps
+    before each loop, or leaves it without vector instructions."""
+
+    def decorate(function):
+        function.apart = True
+        return njit(error_model="numpy", fastmath=fastmath)(function)
+
+    return decorate
+
+
+vector = apart(FAST)
+# without leave to take reciprocals, which processors of different makers estimate differently
+rounded = apart(FAST - {"arcp"})
+ordered = apart({"contract"})  # sums in the order in which they stand
 
 
 # ----------------------------------------------------------------------------------------------------------------
@@ -140,10 +171,36 @@ def knee_movements(m, s, angle):
         s.curvature[k] = curvature
 
 
+@ordered
+def cosines_and_sines(angle, cosine, sine):
+    """(16,) to 3e-16, without branches, so that the loop becomes vector code."""
+    for k in range(WIDTH):
+        x = angle[k]
+        n = np.floor(x * (2.0 / math.pi) + 0.5)
+        r = (x - n * HALF_PI_HIGH) - n * HALF_PI_LOW
+        # Taylor's series up to r^16 for |r| <= pi/4, in groups that do not wait for each other
+        z = r * r
+        z2 = z * z
+        z4 = z2 * z2
+        odd = (1.0 - z * (1.0 / 6.0)) + z2 * (1.0 / 120.0 - z * (1.0 / 5040.0))
+        odd += z4 * (
+            (1.0 / 362880.0 - z * (1.0 / 39916800.0)) + z2 * (1.0 / 6227020800.0 - z * (1.0 / 1307674368000.0))
+        )
+        odd *= r
+        even = (1.0 / 24.0 - z * (1.0 / 720.0)) + z2 * (1.0 / 40320.0 - z * (1.0 / 3628800.0))
+        even += z4 * ((1.0 / 479001600.0 - z * (1.0 / 87178291200.0)) + z2 * (1.0 / 20922789888000.0))
+        even = 1.0 - (0.5 * z - z2 * even)
+        quarter = n - 4.0 * np.floor(0.25 * n)
+        swapped = quarter == 1.0 or quarter == 3.0
+        c = odd if swapped else even
+        cosine[k] = -c if quarter == 1.0 or quarter == 2.0 else c
+        c = even if swapped else odd
+        sine[k] = -c if quarter >= 2.0 else c
+
+
 @kernel
-def turn_z(base, angle, out):
-    """out = base Rz(angle); rotation matrices are (9,), row by row."""
-    c, n = math.cos(angle), math.sin(angle)
+def turn_z(base, c, n, out):
+    """out = base Rz of an angle with cosine c and sine n; rotation matrices are (9,), row by row."""
     for i in range(3):
         x, y = base[3 * i], base[3 * i + 1]
         out[3 * i] = c * x + n * y
@@ -152,12 +209,10 @@ def turn_z(base, angle, out):
 
 
 @kernel
-def turn_zxy(base, angles, out, axes):
-    """out = base Rz Rx Ry of the three angles; `axes` (3, 3): the rows are the axes of the turns in the ground
-    frame."""
-    cz, nz = math.cos(angles[0]), math.sin(angles[0])
-    cx, nx = math.cos(angles[1]), math.sin(angles[1])
-    cy, ny = math.cos(angles[2]), math.sin(angles[2])
+def turn_zxy(base, cosine, sine, out, axes):
+    """out = base Rz Rx Ry of three angles; `axes` (3, 3): the rows are the axes of the turns in the ground frame."""
+    cz, cx, cy = cosine[0], cosine[1], cosine[2]
+    nz, nx, ny = sine[0], sine[1], sine[2]
     for i in range(3):
         x, y, z = base[3 * i], base[3 * i + 1], base[3 * i + 2]
         axes[0, i] = z
@@ -171,9 +226,8 @@ def turn_zxy(base, angles, out, axes):
 
 
 @kernel
-def turn_about(base, axis, angle, out):
-    """out = base R(axis, angle) for a unit axis (Rodrigues)."""
-    c, n = math.cos(angle), math.sin(angle)
+def turn_about(base, axis, c, n, out):
+    """out = base R(axis, angle) for a unit axis and an angle with cosine c and sine n (Rodrigues)."""
     a, b, d = axis[0], axis[1], axis[2]
     v = 1.0 - c
     for i in range(3):
@@ -221,10 +275,10 @@ def add_joint(s, body, screw, rate):
 
 
 @kernel
-def ball(m, s, body, parent, first, q, u):
+def ball(m, s, body, parent, first, u):
     """Three turns about z, x, y at one point, of the coordinates `first` ... `first` + 2."""
     axes = s.joint_axes
-    turn_zxy(s.xmat[parent], q[first : first + 3], s.xmat[body], axes)
+    turn_zxy(s.xmat[parent], s.cosine[first : first + 3], s.sine[first : first + 3], s.xmat[body], axes)
     for i in range(3):
         screw = s.screw[first + i]
         set_hinge(screw, axes[i, 0], axes[i, 1], axes[i, 2], s.xpos[body])
@@ -232,11 +286,11 @@ def ball(m, s, body, parent, first, q, u):
 
 
 @kernel
-def hinge(m, s, body, parent, axis, k, q, u):
+def hinge(m, s, body, parent, axis, k, u):
     """One turn about a fixed axis of the parent, of the coordinate k."""
     hang(m, s, body, parent)
     r = s.xmat[parent]
-    turn_about(r, axis, q[k], s.xmat[body])
+    turn_about(r, axis, s.cosine[k], s.sine[k], s.xmat[body])
     ex = r[0] * axis[0] + r[1] * axis[1] + r[2] * axis[2]
     ey = r[3] * axis[0] + r[4] * axis[1] + r[5] * axis[2]
     ez = r[6] * axis[0] + r[7] * axis[1] + r[8] * axis[2]
@@ -245,9 +299,9 @@ def hinge(m, s, body, parent, axis, k, q, u):
 
 
 @kernel
-def ride_knee(m, s, body, first, screw, rate):
+def ride_knee(m, s, body, first, turn, screw, rate):
     """Tibia or patella on the femur: two translations and a turn about z, all functions of the knee angle, whose values,
-    slopes and curvatures stand from `first` on. `screw` is that of the knee coordinate."""
+    slopes and curvatures stand from `first` on, cosine and sine of the turn at `turn`. `screw` is that of the knee coordinate."""
     hang(m, s, body, FEMUR)
     r, at, a = s.xmat[FEMUR], s.xpos[body], s.acceleration[body]
     x, y = s.place[first], s.place[first + 1]
@@ -271,7 +325,7 @@ def ride_knee(m, s, body, first, screw, rate):
     a[3] += square * (r[0] * x2 + r[1] * y2 + at[1] * fz - at[2] * fy + ly * ez - lz * ey)
     a[4] += square * (r[3] * x2 + r[4] * y2 + at[2] * fx - at[0] * fz + lz * ex - lx * ez)
     a[5] += square * (r[6] * x2 + r[7] * y2 + at[0] * fy - at[1] * fx + lx * ey - ly * ex)
-    turn_z(r, s.place[first + 2], s.xmat[body])
+    turn_z(r, s.cosine[turn], s.sine[turn], s.xmat[body])
     own, r = m.anchor[body], s.xmat[body]
     for i in range(3):
         at[i] -= r[3 * i] * own[0] + r[3 * i + 1] * own[1] + r[3 * i + 2] * own[2]
@@ -378,6 +432,10 @@ def skeleton(m, s, stage, q, u):
     part first), the mass matrix (15 x 15), and the wrenches of inertia and gravity on the bodies, from which the forces
     of the other terms go on."""
     knee_movements(m, s, q[KNEE])
+    for k in range(3, NQ):
+        s.turn[k] = q[k]
+    s.turn[KNEE], s.turn[NQ] = s.place[2], s.place[5]  # of the tibia and the patella
+    cosines_and_sines(s.turn, s.cosine, s.sine)
     for i in range(3):
         s.xpos[PELVIS, i] = q[i]
         for c in range(6):
@@ -388,15 +446,15 @@ def skeleton(m, s, stage, q, u):
     s.acceleration[PELVIS, 4] = m.gravity  # a frame that rises so feels gravity
     for i in range(9):
         s.xmat[GROUND, i] = 1.0 if i % 4 == 0 else 0.0
-    ball(m, s, PELVIS, GROUND, 3, q, u)
+    ball(m, s, PELVIS, GROUND, 3, u)
     hang(m, s, FEMUR, PELVIS)
-    ball(m, s, FEMUR, PELVIS, 6, q, u)
-    ride_knee(m, s, TIBIA, 0, s.screw[KNEE], u[KNEE])
-    ride_knee(m, s, PATELLA, 3, s.patella_screw, u[KNEE])
-    hinge(m, s, TALUS, TIBIA, m.talocrural_axis, TALOCRURAL, q, u)
-    hinge(m, s, CALCN, TALUS, m.subtalar_axis, SUBTALAR, q, u)
+    ball(m, s, FEMUR, PELVIS, 6, u)
+    ride_knee(m, s, TIBIA, 0, KNEE, s.screw[KNEE], u[KNEE])
+    ride_knee(m, s, PATELLA, 3, NQ, s.patella_screw, u[KNEE])
+    hinge(m, s, TALUS, TIBIA, m.talocrural_axis, TALOCRURAL, u)
+    hinge(m, s, CALCN, TALUS, m.subtalar_axis, SUBTALAR, u)
     hang(m, s, TORSO, PELVIS)
-    ball(m, s, TORSO, PELVIS, LUMBAR, q, u)
+    ball(m, s, TORSO, PELVIS, LUMBAR, u)
     for c in range(6):
         s.wrench[GROUND, c] = 0.0
     for body in range(1, NB):
@@ -433,8 +491,8 @@ def generalised_force(s, force):
 
 @kernel
 def connect_paths(m, s, q):
-    """Lists the segments that cross from body to body for the conditional points active at q; the lengths inside bodies
-    are constants."""
+    """Lists the segments that cross from body to body for the conditional points active at q, those between the same
+    two bodies together; the lengths inside bodies are constants."""
     active = 0
     bit = 1
     for p in range(NP):
@@ -456,7 +514,6 @@ def connect_paths(m, s, q):
                 continue
         k = m.point_muscle[p]
         if last < 0 or m.point_muscle[last] != k:
-            s.path_first[k] = n
             s.path_base[k] = 0.0
         elif m.point_body[p] == m.point_body[last]:
             square = 0.0
@@ -464,129 +521,246 @@ def connect_paths(m, s, q):
                 square += (m.point[p, i] - m.point[last, i]) ** 2
             s.path_base[k] += math.sqrt(square)
         else:
-            s.from_body[n] = m.point_body[last]
-            s.to_body[n] = m.point_body[p]
-            for i in range(3):
-                s.from_point[n, i] = m.point[last, i]
-                s.to_point[n, i] = m.point[p, i]
+            s.segment_muscle[n], s.segment_ends[n, 0], s.segment_ends[n, 1] = k, last, p
             n += 1
         last = p
-    s.path_first[NM] = n
     s.segments = n
+    group_segments(m, s)
+
+
+@kernel
+def group_segments(m, s):
+    """Places the segments by the bodies of their two ends; each group is filled up to whole vectors with segments of
+    which nobody takes the length."""
+    s.groups = n = 0
+    for a in range(NB):
+        for b in range(NB):
+            first = n
+            for i in range(s.segments):
+                start, end = s.segment_ends[i, 0], s.segment_ends[i, 1]
+                if m.point_body[start] == a and m.point_body[end] == b:
+                    s.segment_place[i] = n
+                    for c in range(3):
+                        s.start_point[c, n], s.end_point[c, n] = m.point[start, c], m.point[end, c]
+                    n += 1
+            if n > first:
+                while n % LANES:
+                    for c in range(3):
+                        s.start_point[c, n], s.end_point[c, n] = s.start_point[c, first], s.end_point[c, first]
+                    n += 1
+                g = s.groups
+                s.group_start[g], s.group_end[g], s.group_first[g], s.group_first[g + 1] = a, b, first, n
+                s.groups += 1
+
+
+@vector
+def cross(xpos, xmat, twist, a, b, first, last, start, end, line, length, rate):
+    """Of the segments from body a to body b, which stand at first ... last - 1: the unit wrench (A x e, e), (6, n), the
+    length and its rate."""
+    ra, rb, ta, tb = xmat[a], xmat[b], xpos[a], xpos[b]
+    va, vb = twist[a], twist[b]
+    v0, v1, v2, v3, v4, v5 = (
+        vb[0] - va[0],
+        vb[1] - va[1],
+        vb[2] - va[2],
+        vb[3] - va[3],
+        vb[4] - va[4],
+        vb[5] - va[5],
+    )
+    begin = np.uintp(first)
+    for i in range(last - first):
+        n = begin + np.uintp(i)
+        p, q, r = start[0, n], start[1, n], start[2, n]
+        ax = ta[0] + ra[0] * p + ra[1] * q + ra[2] * r
+        ay = ta[1] + ra[3] * p + ra[4] * q + ra[5] * r
+        az = ta[2] + ra[6] * p + ra[7] * q + ra[8] * r
+        p, q, r = end[0, n], end[1, n], end[2, n]
+        ex = tb[0] + rb[0] * p + rb[1] * q + rb[2] * r - ax
+        ey = tb[1] + rb[3] * p + rb[4] * q + rb[5] * r - ay
+        ez = tb[2] + rb[6] * p + rb[7] * q + rb[8] * r - az
+        d = math.sqrt(ex * ex + ey * ey + ez * ez)
+        scale = 1.0 / d
+        ex *= scale
+        ey *= scale
+        ez *= scale
+        mx, my, mz = ay * ez - az * ey, az * ex - ax * ez, ax * ey - ay * ex
+        line[0, n] = mx
+        line[1, n] = my
+        line[2, n] = mz
+        line[3, n] = ex
+        line[4, n] = ey
+        line[5, n] = ez
+        length[n] = d
+        rate[n] = mx * v0 + my * v1 + mz * v2 + ex * v3 + ey * v4 + ez * v5
 
 
 @kernel
 def paths(m, s, mtu, mtu_rate):
-    """(49,) length and lengthening speed of the muscles; the unit wrench (A x e, e) of each crossing segment."""
-    xpos, xmat = s.xpos, s.xmat
-    twist, line = s.twist, s.line
+    """(49,) length and lengthening speed of the muscles; the unit wrenches of the crossing segments."""
+    for g in range(s.groups):
+        cross(
+            s.xpos,
+            s.xmat,
+            s.twist,
+            s.group_start[g],
+            s.group_end[g],
+            s.group_first[g],
+            s.group_first[g + 1],
+            s.start_point,
+            s.end_point,
+            s.line,
+            s.segment_length,
+            s.segment_rate,
+        )
     for k in range(NM):
-        length, rate = s.path_base[k], 0.0
-        for n in range(s.path_first[k], s.path_first[k + 1]):
-            a, b = s.from_body[n], s.to_body[n]
-            ra, rb, pa, pb = xmat[a], xmat[b], s.from_point[n], s.to_point[n]
-            ax = xpos[a, 0] + ra[0] * pa[0] + ra[1] * pa[1] + ra[2] * pa[2]
-            ay = xpos[a, 1] + ra[3] * pa[0] + ra[4] * pa[1] + ra[5] * pa[2]
-            az = xpos[a, 2] + ra[6] * pa[0] + ra[7] * pa[1] + ra[8] * pa[2]
-            ex = xpos[b, 0] + rb[0] * pb[0] + rb[1] * pb[1] + rb[2] * pb[2] - ax
-            ey = xpos[b, 1] + rb[3] * pb[0] + rb[4] * pb[1] + rb[5] * pb[2] - ay
-            ez = xpos[b, 2] + rb[6] * pb[0] + rb[7] * pb[1] + rb[8] * pb[2] - az
-            d = math.sqrt(ex * ex + ey * ey + ez * ez)
-            length += d
-            scale = 1.0 / d
-            ex *= scale
-            ey *= scale
-            ez *= scale
-            w = line[n]
-            w[0] = ay * ez - az * ey
-            w[1] = az * ex - ax * ez
-            w[2] = ax * ey - ay * ex
-            w[3] = ex
-            w[4] = ey
-            w[5] = ez
-            for c in range(6):
-                rate += w[c] * (twist[b, c] - twist[a, c])
-        mtu[k] = length
-        mtu_rate[k] = rate
+        mtu[k], mtu_rate[k] = s.path_base[k], 0.0
+    for i in range(s.segments):
+        k, n = s.segment_muscle[i], s.segment_place[i]
+        mtu[k] += s.segment_length[n]
+        mtu_rate[k] += s.segment_rate[n]
+
+
+@vector
+def pulls(line, pull, first, last, total):
+    """(6,) wrench of the segments first ... last - 1 that pull with `pull` [N]."""
+    w0 = w1 = w2 = w3 = w4 = w5 = 0.0
+    begin = np.uintp(first)
+    for i in range(last - first):
+        n = begin + np.uintp(i)
+        f = pull[n]
+        w0 += f * line[0, n]
+        w1 += f * line[1, n]
+        w2 += f * line[2, n]
+        w3 += f * line[3, n]
+        w4 += f * line[4, n]
+        w5 += f * line[5, n]
+    total[0], total[1], total[2], total[3], total[4], total[5] = w0, w1, w2, w3, w4, w5
+
+
+@kernel
+def pull_bodies(s, force):
+    """Wrenches of the muscles' forces (49,) on the bodies that they cross."""
+    pull, wrench, total = s.pull, s.wrench, s.momentum[0]
+    for n in range(s.group_first[s.groups]):
+        pull[n] = 0.0
+    for i in range(s.segments):
+        pull[s.segment_place[i]] = force[s.segment_muscle[i]]
+    for g in range(s.groups):
+        pulls(s.line, pull, s.group_first[g], s.group_first[g + 1], total)
+        a, b = s.group_start[g], s.group_end[g]
+        for c in range(6):
+            wrench[a, c] += total[c]
+            wrench[b, c] -= total[c]
+
+
+@ordered
+def exponential(x):
+    """e^x without branches, so that loops over the muscles become vector code: 9e-15 relative between -700 and 700,
+    beyond which x is taken as that."""
+    x = 700.0 if x > 700.0 else x
+    x = -700.0 if x < -700.0 else x
+    n = np.floor(x * LOG2_E + 0.5)
+    r = (x - n * LN2_HIGH) - n * LN2_LOW
+    # Taylor's series up to r^11 for |r| <= ln(2)/2, in groups that do not wait for each other
+    r2 = r * r
+    r4 = r2 * r2
+    low = (1.0 + r) + r2 * (0.5 + r * (1.0 / 6.0))
+    middle = (1.0 / 24.0 + r * (1.0 / 120.0)) + r2 * (1.0 / 720.0 + r * (1.0 / 5040.0))
+    high = (1.0 / 40320.0 + r * (1.0 / 362880.0)) + r2 * (1.0 / 3628800.0 + r * (1.0 / 39916800.0))
+    return (low + r4 * (middle + r4 * high)) * np.int64((np.int64(np.int32(n)) + 1023) << 52).view(np.float64)
 
 
 @kernel
 def tendon(strain):
     """Force and stiffness (per unit strain) of the tendon, in units of the maximal isometric force (Thelen 2003)."""
-    if strain <= 0.0:
-        return 0.0, 0.0
-    if strain > STRAIN_TOE:
-        return F_TOE + SLOPE_LINEAR * (strain - STRAIN_TOE), SLOPE_LINEAR
-    e = math.exp(K_TOE * strain / STRAIN_TOE)
-    scale = F_TOE / (math.exp(K_TOE) - 1.0)
-    return scale * (e - 1.0), scale * e * K_TOE / STRAIN_TOE
+    e = exponential(min(max(strain, 0.0), STRAIN_TOE) * (K_TOE / STRAIN_TOE))
+    in_toe = strain <= STRAIN_TOE
+    force = TOE * (e - 1.0) if in_toe else F_TOE + SLOPE_LINEAR * (strain - STRAIN_TOE)
+    stiffness = TOE * K_TOE / STRAIN_TOE * e if in_toe else SLOPE_LINEAR
+    return force, stiffness if strain > 0.0 else 0.0
 
 
 @kernel
 def passive_fibre(length):
     """Passive force of the fibre and its slope over the normalised length."""
-    if length <= 1.0:
-        return 0.0, 0.0
-    e = math.exp(K_PASSIVE * (length - 1.0) / STRAIN_MUSCLE)
-    scale = 1.0 / (math.exp(K_PASSIVE) - 1.0)
-    return scale * (e - 1.0), scale * e * K_PASSIVE / STRAIN_MUSCLE
+    e = exponential(K_PASSIVE / STRAIN_MUSCLE * max(length - 1.0, 0.0))
+    return PASSIVE * (e - 1.0), PASSIVE * K_PASSIVE / STRAIN_MUSCLE * e if length > 1.0 else 0.0
 
 
 @kernel
 def fibre_speed(a, afl, f):
     """Speed of the contractile element in V_max for the force f at activation a, afl = a * f_l, with its slopes over f
-    and afl."""
+    and afl. Below no force and above 0.95 of the greatest the law goes on as a straight line."""
     k = 0.25 + 0.75 * a
-    if f <= 0.0:
-        slope = k * (1.0 + 1.0 / A_F) / afl
-        return slope * f - k, slope, -slope * f / afl
-    if f <= afl:
-        b = afl + f / A_F
-        return k * (f - afl) / b, k * (1.0 / b - (f - afl) / (b * b * A_F)), k * (-1.0 / b - (f - afl) / (b * b))
-    if f < LINEAR_ABOVE * F_LEN * afl:
-        b = ECCENTRIC * (F_LEN * afl - f)
-        n = f - afl
-        return k * n / b, k * (1.0 / b + n * ECCENTRIC / (b * b)), k * (-1.0 / b - n * ECCENTRIC * F_LEN / (b * b))
-    gap = ECCENTRIC * F_LEN * (1.0 - LINEAR_ABOVE)
-    top = LINEAR_ABOVE * F_LEN
-    slope = k * (1.0 / gap + (top - 1.0) * ECCENTRIC / (gap * gap))
-    return k * (top - 1.0) / gap + slope * (f / afl - top), slope / afl, -slope * f / (afl * afl)
+    top = LINEAR_ABOVE * F_LEN * afl
+    inside = min(max(f, 0.0), top)
+    shortens = inside <= afl
+    beyond = f >= top  # without the differences of near numbers, which would be the noise of the stiffest muscles
+    lengthening = GAP * afl if beyond else ECCENTRIC * (F_LEN * afl - inside)
+    b = afl + inside * (1.0 / A_F) if shortens else lengthening
+    both = 1.0 / (b * afl)  # one division for two reciprocals
+    scale = k * afl * both
+    n = ((LINEAR_ABOVE * F_LEN - 1.0) * afl if beyond else inside - afl) * afl * both
+    slope = scale * (1.0 - n * (1.0 / A_F) if shortens else 1.0 + n * ECCENTRIC)
+    over_afl = -scale * (1.0 + n if shortens else 1.0 + n * (ECCENTRIC * F_LEN))
+    straight = f <= 0.0 or beyond
+    return k * n + slope * (f - inside), slope, -slope * f * b * both if straight else over_afl
+
+
+@vector
+def fibres(l, a, mtu, l_opt, l_slack, height, l_min, rate, pole, coupling, force):
+    """(49,) rates of the fibre lengths l [m] with their derivatives over l and mtu; tendon forces over the maximal."""
+    for k in range(NM):
+        length, lo, slack = l[k], l_opt[k], l_slack[k]
+        projected = math.sqrt(length * length - height[k] * height[k])
+        both = lo * slack
+        every = 1.0 / (projected * both)  # one division for three reciprocals
+        inverse, per_slack, per_lo = every * both, every * projected * lo, every * projected * slack
+        ft, kt = tendon((mtu[k] - slack - projected) * per_slack)
+        kt *= per_slack
+        beyond = (length - lo) * per_lo
+        fp, kp = passive_fibre(1.0 + beyond)
+        active = max(a[k], MIN_ACTIVATION)
+        afl = active * exponential(-2.0 * beyond * beyond)
+        per_cosine = length * inverse
+        v, dv_f, dv_afl = fibre_speed(active, afl, ft * per_cosine - fp)
+        df = -kt * per_cosine * per_cosine - ft * height[k] * height[k] * inverse * inverse * inverse - kp * per_lo
+        top = 0.0 if length <= l_min[k] and v < 0.0 else V_MAX * lo
+        force[k] = ft
+        rate[k] = top * v
+        pole[k] = top * (dv_f * df - dv_afl * afl * 4.0 * beyond * per_lo)
+        coupling[k] = top * dv_f * kt * per_cosine
+
+
+@vector
+def reflexes(l, rate, l_opt, rest_length, length_gain, velocity_gain, scale, reflex):
+    """(49,) excitations by the body's reflexes."""
+    for k in range(NM):
+        stretch = length_gain[k] * max(0.0, l[k] - rest_length[k] * l_opt[k])
+        reflex[k] = scale * (stretch + velocity_gain[k] * max(0.0, rate[k]) * (1.0 / V_MAX)) / l_opt[k]
 
 
 @kernel
 def muscles(m, s, stage, a, l):
     """Rates of the fibre lengths with their derivatives, tendon forces [N], excitation by the body's reflexes."""
-    mtu, rate, pole, coupling = s.mtu[stage], s.l_rate[stage], s.l_pole[stage], s.l_mtu[stage]
-    force, reflex = s.tendon_force[stage], s.reflex[stage]
+    rate, force = s.l_rate[stage], s.tendon_force[stage]
+    fibres(l, a, s.mtu[stage], m.l_opt, m.l_slack, m.height, m.l_min, rate, s.l_pole[stage], s.l_mtu[stage], force)
     for k in range(NM):
-        lo, length = m.l_opt[k], l[k]
-        ratio = m.height[k] / length
-        cosine = math.sqrt(1.0 - ratio * ratio)
-        ft, kt = tendon((mtu[k] - length * cosine) / m.l_slack[k] - 1.0)
-        norm = length / lo
-        fp, kp = passive_fibre(norm)
-        fl = math.exp(-2.0 * (norm - 1.0) ** 2)
+        force[k] *= m.max_force[k] * s.strength[k]
+    reflexes(l, rate, m.l_opt, m.rest_length, m.length_gain, m.velocity_gain, s.reflex_scale, s.reflex[stage])
+
+
+@vector
+def activation_rates(drive, a, floor, rate, pole):
+    """(49,) rates of the activations a for the excitations `drive`, clamped to `floor` ... 1, and minus their
+    derivatives over a."""
+    for k in range(NM):
+        excitation = min(max(drive[k], floor), 1.0)
         active = max(a[k], MIN_ACTIVATION)
-        afl = active * fl
-        v, dv_f, dv_afl = fibre_speed(active, afl, ft / cosine - fp)
-        kt /= m.l_slack[k]
-        df = -kt / (cosine * cosine) - ft * ratio * ratio / (length * cosine * cosine * cosine) - kp / lo
-        top = V_MAX * lo
-        force[k] = ft * m.max_force[k] * s.strength[k]
-        if length <= m.l_min[k] and v < 0.0:
-            rate[k], pole[k], coupling[k] = 0.0, 0.0, 0.0
-        else:
-            rate[k] = top * v
-            pole[k] = top * (dv_f * df - dv_afl * afl * 4.0 * (norm - 1.0) / lo)
-            coupling[k] = top * dv_f * kt / cosine
-        reflex[k] = (
-            s.reflex_scale
-            * (
-                m.length_gain[k] * max(0.0, length - m.rest_length[k] * lo)
-                + m.velocity_gain[k] * max(0.0, rate[k]) / V_MAX
-            )
-            / lo
-        )
+        fast = 0.5 + 1.5 * active
+        speed = 1.0 / (TAU_RISE * fast) if excitation > active else fast * (1.0 / TAU_FALL)
+        rate[k] = (excitation - active) * speed
+        pole[k] = speed if a[k] >= MIN_ACTIVATION else 0.0
 
 
 @kernel
@@ -596,15 +770,10 @@ def activations(m, s, stage, a):
     drains below that, which delays the next rise; with a floor of 0.01 (OpenSim 3.3, the published records) it
     cannot."""
     for k in range(NM):
-        excitation = s.reflex[stage, k]
-        if m.ankle_index[k] >= 0:
-            excitation += s.excitation[m.ankle_index[k]]
-        excitation = min(max(excitation, s.excitation_floor), 1.0)
-        active = max(a[k], MIN_ACTIVATION)
-        fast = 0.5 + 1.5 * active
-        tau = TAU_RISE * fast if excitation > active else TAU_FALL / fast
-        s.a_rate[stage, k] = (excitation - active) / tau
-        s.a_pole[stage, k] = 1.0 / tau if a[k] >= MIN_ACTIVATION else 0.0
+        s.drive[k] = s.reflex[stage, k]
+    for k in range(N_ANKLE):
+        s.drive[m.ankle_muscle[k]] += s.excitation[k]
+    activation_rates(s.drive, a, s.excitation_floor, s.a_rate[stage], s.a_pole[stage])
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -612,47 +781,48 @@ def activations(m, s, stage, a):
 
 
 def _facet_sums(with_damping):
-    @kernel
+    @rounded
     def facet_sums(xs, ys, elastics, n, twist, dissipation, friction, viscous, transition, total):
         """Elastic foundation: sums over n facets at (x, y) of the plane with elastic force k A depth. Each gives f_n =
         k A depth max(0, 1 - c v_n) against slip f_n (mu / max(v_t, v_s) + mu_v) v_t, with velocity and point of
         application on the plane. `total` (16,): force (t1, t2, n), moments, then with damping the moments up to second
         order of k A depth c and of the tangential damping."""
         w1, w2, wn, v1, v2, vn = twist[0], twist[1], twist[2], twist[3], twist[4], twist[5]
-        floor = transition * transition
+        floor, one = transition * transition, f4(1.0)
         f0 = f1 = f2 = mx = my = mz = d0 = d1 = d2 = d3 = d4 = d5 = t0 = t1 = t2 = t3 = 0.0
         for i in range(n):
             x, y, elastic = xs[i], ys[i], elastics[i]
+            gain = 1.0 - dissipation * (vn + w1 * y - w2 * x)
+            pressing = elastic if gain > 0.0 else 0.0
+            force = pressing * gain
             a1 = v1 - wn * y
             a2 = v2 + wn * x
-            gain = max(0.0, 1.0 - dissipation * (vn + w1 * y - w2 * x))
-            fn = elastic * gain
             square = max(floor, a1 * a1 + a2 * a2)
             # 1/sqrt in single precision and one Newton step: 1e-14, at half the cost
-            inverse = np.float64(np.float32(1.0) / np.sqrt(np.float32(square)))
+            inverse = f8(one / np.sqrt(f4(square)))
             inverse *= 1.5 - 0.5 * square * inverse * inverse
-            g = fn * (friction * inverse + viscous)
+            g = force * (friction * inverse + viscous)
             f0 -= g * a1
             f1 -= g * a2
-            f2 += fn
-            mx += fn * y
-            my -= fn * x
+            f2 += force
+            mx += force * y
+            my -= force * x
             mz += g * (y * a1 - x * a2)
             if with_damping:
-                d = elastic * dissipation if gain > 0.0 else 0.0
-                dx, dy, gx, gy = d * x, d * y, g * x, g * y
-                d0 += d
-                d1 += dx
-                d2 += dy
-                d3 += dx * x
-                d4 += dx * y
-                d5 += dy * y
+                px, py, gx, gy = pressing * x, pressing * y, g * x, g * y
+                d0 += pressing
+                d1 += px
+                d2 += py
+                d3 += px * x
+                d4 += px * y
+                d5 += py * y
                 t0 += g
                 t1 += gx
                 t2 += gy
                 t3 += gx * x + gy * y
         total[0], total[1], total[2], total[3], total[4], total[5] = f0, f1, f2, mx, my, mz
-        total[6], total[7], total[8], total[9], total[10], total[11] = d0, d1, d2, d3, d4, d5
+        total[6], total[7], total[8] = dissipation * d0, dissipation * d1, dissipation * d2
+        total[9], total[10], total[11] = dissipation * d3, dissipation * d4, dissipation * d5
         total[12], total[13], total[14], total[15] = t0, t1, t2, t3
 
     return facet_sums
@@ -661,17 +831,17 @@ def _facet_sums(with_damping):
 facet_forces, facet_forces_and_damping = _facet_sums(False), _facet_sums(True)
 
 
-@kernel
-def place_facets(m, s, facets, blocks, place, origin):
-    """Plane coordinates and elastic force k A depth of the facets in blocks that may touch, packed into the work space;
-    how many."""
+@vector
+def place_facets(facets, blocks, place, origin, modulus, low, x, y, elastic):
+    """Plane coordinates and elastic force k A depth of the facets in blocks that may touch, packed into `x`, `y` and
+    `elastic`; how many. `low` is work space: the height of each block's lowest corner."""
     p00, p01, p02 = place[0, 0], place[0, 1], place[0, 2]
     p10, p11, p12 = place[1, 0], place[1, 1], place[1, 2]
     n0, n1, n2 = place[2, 0], place[2, 1], place[2, 2]
-    o0, o1, o2, modulus = origin[0], origin[1], origin[2], s.modulus
+    o0, o1, o2 = origin[0], origin[1], origin[2]
     a0, a1, a2 = abs(n0), abs(n1), abs(n2)
     for k in range(blocks.shape[1]):
-        s.block_low[k] = (
+        low[k] = (
             o2
             + n0 * blocks[0, k]
             + n1 * blocks[1, k]
@@ -680,10 +850,9 @@ def place_facets(m, s, facets, blocks, place, origin):
             - a1 * blocks[4, k]
             - a2 * blocks[5, k]
         )
-    x, y, elastic = s.facet_x, s.facet_y, s.facet_force
     n = 0
     for k in range(blocks.shape[1]):
-        if s.block_low[k] < 0.0:
+        if low[k] < 0.0:
             here, there = np.uintp(k), np.uintp(n)
             for j in range(BLOCK):
                 i = np.uintp(j)
@@ -691,7 +860,7 @@ def place_facets(m, s, facets, blocks, place, origin):
                 depth = -(o2 + n0 * rx + n1 * ry + n2 * rz)
                 x[there + i] = o0 + p00 * rx + p01 * ry + p02 * rz
                 y[there + i] = o1 + p10 * rx + p11 * ry + p12 * rz
-                elastic[there + i] = modulus * facets[here, 3, i] * (depth if depth > 0.0 else 0.0)
+                elastic[there + i] = modulus * facets[here, 3, i] * max(depth, 0.0)
             n += BLOCK
     return n
 
@@ -730,7 +899,7 @@ def contact(m, s, facets, blocks, stage):
     for c in range(6):
         s.contact[c] = 0.0
     s.touching = 0
-    n = place_facets(m, s, facets, blocks, place, origin)
+    n = place_facets(facets, blocks, place, origin, s.modulus, s.block_low, s.facet_x, s.facet_y, s.facet_force)
     if s.edged == 1:
         let_off(s, n)
     force = (
@@ -749,7 +918,7 @@ def contact(m, s, facets, blocks, stage):
         facet_forces_and_damping(*force)
     else:
         facet_forces(*force)
-    if total[2] <= 0.0:
+    if total[2] <= LEAST_FORCE:
         return
     s.touching = 1
     wrench = s.wrench[CALCN]
@@ -846,9 +1015,10 @@ def euler_axes(xmat, parent, child, axis, dual):
     r12 = p[1] * c[2] + p[4] * c[5] + p[7] * c[8]
     r22 = p[2] * c[2] + p[5] * c[5] + p[8] * c[8]
     x = math.atan2(-r12, r22)
+    size = 1.0 / math.sqrt(r12 * r12 + r22 * r22)
     y = math.asin(min(max(r02, -1.0), 1.0))
     z = math.atan2(-r01, r00)
-    cx, sx = math.cos(x), math.sin(x)
+    cx, sx = size * r22, -size * r12
     for i in range(3):
         axis[0, i] = p[3 * i]
         axis[1, i] = cx * p[3 * i + 1] + sx * p[3 * i + 2]
@@ -1006,15 +1176,7 @@ def evaluate(m, s, facets, blocks, stage, q, u, a, l):
     skeleton(m, s, stage, q, u)
     paths(m, s, s.mtu[stage], s.mtu_rate[stage])
     muscles(m, s, stage, a, l)
-    wrench, line = s.wrench, s.line
-    for k in range(NM):
-        f = s.tendon_force[stage, k]
-        for n in range(s.path_first[k], s.path_first[k + 1]):
-            i, j = s.from_body[n], s.to_body[n]
-            for c in range(6):
-                w = f * line[n, c]
-                wrench[i, c] += w
-                wrench[j, c] -= w
+    pull_bodies(s, s.tendon_force[stage])
     passive_joints(m, s, q, u)
     contact(m, s, facets, blocks, stage)
     if stage == 0:
@@ -1025,56 +1187,61 @@ def evaluate(m, s, facets, blocks, stage, q, u, a, l):
     force[KNEE] += limit_force(m.limit[1], q[KNEE], u[KNEE])
 
 
-@kernel
-def solve(s, stage, h, right, out):
-    """out = (M + GAMMA h D)^-1 right by Cholesky, with the brace's damping in D."""
-    mass, damp, ankle, low = s.mass[stage], s.damp, s.ankle_damp[0], s.factor
-    gh = GAMMA * h
+@vector
+def factorise(mass, damp, ankle_damp, gh, rows, columns, pivot, inverse):
+    """M + gh D = L' E L with L lower triangular, one on its diagonal: L without that in `rows` and once more, transposed,
+    in `columns` (15, 16); 1 / E in `inverse` (15,). From the last coordinate to the first, so that the lumbar branch and
+    the leg never meet. Rows are padded to whole vectors."""
     for i in range(NQ):
-        for j in range(i + 1):
-            low[i, j] = mass[i, j] + gh * damp[i, j]
-    low[10, 10] += gh * ankle[0, 0]
-    low[11, 10] += gh * ankle[1, 0]
-    low[11, 11] += gh * ankle[1, 1]
-    # from the last coordinate to the first, so that the lumbar branch and the leg never meet
+        for j in range(NQ):
+            rows[i, j] = mass[i, j] + gh * damp[i, j]
+    for i in range(2):
+        for j in range(2):
+            rows[TALOCRURAL + i, TALOCRURAL + j] += gh * ankle_damp[i, j]
     for k in range(NQ - 1, -1, -1):
-        root = math.sqrt(low[k, k])
-        low[k, k] = root
-        scale = 1.0 / root
-        first = LUMBAR if k >= LUMBAR else 0
-        for j in range(6 if k >= LUMBAR else 0):
-            low[k, j] *= scale
-        for j in range(first, k):
-            low[k, j] *= scale
-        for i in range(6 if k >= LUMBAR else 0):
-            f = low[k, i]
-            for j in range(i + 1):
-                low[i, j] -= f * low[k, j]
-        for i in range(first, k):
-            f = low[k, i]
-            if first > 0:
-                for j in range(6):
-                    low[i, j] -= f * low[k, j]
-            for j in range(first, i + 1):
-                low[i, j] -= f * low[k, j]
-    back_substitute(low, right, out)
+        scale = 1.0 / rows[k, k]
+        inverse[k] = scale
+        for j in range(WIDTH):
+            pivot[j] = rows[k, j]
+            rows[k, j] = 0.0
+        for i in range(6 if k >= LUMBAR else k):
+            f = scale * pivot[i]
+            for j in range(WIDTH):
+                rows[i, j] -= f * pivot[j]
+            rows[k, i] = columns[i, k] = f
+        for i in range(LUMBAR, k):
+            f = scale * pivot[i]
+            for j in range(WIDTH):
+                rows[i, j] -= f * pivot[j]
+            rows[k, i] = columns[i, k] = f
+
+
+@vector
+def forward(rows, right):
+    """L'^-1 of `right` (16,), in its place."""
+    for k in range(NQ - 1, 0, -1):
+        value = right[k]
+        for j in range(WIDTH):
+            right[j] -= value * rows[k, j]
+
+
+@vector
+def backward(columns, inverse, right, out):
+    """(E L)^-1 of `right` (16,), which is overwritten."""
+    for k in range(NQ):
+        right[k] *= inverse[k]
+    for k in range(NQ):
+        value = right[k]
+        out[k] = value
+        for j in range(WIDTH):
+            right[j] -= value * columns[k, j]
 
 
 @kernel
-def back_substitute(low, right, out):
-    """M = L'L with L lower triangular: first L' y = right, from the last row; then L x = y."""
-    for k in range(NQ - 1, -1, -1):
-        value = right[k]
-        for j in range(k + 1, NQ):
-            if k < 6 or j < LUMBAR or k >= LUMBAR:
-                value -= low[j, k] * out[j]
-        out[k] = value / low[k, k]
-    for k in range(NQ):
-        value = out[k]
-        for j in range(k):
-            if k < LUMBAR or j < 6 or j >= LUMBAR:
-                value -= low[k, j] * out[j]
-        out[k] = value / low[k, k]
+def solve(s, right, out):
+    """out (15,) = (M + gh D)^-1 right for the matrix factorised last; overwrites `right` (16,)."""
+    forward(s.rows, right)
+    backward(s.columns, s.inverse, right, out)
 
 
 @kernel
@@ -1100,9 +1267,10 @@ def step(m, s, facets, blocks, h):
     right = s.right
     for k in range(NQ):
         right[k] = s.force[0, k]
-    right[10] += s.ankle_force[0, 0]
-    right[11] += s.ankle_force[0, 1]
-    solve(s, 0, h, right, s.k1u)
+    right[TALOCRURAL] += s.ankle_force[0, 0]
+    right[SUBTALAR] += s.ankle_force[0, 1]
+    factorise(s.mass[0], s.damp, s.ankle_damp[0], gh, s.rows, s.columns, s.pivot, s.inverse)
+    solve(s, right, s.k1u)
     for k in range(NQ):
         s.k1q[k] = u[k] + gh * s.k1u[k]
         s.yq[k] = q[k] + h * s.k1q[k]
@@ -1120,9 +1288,10 @@ def step(m, s, facets, blocks, h):
         for j in range(NQ):
             value -= 2.0 * s.mass[1, i, j] * s.k1u[j]
         right[i] = value
-    right[10] += s.ankle_force[1, 0]
-    right[11] += s.ankle_force[1, 1]
-    solve(s, 1, h, right, s.k2u)
+    right[TALOCRURAL] += s.ankle_force[1, 0]
+    right[SUBTALAR] += s.ankle_force[1, 1]
+    factorise(s.mass[1], s.damp, s.ankle_damp[0], gh, s.rows, s.columns, s.pivot, s.inverse)
+    solve(s, right, s.k2u)
     for k in range(NQ):
         s.k2q[k] = s.yu[k] - 2.0 * s.k1q[k] + gh * s.k2u[k]
         s.yq[k] = q[k] + h * (1.5 * s.k1q[k] + 0.5 * s.k2q[k])
@@ -1264,6 +1433,10 @@ def fibre_equilibrium(m, k, mtu, mtu_rate, a, as_published):
                 break
             factor *= 0.5
         length = max(low, length + factor * change)
+    along = mtu - slack * (1.0 + 1e-11)
+    loose = math.sqrt(along * along + height * height) if along > 0.0 else low
+    if ft < EQUILIBRIUM and abs(length - loose) < EQUILIBRIUM * slack:
+        length = max(low, loose)  # just beyond the slack length, where stiffness jumps, however the iteration came near
     if as_published and k == m.tibialis_anterior:
         share = length / lo
         if share - 0.03 * (mtu_rate + 0.54) < 0.9955:
@@ -1437,16 +1610,18 @@ def observe(m, s, facets, blocks, out):
         out[n + k] = s.mtu_rate[0, j] / (V_MAX * m.l_opt[j])
     n += N_ANKLE
     # inverse of the mass matrix over (talocrural, subtalar)
-    unit, column = s.unit, s.column
-    for k in range(NQ):
-        unit[k] = 0.0
-    unit[TALOCRURAL] = 1.0
-    solve(s, 0, 0.0, unit, column)
-    tt = column[TALOCRURAL]
-    unit[TALOCRURAL] = 0.0
-    unit[SUBTALAR] = 1.0
-    back_substitute(s.factor, unit, column)
-    ts, ss = column[TALOCRURAL], column[SUBTALAR]
+    talo, sub = s.right, s.unit
+    for k in range(WIDTH):
+        talo[k] = sub[k] = 0.0
+    talo[TALOCRURAL] = sub[SUBTALAR] = 1.0
+    factorise(s.mass[0], s.damp, s.ankle_damp[0], 0.0, s.rows, s.columns, s.pivot, s.inverse)
+    forward(s.rows, talo)
+    forward(s.rows, sub)
+    tt = ts = ss = 0.0
+    for k in range(SUBTALAR + 1):
+        tt += s.inverse[k] * talo[k] * talo[k]
+        ts += s.inverse[k] * talo[k] * sub[k]
+        ss += s.inverse[k] * sub[k] * sub[k]
     for k in range(N_AXES):
         rt, rs = s.talo_rate[k], s.sub_rate[k]
         out[n + k] = 1.0 / (rt * rt * tt + 2.0 * rt * rs * ts + rs * rs * ss)

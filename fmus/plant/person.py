@@ -119,7 +119,6 @@ def restore(base, sole, model, facets, blocks, person):
     copy(base.velocity_gain, model.velocity_gain)
     copy(base.rest_length, model.rest_length)
     copy(base.ankle_muscle, model.ankle_muscle)
-    copy(base.ankle_index, model.ankle_index)
     copy(base.point_muscle, model.point_muscle)
     copy(base.point_body, model.point_body)
     copy(base.point, model.point)

@@ -8,7 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numba import njit
 
+from fmus.plant import kernels
 from fmus.plant.plant import Landing
 from tools.direct import COLUMN, plant
 
@@ -72,6 +74,32 @@ def test_half_a_second_over_drops_and_inclines() -> None:
     for incline, drop in ((-15, 0.0), (45, 0.0), (45, 0.8), (15, 0.8), (0, 0.3)):
         case = Landing(platform_incline=math.radians(incline), drop_height=drop)
         assert abs(peak(case, 0.5) - peak(replace(case, tolerance=case.tolerance / 100), 0.5)) <= 0.1, (incline, drop)
+
+
+@njit
+def exponentials(x, out):
+    for k in range(len(x)):
+        out[k] = kernels.exponential(x[k])
+
+
+def test_exponential_of_the_muscles() -> None:
+    """9e-15 relative, and no number made of what is none."""
+    x = np.concatenate([np.linspace(-700, 700, 20001), np.linspace(-5, 5, 20001), [-1e9, 1e9, math.nan]])
+    out = np.empty_like(x)
+    exponentials(x, out)
+    np.testing.assert_allclose(out[:-3], np.exp(x[:-3]), rtol=9e-15)
+    assert 0 < out[-3] < 1e-300 and out[-2] > 1e300 and math.isnan(out[-1])
+    assert kernels.exponential.py_func(np.float64(1.0)) == pytest.approx(math.e, rel=9e-15)
+
+
+def test_cosines_and_sines_of_the_joints() -> None:
+    """3e-16, far beyond any joint's range too, and no number made of what is none."""
+    x = np.concatenate([np.linspace(-10, 10, 160), np.linspace(-1e4, 1e4, 159), [math.nan]]).reshape(-1, kernels.WIDTH)
+    for row in x:
+        cosine, sine = np.empty_like(row), np.empty_like(row)
+        kernels.cosines_and_sines(row, cosine, sine)
+        np.testing.assert_allclose(cosine, np.cos(row), rtol=0, atol=3e-16)
+        np.testing.assert_allclose(sine, np.sin(row), rtol=0, atol=3e-16)
 
 
 def test_order_two() -> None:

@@ -366,14 +366,15 @@ def _with_plain_texts(ir: str) -> str:
     return re.sub(r"(\{ ptr (@\.const\.pickledata[\w.]+), i32 )\d+", lambda m: f"{m[1]}{sizes[m[2]]}", ir)
 
 
-def _ahead_of_time(libraries: list[Any]) -> Any:
+def _ahead_of_time(libraries: list[Any], apart: bool) -> Any:
     """numba's compiler without the machine code for this process, which nobody would call; every function's code goes
-    into `libraries`, for one link at the end instead of one at every caller."""
+    into `libraries`, for one link at the end instead of one at every caller. `apart`: no two arguments share memory."""
     from numba.core.compiler import Compiler
 
     class AheadOfTime(Compiler):
         def __init__(self, typing_context, target_context, library, args, return_type, flags, variables):  # type: ignore[no-untyped-def]
             flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
+            flags.noalias = apart
             super().__init__(  # type: ignore[no-untyped-call]
                 typing_context, target_context, library, args, return_type, flags, variables
             )
@@ -394,7 +395,7 @@ class Compilable:
     def __init__(self, device: Device) -> None:
         self._own = {m.__name__ for m in device.modules}
         self._libraries: list[Any] = []
-        self._compiler = _ahead_of_time(self._libraries)
+        self._compilers = {apart: _ahead_of_time(self._libraries, apart) for apart in (False, True)}
         self._made: dict[Any, Any] = {}
 
     def modules(self) -> list[str]:
@@ -425,7 +426,8 @@ class Compilable:
         from numba import njit
 
         if function not in self._made:
-            self._made[function] = njit(pipeline_class=self._compiler, **options)(function)
+            compiler = self._compilers[getattr(function, "apart", False)]
+            self._made[function] = njit(pipeline_class=compiler, **options)(function)
         return self._made[function]
 
 
@@ -458,7 +460,7 @@ def emit(device: Device, ir: str, triple: str, level: str) -> bytes:
 
     def passes(vectorise: bool) -> Any:
         tuning = llvm.create_pipeline_tuning_options(speed_level=3)
-        tuning.loop_vectorization, tuning.slp_vectorization = vectorise, False
+        tuning.loop_vectorization, tuning.slp_vectorization = vectorise, vectorise
         return llvm.create_pass_builder(machine, tuning)
 
     clean = llvm.create_new_module_pass_manager()
