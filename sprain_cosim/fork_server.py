@@ -343,8 +343,12 @@ def _ended(process: int) -> dict[str, Any]:
 
 def _start(request: Mapping[str, Any], descriptors: list[int]) -> dict[str, Any]:
     life = _life_of(request["module"])
+    leads, begins = os.pipe()  # the child closes it when it leads a group of its own, by which it can be ended
     process = os.fork()
     if process:
+        os.close(begins)
+        os.read(leads, 1)
+        os.close(leads)
         return {"process": process}
     _begin_as_child(life, request, descriptors)
 

@@ -36,8 +36,13 @@ class Posix:
 
     def group(self, process: subprocess.Popen[bytes], memory: int = 0) -> Callable[[], None]:
         def end() -> None:
-            with contextlib.suppress(ProcessLookupError, PermissionError):
+            try:
                 os.killpg(process.pid, signal.SIGKILL)
+            except ProcessLookupError:  # it leads no group: not yet, or not any more
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(process.pid, signal.SIGKILL)
+            except PermissionError:
+                pass
             process.wait()
 
         return end

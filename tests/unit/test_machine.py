@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ast
+import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -121,3 +123,16 @@ def test_a_name_that_the_system_does_not_have_is_refused(tmp_path: Path, monkeyp
         with pytest.raises(InputError, match="aux: is the name of a device"):
             refused()
     assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="process groups of POSIX")
+def test_a_process_that_leads_no_group_is_ended() -> None:
+    """A child that is ended before it has a group of its own must not be waited for in vain."""
+    process = subprocess.Popen(["sleep", "600"])
+    end = here.SYSTEM.group(process)
+    ending = threading.Thread(target=end, daemon=True)
+    ending.start()
+    ending.join(30.0)
+    code = process.poll()
+    process.kill()
+    assert code == -signal.SIGKILL
