@@ -76,7 +76,7 @@ class _Flattening:
         self.components: dict[tuple[str, ...], Component] = {}
         for path, part in self.fmus.items():
             try:
-                self.components[path] = Component.read(self.names[path], package.kept(part.source))
+                self.components[path] = _asked_for(part, Component.read(self.names[path], package.kept(part.source)))
             except InputError as problem:
                 self.problems.append(f"component {'.'.join(path)}: {problem}")
         problems_to_error(str(package.path), self.problems)  # nothing below makes sense without them
@@ -133,6 +133,10 @@ class _Flattening:
                 place, connector = f"connector {'.'.join(path)}.{port.name}", connectors.get(port.name)
                 if connector is None:
                     self.problems.append(f"{place}: {self.components[path].fmu.name} has no such variable")
+                elif port.kind not in ("", connector.causality):
+                    self.problems.append(
+                        f"{place}: is of kind {port.kind} in the document and {connector.causality} in the FMU"
+                    )
                 elif connector.kind != "real" or port.unit is None:
                     continue
                 elif connector.unit is None:
@@ -303,6 +307,18 @@ class _Flattening:
                 )
             found += [target] if target[0] in self.components else self._fed_by(target)
         return found
+
+
+def _asked_for(part: Part, component: Component) -> Component:
+    """The component. Raises InputError where the document asks for another interface of the FMU than the one that is
+    driven here."""
+    driven = "ModelExchange" if component.capabilities.model_exchange else "CoSimulation"
+    if part.implementation not in ("any", driven):
+        raise InputError(
+            f"implementation {part.implementation} is asked for, and the FMU runs here by "
+            f"{component.capabilities.interface}"
+        )
+    return component
 
 
 def _walk(part: Part, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Part]]:

@@ -67,7 +67,7 @@ class Part:
     ports     {name: connector} that the document states
     values    what it assigns, the last of a name counts
     source    the file in the package; "" for a system
-    model_exchange  whether that interface of the FMU is asked for
+    implementation  of the FMU that is asked for: any, CoSimulation or ModelExchange
     device    what our own annotation says of an FMU
     parts, wires  of a system
     """
@@ -76,7 +76,7 @@ class Part:
     ports: Mapping[str, Port] = field(default_factory=dict)
     values: Sequence[Assigned] = ()
     source: str = ""
-    model_exchange: bool = False
+    implementation: str = "any"
     device: Mapping[str, str] = field(default_factory=dict)
     parts: Sequence[Part] = ()
     wires: Sequence[Wire] = ()
@@ -176,9 +176,8 @@ class _Reader:
         implementation = element.get("implementation", "any")
         if implementation == "ScheduledExecution":
             self.problems.append(f"component {name}: scheduled execution of FMI 3 is not supported")
-        exchange = implementation == "ModelExchange"
         device = own_annotation(element, "Device")
-        return Part(name, ports, self.values(element, name, file), file, exchange, device)
+        return Part(name, ports, self.values(element, name, file), file, implementation, device)
 
     def ports(self, element: Any) -> list[Port]:
         found = []

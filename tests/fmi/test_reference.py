@@ -168,8 +168,11 @@ def test_what_cannot_be_compared_is_a_warning(changed: dict[str, str], words: st
     assert words in report.warnings[0]
 
 
-def test_check_says_it(plain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_says_it(
+    plain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Also where the names do not match, and in the JSON."""
+    monkeypatch.chdir(tmp_path)  # where the proposed mapping goes
     fmu = carrying(plain, tmp_path / "d.fmu", out=outcome(factor=-1.0))
     assert _run(["check", str(fmu), "--json"], []) == 1
     found = json.loads(capsys.readouterr().out)

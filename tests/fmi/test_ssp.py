@@ -471,6 +471,14 @@ MALFORMED = {  # what is changed in DEVICE: the words of the message
     ('source="resources/brace.fmu"', ""): "source",
     ('source="resources/brace.fmu"', 'source="resources/brace.fmu" type="application/x-ssp-package"'): "only FMUs",
     ('source="resources/brace.fmu"', 'source="resources/brace.fmu" implementation="Both"'): "implementation",
+    (
+        'source="resources/brace.fmu"',
+        'source="resources/brace.fmu" implementation="ModelExchange"',
+    ): "implementation ModelExchange is asked for",
+    (
+        real("subtalar_angle", "input", "rad"),
+        real("subtalar_angle", "output", "rad"),
+    ): "output in the document and input",
     ('endConnector="subtalar_torque"', 'endConnector="torque"'): "no connector torque",
     ('startElement="brace"', 'startElement="brase"'): "there is no element brase",
     ('kind="output"', 'kind="inout"'): "inout is not supported",
