@@ -26,7 +26,7 @@ ROOT = Path(__file__).parent.parent.parent
 TRIALS = 60
 LANDING = "20 ms"  # short, for many of them
 DRIVER = f"""if True:
-    import sys
+    import json, os, signal, sys
     from dataclasses import replace
     import sprain_cosim.study.file as module
     from sprain_cosim import cli
@@ -35,6 +35,14 @@ DRIVER = f"""if True:
         study = load(name)
         return replace(study, scenario=study.scenario.with_master(stop="{LANDING}"))
     module.load_study = shorter
+    from sprain_cosim.study.ledger import Ledger
+    commit, held = Ledger.commit, int(os.environ.get("SPRAIN_TEST_HELD_AT", "0"))
+    def commit_and_stay(ledger):
+        commit(ledger)
+        if held and ledger.count() >= held:
+            print(json.dumps({{"finished": ledger.count()}}), file=sys.stderr, flush=True)
+            signal.pause()
+    Ledger.commit = commit_and_stay
     cli.main(sys.argv[1:])
 """
 
@@ -42,7 +50,9 @@ DRIVER = f"""if True:
 def start(
     out: Path, *options: str, trials: int = TRIALS, mark: str = "", limit: int | None = None, **environment: str
 ) -> subprocess.Popen[str]:
-    """`sprain-cosim study study6` with short landings; `limit` [B] the size that its files may have."""
+    """`sprain-cosim study study6` with short landings; `limit` [B] the size that its files may have.
+    SPRAIN_TEST_HELD_AT: the driver stays still once so many trials are in the ledger, so that a fast machine does not
+    finish before it is killed."""
     command = ["study", "study6", "--trials", str(trials), "--trajectories", "none", "--out", str(out), *options]
     return subprocess.Popen(
         [sys.executable, "-c", DRIVER, *command],
@@ -169,15 +179,16 @@ def test_killed_at_random_moments(whole: bytes, tmp_path: Path) -> None:
 def test_killed_here_and_finished_on_dask(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     out, mark = tmp_path / "out", uuid.uuid4().hex
-    process = start(out, "--workers", "1", "--progress", "json", trials=1500, mark=mark)
+    trials = 300
+    process = start(out, "--workers", "1", "--progress", "none", trials=trials, mark=mark, SPRAIN_TEST_HELD_AT="5")
     until_some_are_finished(process, 5)
     process.kill()
     process.communicate()
     with Ledger.read(out) as ledger:
         kept = {row.trial: row.outcome.wall for row in ledger.rows()}
-    assert 5 <= len(kept) < 1500
-    table = finish(out, "--resume", "--scheduler", "local-cluster", "--workers", "2", trials=1500)
-    assert table == finish(tmp_path / "whole", "--workers", "2", trials=1500)
+    assert 5 <= len(kept) < trials
+    table = finish(out, "--resume", "--scheduler", "local-cluster", "--workers", "2", trials=trials)
+    assert table == finish(tmp_path / "whole", "--workers", "2", trials=trials)
     with Ledger.read(out) as ledger:
         assert {row.trial: row.outcome.wall for row in ledger.rows() if row.trial in kept} == kept
 
