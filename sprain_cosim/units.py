@@ -30,6 +30,10 @@ class Unit:
     def dimensionless(self) -> bool:
         return not any(self.exponents)
 
+    def equivalent(self, other: Unit) -> bool:
+        """Whether it is the same under another name."""
+        return (self.exponents, self.factor, self.offset) == (other.exponents, other.factor, other.offset)
+
     def same_dimension(self, other: Unit) -> bool:
         return self.exponents == other.exponents
 

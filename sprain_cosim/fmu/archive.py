@@ -21,6 +21,9 @@ MAX_RATIO = 200
 MAX_DESCRIPTION = 64 * 2**20
 SETTLED = 2_000_000_000  # ns after its last change from which a file's times tell whether it changed again
 RESOURCES = "resources"  # where names may end in a dot
+DESCRIPTION = "modelDescription.xml"  # at the top of an FMU
+STRUCTURE = "SystemStructure.ssd"  # at the top of an SSP package
+FMU = "an FMU"
 MAX_NAME = 255  # B of UTF-8, one part of a path
 MAX_PATH = 1000
 ENCODINGS = (
@@ -55,8 +58,8 @@ def read(path: Path) -> Archive:
     return _remembered(path, marks)
 
 
-def _status(path: Path) -> os.stat_result:
-    """Of a file that is one, and not too large. Raises InputError."""
+def _status(path: Path, kind: str = FMU) -> os.stat_result:
+    """Of a file that is one, and not too large; `kind`: what it should be. Raises InputError."""
     try:
         status = path.stat()
     except FileNotFoundError:
@@ -64,7 +67,7 @@ def _status(path: Path) -> os.stat_result:
     except (OSError, ValueError) as problem:
         raise InputError(f"{path}: cannot be read: {getattr(problem, 'strerror', None) or problem}") from None
     if not stat.S_ISREG(status.st_mode):
-        raise InputError(f"{path}: {'is a folder, not an FMU file' if path.is_dir() else 'no such file'}")
+        raise InputError(f"{path}: {f'is a folder, not {kind}' if path.is_dir() else 'no such file'}")
     if status.st_size > MAX_SIZE:
         raise InputError(f"{path}: {status.st_size / 2**20:.0f} MB; at most {MAX_SIZE // 2**20} MB are accepted")
     return status
@@ -86,15 +89,15 @@ def _read(path: Path) -> Archive:
             with zipfile.ZipFile(file) as archive:
                 entries = archive.infolist()
                 _check(path, entries)
-                if "modelDescription.xml" not in archive.namelist():
-                    raise InputError(f"{path}: no modelDescription.xml at the top of the archive, so it is not an FMU")
-                size = archive.getinfo("modelDescription.xml").file_size
+                if DESCRIPTION not in archive.namelist():
+                    raise InputError(_no_fmu(path, archive.namelist()))
+                size = archive.getinfo(DESCRIPTION).file_size
                 if size > MAX_DESCRIPTION:
                     raise InputError(
                         f"{path}: modelDescription.xml has {size / 2**20:.0f} MB; at most "
                         f"{MAX_DESCRIPTION // 2**20} MB are accepted"
                     )
-                description = archive.read("modelDescription.xml")
+                description = archive.read(DESCRIPTION)
         except InputError:
             raise
         except MemoryError:
@@ -106,6 +109,13 @@ def _read(path: Path) -> Archive:
     dots = [name for name in names if any(part.endswith(".") for part in name.split("/"))]
     quirks = (f"{dots[0]!r} ends in a dot, which Windows does not keep",) if dots else ()
     return Archive(path, sha256, _described(path, description), names, quirks)
+
+
+def _no_fmu(path: Path, names: list[str]) -> str:
+    if STRUCTURE in names:
+        rename = "" if path.suffix.lower() == ".ssp" else ", under a name that ends in .ssp"
+        return f"{path}: is an SSP package, not {FMU}; `sprain-cosim ssp check` takes it{rename}"
+    return f"{path}: no {DESCRIPTION} at the top of the archive, so it is not {FMU}"
 
 
 def _described(path: Path, description: bytes) -> bytes:
@@ -178,9 +188,11 @@ def _key(name: str) -> str:
     return unicodedata.normalize("NFC", name).casefold()
 
 
-def contents(path: Path) -> tuple[str, tuple[str, ...]]:
-    """SHA-256 and names of the files of any zip archive, checked without unpacking it. Raises InputError."""
-    size = _status(path).st_size
+def contents(path: Path, kind: str = FMU) -> tuple[str, tuple[str, ...]]:
+    """SHA-256 and names of the files of any zip archive, checked without unpacking it; `kind`: what it should be, for
+    messages. Raises InputError."""
+    if not _status(path, kind).st_size:
+        raise InputError(f"{path}: is empty")
     try:
         with path.open("rb") as file:
             sha256 = hashlib.file_digest(file, "sha256").hexdigest()
@@ -190,7 +202,7 @@ def contents(path: Path) -> tuple[str, tuple[str, ...]]:
     except (InputError, MemoryError):
         raise
     except Exception as problem:  # zipfile raises many kinds for damaged files
-        raise InputError(f"{path}: not a readable zip archive ({one_line(problem)}, {size} B)") from None
+        raise InputError(f"{path}: no readable zip archive ({one_line(problem)}), which {kind} is") from None
     return sha256, tuple(entry.filename for entry in entries if not entry.is_dir())
 
 

@@ -13,8 +13,9 @@ from ..cosim.master import Master
 from ..errors import InputError, nearest, problems_to_error
 from ..files import read_toml
 from ..shipped import fmu_path, is_file, scenario_folder, shipped_scenarios, shipped_studies
+from ..ssp.flat import Flat, flattened
 from ..subject.words import SUBJECT, subject_of
-from .package import SUFFIX, is_package, package_content
+from .package import SUFFIXES, is_package, package_content
 from .scenario import SECOND, Scenario, Value, share
 from .title import RAN
 
@@ -156,7 +157,15 @@ def load_scenario(name: str | Path) -> Scenario:
     path = _find(str(name))
     # of this file: that of a base would not know what this one changes
     title = "" if is_package(path) else _read(path).get("title", "")
-    content = _with_bases(path, ())
+    return _scenario(path, title, _with_bases(path, ()))
+
+
+def packaged_scenario(flat: Flat) -> Scenario:
+    """The scenario that an SSP package is. Raises InputError."""
+    return _scenario(flat.path, "", package_content(flat))
+
+
+def _scenario(path: Path, title: str, content: dict[str, Any]) -> Scenario:
     if not content.get("components"):
         raise InputError(f'{path}: no components; add [components.plant] with fmu = "plant", or a base')
     scenario = Scenario(
@@ -184,7 +193,7 @@ def _find(name: str, beside: Path | None = None) -> Path:
         inside = scenario_folder() / f"{name}.toml"
         if is_file(inside):
             return inside
-    if name.endswith((".toml", SUFFIX)) or "/" in name:
+    if name.endswith((".toml", *SUFFIXES)) or "/" in name:
         raise InputError(f"{name}: no such scenario file")
     if name in shipped_studies():
         raise InputError(f"{name}: is a study, many landings; `sprain-cosim study {name}` runs it")
@@ -197,7 +206,7 @@ def _find(name: str, beside: Path | None = None) -> Path:
 def _with_bases(path: Path, heirs: tuple[Path, ...]) -> dict[str, Any]:
     """The content of a file on top of its base's; `heirs` are the files whose base it is. Raises InputError."""
     if is_package(path):
-        return package_content(path)
+        return package_content(flattened(path))
     content = _resolve(_read(path), path)
     if "base" not in content:
         return content

@@ -8,7 +8,7 @@ from pathlib import Path
 from ..contract import PLANT
 from ..cosim.system import System
 from ..ssp.flat import Flat, flattened
-from .file import load_scenario
+from .file import load_scenario, packaged_scenario
 from .package import MOTION
 from .scenario import Scenario
 
@@ -19,7 +19,7 @@ def inspected(path: Path) -> dict[str, str | list[str]]:
     """{heading: lines}. Raises InputError with all that keeps the package from running."""
     flat = flattened(path)
     landing = PLANT in flat.components or any(set(c.outputs) >= MOTION for c in flat.components.values())
-    scenario = load_scenario(path) if landing else load_scenario(BASE).replace_fmu("brace", path)
+    scenario = packaged_scenario(flat) if landing else load_scenario(BASE).with_device("brace", flat)
     system = scenario.system()
     return {
         "package": f"{path} fits: {'a landing' if landing else 'a device; run it with --fmu brace=' + path.name}",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,13 +12,13 @@ from ..contract import PLANT, plain
 from ..errors import InputError, problems_to_error
 from ..fmu import cache
 from ..fmu.component import Component
-from ..ssp.flat import Feed, Flat, flattened
+from ..ssp.flat import Feed, Flat
 from ..ssp.package import Package
 from ..ssp.values import parameter_set, set_name
 from ..units import quantity, unit
 from .wiring import Wiring
 
-SUFFIX = ".ssp"
+SUFFIXES = (".ssp", ".ssd")  # the second is answered with what it lacks
 BRACE = "brace"
 MOTION = {"subtalar_angle", "talocrural_angle"}  # what a plant gives and no device does
 FLAGS = ("active", "continuous", "reset")  # of a mapping file, which a package carries; never what it would allow
@@ -32,15 +32,14 @@ MASTER_KEYS = {
 
 
 def is_package(name: Path | str) -> bool:
-    return str(name).lower().endswith(SUFFIX)
+    return str(name).lower().endswith(SUFFIXES)
 
 
-def package_content(path: Path) -> dict[str, Any]:
+def package_content(flat: Flat) -> dict[str, Any]:
     """What a package says, with the keys of a scenario file as they are after reading; besides them `wiring` and
     `notes`. Raises InputError."""
-    flat = flattened(path)
+    path, described = flat.path, flat.structure
     names, notes = _with_plant(flat, path)
-    described = flat.structure
     master: dict[str, Any] = {
         key: _setting(key, described.master[name], path)
         for name, key in MASTER_KEYS.items()
@@ -51,11 +50,8 @@ def package_content(path: Path) -> dict[str, Any]:
     if described.stop is not None:
         master["stop"] = described.stop
     connections = {_named(t, names): _named(f.source, names) for t, f in flat.feeds.items()}
-    handed = described.hand_over
-    missing = _missing(flat, [end for h in handed for end in (h.source, h.target)])
-    problems_to_error(str(path), [f"annotation HandOver: {end}: there is no such connector" for end in missing])
-    connections |= {_named(h.target, names): _named(h.source, names) for h in handed}
-    links = {target: feed.link for target, feed in flat.feeds.items()} | {h.target: h.link for h in handed}
+    connections |= {_named(h.target, names): _named(h.source, names) for h in flat.hand_over}
+    links = {target: feed.link for target, feed in flat.feeds.items()} | {h.target: h.link for h in flat.hand_over}
     notes += [f"input {name} of the system is fed by nothing" for name in flat.inputs]
     return {
         "components": _components(flat, names),
@@ -88,16 +84,15 @@ class PackagedDevice:
     notes: tuple[str, ...]
 
 
-def device(path: Path, name: str, plant: Component) -> PackagedDevice:
+def device(flat: Flat, name: str, plant: Component) -> PackagedDevice:
     """The device of a package in the place of component `name`: its own connectors meet those of the `plant` by their
     names. Raises InputError."""
-    flat = flattened(path)
     giving = [feed.source.partition(".")[0] for n, feed in flat.outputs.items() if plain(n).endswith("torque")]
     first = giving[0] if giving else next(iter(flat.components), "")
     names = {c: name if c == first else f"{name}_{c}" for c in flat.components}
     feeds = {_named(target, names): _seen(feed, names) for target, feed in flat.feeds.items()}
     met, problems = _meetings(flat, names, plant)
-    problems_to_error(str(path), problems)
+    problems_to_error(str(flat.path), problems)
     feeds |= met
     found = _components(flat, names)
     return PackagedDevice(
@@ -110,7 +105,7 @@ def device(path: Path, name: str, plant: Component) -> PackagedDevice:
             {target: feed.link for target, feed in feeds.items() if feed.link is not None},
             tuple(names.values()),
         ),
-        tuple(f"{path.name}: {note}" for note in flat.notes),
+        tuple(f"{flat.path.name}: {note}" for note in flat.notes),
     )
 
 
@@ -149,13 +144,13 @@ def parameter_set_values(component: Component, name: str) -> dict[str, float | s
     sets: dict[str, str] = {}
     for file in files:
         sets[Path(file).stem] = file
-        sets.setdefault(set_name(inside.member(file), f"{component.fmu}:{file}"), file)
+        sets.setdefault(set_name(inside.content(file), f"{component.fmu}:{file}"), file)
     if name not in sets:
         known = f"it has {', '.join(sorted(sets))}" if sets else "it carries none"
         raise InputError(f"@{name}: {component.fmu.name} has no parameter set of that name; {known}")
     place = f"{component.fmu}:{sets[name]}"
     found, unknown = dict[str, float | str | bool](), list[str]()
-    for value in parameter_set(inside.member(sets[name]), place):
+    for value in parameter_set(inside.content(sets[name]), place):
         connector = component.connectors.get(value.name)
         if connector is None:
             unknown.append(f"{value.name}: the FMU has no such parameter")
@@ -182,11 +177,6 @@ def _with_plant(flat: Flat, path: Path) -> tuple[dict[str, str], list[str]]:
 def _named(full: str, names: Mapping[str, str]) -> str:
     component, _, variable = full.partition(".")
     return f"{names.get(component, component)}.{variable}"
-
-
-def _missing(flat: Flat, ends: Sequence[str]) -> list[str]:
-    owners = {end: flat.components.get(end.partition(".")[0]) for end in ends}
-    return [end for end, owner in owners.items() if owner is None or end.partition(".")[2] not in owner.connectors]
 
 
 def _components(flat: Flat, names: Mapping[str, str]) -> dict[str, dict[str, Path]]:

@@ -24,6 +24,7 @@ from ..mapping import carried, read_component
 from ..process import Limits
 from ..sandbox.confinement import Confinement
 from ..shipped import fmu_path
+from ..ssp.flat import Flat, flattened
 from ..subject.person import Subject
 from ..subject.words import parse_subject
 from ..units import quantity, unit
@@ -141,7 +142,11 @@ class Scenario:
         if name not in self.fmus and name not in ROLES:
             raise InputError(f"component {name!r} is not in {self.source}{nearest(name, [*self.fmus, *ROLES])}")
         if is_package(fmu):
-            return self._with_device(name, Path(fmu), mapping)
+            if mapping is not None:
+                raise InputError(
+                    f"{name} = {fmu}: a mapping file belongs to one FMU; a package has its own connections"
+                )
+            return self.with_device(name, flattened(Path(fmu)))
         path = fmu_path(str(fmu), Path.cwd(), f"{name} = {fmu}")
         maps = {k: v for k, v in self.maps.items() if k != name} | (
             {name: Path(mapping)} if mapping is not None else {}
@@ -170,19 +175,17 @@ class Scenario:
             wiring=None if self.wiring is None else self.wiring.without([name]),
         )
 
-    def _with_device(self, name: str, path: Path, mapping: Path | str | None) -> Self:
-        """A device of several FMUs, from a package, in a component's place."""
-        if mapping is not None:
-            raise InputError(f"{name} = {path}: a mapping file belongs to one FMU; a package has its own connections")
+    def with_device(self, name: str, flat: Flat) -> Self:
+        """A device of several FMUs, from a package, in a component's place. Raises InputError."""
         bare = self.without(name)
         plant = next((c for c in bare.components() if c.name == PLANT), None)
         if plant is None:
-            raise InputError(f"{self.source}: has no {PLANT} that {path} could be connected to")
-        found = device(path, name, plant)
+            raise InputError(f"{self.source}: has no {PLANT} that {flat.path} could be connected to")
+        found = device(flat, name, plant)
         before = self.wiring or Wiring()
         return replace(
             bare,
-            changes=self.noted(f"{name} = {path.name}").changes,
+            changes=self.noted(f"{name} = {flat.path.name}").changes,
             fmus={**bare.fmus, **found.fmus},
             maps={**bare.maps, **found.maps},
             parameters={**bare.parameters, **found.parameters},

@@ -13,7 +13,7 @@ from ..fmu.component import Component
 from ..fmu.element import Connector
 from ..units import Unit
 from .package import Package
-from .structure import Part, Port, Structure, Wire, structure
+from .structure import Handed, Part, Port, Structure, Wire, structure
 from .values import Assigned
 
 Node = tuple[tuple[str, ...], str]  # names of the systems and the element, from the outermost; connector
@@ -38,6 +38,7 @@ class Feed:
 class Flat:
     """A structure without its levels.
 
+    path        of the package
     components  {name: the FMU as it describes itself}, in the order of the document
     feeds       {"component.input": its source}
     inputs      {input of the outermost system: {"component.input": its feed}}
@@ -45,10 +46,12 @@ class Flat:
     units       {"component.variable": what the document states and the FMU does not}
     parameters  {"component.variable": value as a scenario file has it}
     devices     {component: what our annotation says of it}
+    hand_over   connections that our master alone makes
     structure   of which it comes
     notes       what was renamed or left out, one line each
     """
 
+    path: Path
     components: Mapping[str, Component]
     feeds: Mapping[str, Feed]
     inputs: Mapping[str, Mapping[str, Feed]]
@@ -56,6 +59,7 @@ class Flat:
     units: Mapping[str, Unit]
     parameters: Mapping[str, float | str | bool]
     devices: Mapping[str, Mapping[str, str]]
+    hand_over: Sequence[Handed]
     structure: Structure
     notes: Sequence[str] = field(default=())
 
@@ -71,12 +75,12 @@ class _Flattening:
         self.package, self.described = package, described
         self.problems, self.notes = list[str](), list(described.notes)
         self.parts = dict(_walk(described.system, ()))
-        self.fmus = {path: part for path, part in self.parts.items() if part.source}
+        self.fmus = {path: part for path, part in self.parts.items() if part.source is not None}
         self.names = self._named()
         self.components: dict[tuple[str, ...], Component] = {}
         for path, part in self.fmus.items():
             try:
-                self.components[path] = _asked_for(part, Component.read(self.names[path], package.kept(part.source)))
+                self.components[path] = _component(part, self.names[path])
             except InputError as problem:
                 self.problems.append(f"component {'.'.join(path)}: {problem}")
         problems_to_error(str(package.path), self.problems)  # nothing below makes sense without them
@@ -93,9 +97,10 @@ class _Flattening:
             for port in self.described.system.ports.values()
             if port.kind == "output" and (feed := self._feed(((), port.name))) is not None
         }
-        parameters = self._parameters(feeds)
+        parameters, hand_over = self._parameters(feeds), self._handed()
         problems_to_error(str(self.package.path), self.problems)
         return Flat(
+            self.package.path,
             {c.name: c for c in self.components.values()},
             feeds,
             inputs,
@@ -103,6 +108,7 @@ class _Flattening:
             units,
             parameters,
             {self.names[path]: part.device for path, part in self.fmus.items() if part.device},
+            hand_over,
             self.described,
             tuple(self.notes),
         )
@@ -141,7 +147,7 @@ class _Flattening:
                     continue
                 elif connector.unit is None:
                     found[f"{self.names[path]}.{port.name}"] = port.unit
-                elif not _same(port.unit, connector.unit):
+                elif not port.unit.equivalent(connector.unit):
                     self.problems.append(
                         f"{place}: its unit is {port.unit.name} in the document and {connector.unit.name} in the FMU"
                     )
@@ -229,7 +235,7 @@ class _Flattening:
         factor, offset, unit, plain = 1.0, 0.0, self._unit(source), True
         for node, wire in chain:
             own = self._unit(node)
-            if own is not None and unit is not None and not wire.suppressed and not _same(own, unit):
+            if own is not None and unit is not None and not wire.suppressed and not own.equivalent(unit):
                 if not own.same_dimension(unit):
                     self.problems.append(
                         f"{wire.words}: the units do not match: {unit.name} ({unit.dimension()}) and {own.name} "
@@ -238,13 +244,30 @@ class _Flattening:
                     return None
                 scale = unit.factor / own.factor
                 factor, offset = scale * factor, scale * offset + (unit.offset - own.offset) / own.factor
-            if wire.suppressed and not (own is not None and unit is not None and _same(own, unit)):
+            if wire.suppressed and not (own is not None and unit is not None and own.equivalent(unit)):
                 plain = False
             change = wire.transformation
             if change is not None:
                 factor, offset, plain = change.factor * factor, change.factor * offset + change.offset, False
             unit = own if own is not None else unit
         return None if plain else (factor, offset)
+
+    def _handed(self) -> list[Handed]:
+        """Under the components' names here."""
+        found = list[Handed]()
+        for path, part in self.parts.items():
+            for handed in part.hand_over:
+                ends = list[str]()
+                for end in (handed.source, handed.target):
+                    component, _, name = end.partition(".")
+                    at = (*path, component)
+                    if at not in self.components or name not in self.components[at].connectors:
+                        self.problems.append(f"annotation HandOver: {end}: there is no such connector")
+                        continue
+                    ends.append(f"{self.names[at]}.{name}")
+                if len(ends) == 2:
+                    found.append(Handed(ends[0], ends[1], handed.link))
+        return found
 
     # ---- values
 
@@ -309,9 +332,15 @@ class _Flattening:
         return found
 
 
-def _asked_for(part: Part, component: Component) -> Component:
-    """The component. Raises InputError where the document asks for another interface of the FMU than the one that is
-    driven here."""
+def _component(part: Part, name: str) -> Component:
+    """The FMU of a part. Raises InputError, also where the document asks for another of its interfaces than the one
+    that is driven here."""
+    assert part.source is not None
+    file = part.source.kept()
+    try:
+        component = Component.read(name, file)
+    except InputError as problem:
+        raise InputError(str(problem).replace(str(file), part.source.label)) from None
     driven = "ModelExchange" if component.capabilities.model_exchange else "CoSimulation"
     if part.implementation not in ("any", driven):
         raise InputError(
@@ -325,7 +354,3 @@ def _walk(part: Part, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], 
     yield path, part
     for inner in part.parts:
         yield from _walk(inner, (*path, inner.name))
-
-
-def _same(one: Unit, other: Unit) -> bool:
-    return (one.exponents, one.factor, one.offset) == (other.exponents, other.factor, other.offset)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..errors import InputError, problems_to_error
 from ..units import Unit
 from .elements import SSD, SSM, SSV, children, document, fitting, local, own_annotation
-from .package import FMU_TYPE, STRUCTURE, Package
+from .package import DEFINITION_TYPE, FMU_TYPE, PACKAGE_TYPE, STRUCTURE, Package, PackageFile
 from .values import (
     Assigned,
     Transformation,
@@ -25,6 +25,8 @@ from .values import (
 )
 
 FLOWS = ("input", "output", "parameter", "calculatedParameter")
+DEEPEST = 8  # documents in each other
+MOST = 1000  # elements of all systems together
 
 
 @dataclass(frozen=True)
@@ -60,36 +62,38 @@ class Wire:
 
 
 @dataclass(frozen=True)
+class Handed:
+    """A connection of stiffness or damping, both ends as "component.connector" within their system; `link` (factor,
+    offset) where units do not say it."""
+
+    source: str
+    target: str
+    link: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
 class Part:
     """An element of a system: an FMU, or a system of its own.
 
     name      within the system around it
     ports     {name: connector} that the document states
     values    what it assigns, the last of a name counts
-    source    the file in the package; "" for a system
+    source    the FMU's file; None for a system
     implementation  of the FMU that is asked for: any, CoSimulation or ModelExchange
     device    what our own annotation says of an FMU
     parts, wires  of a system
+    hand_over  connections in a system that our master alone makes
     """
 
     name: str
     ports: Mapping[str, Port] = field(default_factory=dict)
     values: Sequence[Assigned] = ()
-    source: str = ""
+    source: PackageFile | None = None
     implementation: str = "any"
     device: Mapping[str, str] = field(default_factory=dict)
     parts: Sequence[Part] = ()
     wires: Sequence[Wire] = ()
-
-
-@dataclass(frozen=True)
-class Handed:
-    """A connection of stiffness or damping, both ends as "component.connector"; `link` (factor, offset) where units do
-    not say it."""
-
-    source: str
-    target: str
-    link: tuple[float, float] | None = None
+    hand_over: Sequence[Handed] = ()
 
 
 @dataclass(frozen=True)
@@ -100,7 +104,6 @@ class Structure:
     system  its tree
     start, stop  [s] of the default experiment; None where it states none
     master  what our own annotation says of the master
-    hand_over  connections that our master alone makes
     notes   what was left out, one line each
     """
 
@@ -109,75 +112,119 @@ class Structure:
     start: float | None = None
     stop: float | None = None
     master: Mapping[str, str] = field(default_factory=dict)
-    hand_over: Sequence[Handed] = ()
     notes: Sequence[str] = ()
 
 
 def structure(package: Package) -> Structure:
     """The structure of a package. Raises InputError in one line, with all that is refused."""
-    reader = _Reader(package)
-    place = f"{package.path}:{STRUCTURE}"
-    tree = document(package.member(STRUCTURE), place, f"{{{SSD}}}SystemStructureDescription")
-    reader.units = units_of(tree, place)
-    system = reader.part(next(iter(children(tree, "System"))), place)
+    reader = _Reader(PackageFile(package, STRUCTURE), _Gathered())
+    tree, system = reader.read()
     experiment = next(iter(children(tree, "DefaultExperiment")), None)
     times: dict[str, float | None] = {"startTime": None, "stopTime": None}
     if experiment is not None:
-        times = {key: finite_number(experiment.get(key), place) if experiment.get(key) else None for key in times}
-    annotated = own_annotation(tree, "Master")
-    handed = [_handed(a, place) for a in children(tree, "Annotations", "Annotation", "HandOver")]
-    problems_to_error(place, reader.problems)
+        times = {
+            key: finite_number(experiment.get(key), reader.place) if experiment.get(key) else None for key in times
+        }
+    problems_to_error(reader.place, reader.found.problems)
     return Structure(
         str(tree.get("name")),
         system,
         times["startTime"],
         times["stopTime"],
-        annotated,
-        handed,
-        tuple(reader.notes),
+        own_annotation(tree, "Master"),
+        tuple(reader.found.notes),
     )
 
 
+@dataclass
+class _Gathered:
+    """While a tree is read, over all its documents."""
+
+    problems: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    elements: int = 0
+
+
 class _Reader:
-    """Problems and notes are gathered while a tree is read."""
+    """Of one document; `around`: the documents that it lies in, from the outermost."""
 
-    def __init__(self, package: Package) -> None:
-        self.package, self.units = package, dict[str, Unit]()
-        self.problems, self.notes = list[str](), list[str]()
+    def __init__(self, document: PackageFile, found: _Gathered, around: tuple[PackageFile, ...] = ()) -> None:
+        self.document, self.found, self.around = document, found, around
+        self.package, self.place = document.package, document.label
+        self.units = dict[str, Unit]()
 
-    def part(self, element: Any, place: str) -> Part:
+    def read(self) -> tuple[Any, Part]:
+        """The document and its system."""
+        tree = document(self.document.content(), self.place, f"{{{SSD}}}SystemStructureDescription")
+        self.units = units_of(tree, self.place)
+        system = self.part(next(iter(children(tree, "System"))))
+        handed = [_handed(a, self.place) for a in children(tree, "Annotations", "Annotation", "HandOver")]
+        return tree, replace(system, hand_over=handed)
+
+    def part(self, element: Any) -> Part:
+        self.found.elements += 1
+        if self.found.elements > MOST:
+            raise InputError(f"{self.place}: more than {MOST} elements in all systems together")
         name = str(element.get("name"))
         ports = {port.name: port for port in self.ports(element)}
         if local(element) == "Component":
-            return self.component(element, name, ports, place)
+            return self.component(element, name, ports)
         parts = [
-            self.part(child, f"{place}: {child.get('name')}")
-            for child in next(iter(children(element, "Elements")), ())
-            if isinstance(child.tag, str)
+            self.part(child) for child in next(iter(children(element, "Elements")), ()) if isinstance(child.tag, str)
         ]
         names = [part.name for part in parts]
-        self.problems += [f"two elements are named {n}" for n in dict.fromkeys(names) if names.count(n) > 1]
+        self.found.problems += [f"two elements are named {n}" for n in dict.fromkeys(names) if names.count(n) > 1]
         wires = [self.wire(wire) for wire in children(element, "Connections", "Connection")]
         return Part(name, ports, self.values(element, name), parts=parts, wires=wires)
 
-    def component(self, element: Any, name: str, ports: Mapping[str, Port], place: str) -> Part:
-        kind, source = element.get("type", FMU_TYPE), str(element.get("source"))
-        if kind != FMU_TYPE:
-            self.problems.append(
-                f"component {name}: is of type {kind}; only FMUs are supported, and systems that are written in "
-                f"{STRUCTURE} itself"
-            )
-            return Part(name)
+    def component(self, element: Any, name: str, ports: Mapping[str, Port]) -> Part:
+        kind, implementation = element.get("type", FMU_TYPE), element.get("implementation", "any")
         try:
-            file = self.package.resolved(source, f"component {name}")
+            if kind not in (FMU_TYPE, PACKAGE_TYPE, DEFINITION_TYPE):
+                raise InputError(f"component {name}: is of type {kind}; FMUs, packages and structures are supported")
+            file = self.resolved(str(element.get("source")), f"component {name}")
+            if kind != FMU_TYPE:
+                return self.nested(element, ports, self.inside(file, kind, name))
         except InputError as problem:
-            self.problems.append(str(problem))
+            self.found.problems.append(str(problem))
             return Part(name)
-        implementation = element.get("implementation", "any")
         if implementation == "ScheduledExecution":
-            self.problems.append(f"component {name}: scheduled execution of FMI 3 is not supported")
+            self.found.problems.append(f"component {name}: scheduled execution of FMI 3 is not supported")
         device = own_annotation(element, "Device")
         return Part(name, ports, self.values(element, name, file), file, implementation, device)
+
+    def inside(self, file: PackageFile, kind: str, name: str) -> PackageFile:
+        """The document of a component that is a system of its own. Raises InputError where that does not end."""
+        found = PackageFile(file.package_in_it(), STRUCTURE) if kind == PACKAGE_TYPE else file
+        chain = (*self.around, self.document)
+        same = [k for k, other in enumerate(chain) if other.key == found.key]
+        if same:
+            circle = " -> ".join(other.name for other in (*chain[same[0] :], found))
+            raise InputError(f"component {name}: {file.name} contains itself ({circle})")
+        if len(chain) >= DEEPEST:
+            raise InputError(f"component {name}: more than {DEEPEST} packages in each other")
+        return found
+
+    def nested(self, element: Any, ports: Mapping[str, Port], document: PackageFile) -> Part:
+        """A component that is a system of its own: as if that stood in its place. What the component says of a
+        connector must be what the system says."""
+        name = str(element.get("name"))
+        if element.get("implementation"):
+            raise InputError(f"component {name}: implementation belongs to an FMU, and this is a system")
+        reader = _Reader(document, self.found, (*self.around, self.document))
+        tree, system = reader.read()
+        self.found.problems += [f"component {name}: {problem}" for problem in _contradictions(ports, system.ports)]
+        if own_annotation(tree, "Master") or children(tree, "DefaultExperiment"):
+            self.found.notes.append(f"component {name}: its own default experiment and master's settings are left out")
+        stated = {
+            n: replace(p, unit=p.unit or (ports[n].unit if n in ports else None)) for n, p in system.ports.items()
+        }
+        values = [*system.values, *self.values(element, name, document)]
+        return replace(system, name=name, ports=stated, values=values)
+
+    def resolved(self, source: str, place: str) -> PackageFile:
+        """The file that a path in this document names. Raises InputError."""
+        return PackageFile(self.package, self.package.resolved(source, place, self.document.name))
 
     def ports(self, element: Any) -> list[Port]:
         found = []
@@ -185,11 +232,11 @@ class _Reader:
             name, kind = str(connector.get("name")), connector.get("kind", "")
             typed = next((c for c in connector if isinstance(c.tag, str) and c.get("unit")), None)
             if kind == "inout":
-                self.problems.append(f"connector {element.get('name')}.{name}: kind inout is not supported")
+                self.found.problems.append(f"connector {element.get('name')}.{name}: kind inout is not supported")
             try:
                 unit = unit_named(typed.get("unit") if typed is not None else None, self.units, f"connector {name}")
             except InputError as problem:
-                self.problems.append(str(problem))
+                self.found.problems.append(str(problem))
                 unit = None
             found.append(Port(name, kind if kind in FLOWS else "", unit))
         return found
@@ -201,26 +248,28 @@ class _Reader:
         wire = Wire((ends[0], ends[1]))
         for index in ("startIndices", "endIndices"):
             if element.get(index):
-                self.problems.append(f"{wire.words}: {index} of arrays are not supported")
+                self.found.problems.append(f"{wire.words}: {index} of arrays are not supported")
         change = transformation_of(element, wire.words)
         if change is not None and change.kind != "LinearTransformation":
-            self.problems.append(f"{wire.words}: {change.kind} is supported for parameters only; not for connections")
+            self.found.problems.append(
+                f"{wire.words}: {change.kind} is supported for parameters only; not for connections"
+            )
         elif change is not None and change.factor == 0:
-            self.problems.append(f"{wire.words}: its factor is 0, so nothing would arrive")
+            self.found.problems.append(f"{wire.words}: its factor is 0, so nothing would arrive")
         return Wire(wire.ends, change, truth(element.get("suppressUnitConversion", "false")) == "true")
 
-    def values(self, element: Any, name: str, file: str = "") -> list[Assigned]:
-        """The values of all parameter bindings of an element, in their order; `file`: the FMU's."""
+    def values(self, element: Any, name: str, file: PackageFile | None = None) -> list[Assigned]:
+        """The values of all parameter bindings of an element, in their order; `file`: a component's."""
         found: list[Assigned] = []
         for number, binding in enumerate(children(element, "ParameterBindings", "ParameterBinding"), 1):
             place = f"{name}: parameter binding {number}"
             try:
                 found += self.binding(binding, place, file)
             except InputError as problem:
-                self.problems.append(str(problem))
+                self.found.problems.append(str(problem))
         return found
 
-    def binding(self, binding: Any, place: str, file: str) -> list[Assigned]:
+    def binding(self, binding: Any, place: str, file: PackageFile | None) -> list[Assigned]:
         kind = binding.get("type", "application/x-ssp-parameter-set")
         if kind != "application/x-ssp-parameter-set":
             raise InputError(f"{place}: parameters of type {kind} are not supported")
@@ -228,7 +277,7 @@ class _Reader:
         source = binding.get("source")
         if source:
             where = self.located(binding, place, file)
-            values = parameter_set(self.read(where, file), f"{self.package.path}:{where[1]}")
+            values = parameter_set(where.content(), where.label)
         elif inline is not None and len(inline) and inline[0].tag == f"{{{SSV}}}ParameterSet":
             values = values_of(fitting(inline[0], place), place)
         else:
@@ -240,32 +289,29 @@ class _Reader:
             return values
         values, dropped = mapped_values(values, self.mapping(mapping, place, file), place)
         if dropped:
-            self.notes.append(f"{place}: its mapping leaves out {', '.join(dropped)}, as SSP wants it")
+            self.found.notes.append(f"{place}: its mapping leaves out {', '.join(dropped)}, as SSP wants it")
         return values
 
-    def mapping(self, element: Any, place: str, file: str) -> Any:
+    def mapping(self, element: Any, place: str, file: PackageFile | None) -> Any:
         if element.get("source"):
             where = self.located(element, place, file)
-            return document(self.read(where, file), f"{self.package.path}:{where[1]}", f"{{{SSM}}}ParameterMapping")
+            return document(where.content(), where.label, f"{{{SSM}}}ParameterMapping")
         inline = next((child for child in element if isinstance(child.tag, str)), None)
         if inline is None:
             raise InputError(f"{place}: ParameterMapping has neither a source nor a mapping")
         return parameter_mapping(inline, place)
 
-    def located(self, element: Any, place: str, file: str) -> tuple[bool, str]:
-        """Whether a source lies in the FMU, and its name there or in the package."""
+    def located(self, element: Any, place: str, file: PackageFile | None) -> PackageFile:
+        """The file that a binding or a mapping names, in the package or in the component."""
         source = str(element.get("source"))
-        if element.get("sourceBase", "SSD") == "component":
-            if not file:
-                raise InputError(f"{place}: sourceBase component belongs to a component that is an FMU")
-            return True, source
-        return False, self.package.resolved(source, place)
-
-    def read(self, where: tuple[bool, str], file: str) -> bytes:
-        inside, name = where
-        if not inside:
-            return self.package.member(name)
-        return Package.within(self.package.kept(file)).member(name)
+        if element.get("sourceBase", "SSD") != "component":
+            return self.resolved(source, place)
+        if file is None:
+            raise InputError(f"{place}: sourceBase component belongs to a component that has a file")
+        if file.name.lower().endswith(".ssd"):
+            return PackageFile(file.package, file.package.resolved(source, place, file.name))
+        inside = Package.within(file.kept(), file.label)
+        return PackageFile(inside, inside.resolved(source, place))
 
 
 def _handed(element: Any, place: str) -> Handed:
@@ -279,3 +325,15 @@ def _handed(element: Any, place: str) -> Handed:
 
 def _renamed(value: Assigned, name: str) -> Assigned:
     return Assigned(name, value.kind, value.text, value.unit, place=value.place)
+
+
+def _contradictions(stated: Mapping[str, Port], inside: Mapping[str, Port]) -> Iterator[str]:
+    """What is said of connectors outside and not so inside."""
+    for name, port in stated.items():
+        own = inside.get(name)
+        if own is None:
+            yield f"connector {name}: the system inside has none of that name"
+        elif "" not in (port.kind, own.kind) and port.kind != own.kind:
+            yield f"connector {name}: is of kind {port.kind}, and {own.kind} in the system inside"
+        elif port.unit is not None and own.unit is not None and not port.unit.equivalent(own.unit):
+            yield f"connector {name}: its unit is {port.unit.name}, and {own.unit.name} in the system inside"

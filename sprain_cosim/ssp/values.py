@@ -87,7 +87,7 @@ class Assigned:
                     f"{what}: {self.unit.name} ({self.unit.dimension()}) is not {connector.unit.name} "
                     f"({connector.unit.dimension()})"
                 )
-            if (self.unit.factor, self.unit.offset) != (connector.unit.factor, connector.unit.offset):
+            if not self.unit.equivalent(connector.unit):
                 number = connector.unit.from_base(self.unit.to_base(number))
         change = self.transformation
         if change is None:

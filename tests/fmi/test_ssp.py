@@ -19,8 +19,11 @@ from sprain_cosim.cli import _run
 from sprain_cosim.errors import InputError
 from sprain_cosim.export.package import export_package
 from sprain_cosim.scenario import Scenario
+from sprain_cosim.scenario.inspection import inspected
 from sprain_cosim.shipped import FMUS, shipped_scenarios
+from sprain_cosim.ssp import flat
 from sprain_cosim.ssp.elements import READ, SKIPPED, SUPPORT
+from sprain_cosim.ssp.structure import structure as structure_of
 from tests.native import device
 
 ROOT = Path(__file__).parent.parent.parent
@@ -80,6 +83,13 @@ def parameters(values: str, units: str = "") -> str:
         f'<ssv:ParameterSet{SPACES} version="1.0" name="p"><ssv:Parameters>{values}</ssv:Parameters>{units}'
         "</ssv:ParameterSet>"
     )
+
+
+def value(name: str, inside: str) -> str:
+    return f'<ssv:Parameter name="{name}">{inside}</ssv:Parameter>'
+
+
+STIFF = value("stiffness", '<ssv:Real value="30"/>')
 
 
 def binding(inside: str = "", mapping: str = "", more: str = "") -> str:
@@ -312,14 +322,130 @@ def test_a_study_takes_a_package(pack: Callable[..., Path], tmp_path: Path) -> N
     assert _run([*arguments, "-o", str(tmp_path / "s"), "--resume"], []) == 0
 
 
+# ---- systems in files of their own
+
+PACKAGE, DEFINITION = 'type="application/x-ssp-package"', 'type="application/x-ssp-definition"'
+INNER = system(
+    component("vendor", VENDOR),
+    wire("x", "vendor.In1", TO_DEG, 'suppressUnitConversion="true"')
+    + wire("vendor.M_out", "y", LINEAR.format(-1.0, 0.0)),
+    real("x", "input", "rad") + real("y", "output"),
+    name="inner",
+)
+BORDER = real("x", "input", "rad") + real("y", "output")
+AROUND = wire("subtalar_angle", "inner.x") + wire("inner.y", "subtalar_torque", LINEAR.format(0.001, 0.0))
+
+
+def around(connectors: str = BORDER, source: str = "inner.ssp", more: str = PACKAGE, inside: str = "") -> str:
+    return structure(system(component("inner", connectors, inside, f"resources/{source}", more), AROUND, OUTSIDE))
+
+
+def test_a_package_in_a_package(pack: Callable[..., Path], braced: np.ndarray) -> None:
+    """The same landing as with its FMU alone: two levels deep, and from a structure beside the first, whose paths are
+    relative to itself."""
+    files = {
+        "inner.ssp": pack(structure(INNER)),
+        "deeper.ssp": pack(
+            structure(
+                system(
+                    component("vendor", BORDER, "", "resources/vendor.ssp", PACKAGE),
+                    wire("x", "vendor.x") + wire("vendor.y", "y"),
+                    BORDER,
+                )
+            ),
+            {"resources/vendor.ssp": pack(structure(INNER))},
+        ),
+        "inner/device.ssd": structure(INNER).replace("resources/vendor.fmu", "../vendor.fmu"),
+    }
+    for file, inside in files.items():
+        kind = DEFINITION if file.endswith(".ssd") else PACKAGE
+        package = pack(around(source=file, more=kind), {f"resources/{file}": inside})
+        scenario = load_scenario("incline30").replace_fmu("brace", package)
+        assert np.abs(angles(scenario) - braced).max() < 1e-12
+    assert any("component inner.vendor is called inner_vendor here" in warning for warning in scenario.warnings)
+
+
+@pytest.mark.parametrize(
+    ("outer", "expected"),
+    [
+        ("", "31.0 N.m/rad"),
+        (binding(parameters(value("brace.stiffness", '<ssv:Real value="32"/>'))), "32.0 N.m/rad"),
+        (
+            binding(parameters(value("brace.stiffness", '<ssv:Real value="32"/>')), more='prefix="brace."'),
+            "31.0 N.m/rad",
+        ),
+        (binding(more='source="resources/soft.ssv" sourceBase="component"'), "33.0 N.m/rad"),
+        (
+            binding(
+                parameters(value("k", '<ssv:Real value="2"/>')),
+                inline_mapping(
+                    f'<ssm:MappingEntry source="k" target="brace.stiffness">{LINEAR.format(17.0, 0.0)}'
+                    "</ssm:MappingEntry>"
+                ),
+            ),
+            "34.0 N.m/rad",
+        ),
+    ],
+)
+def test_parameters_of_a_package_in_a_package(outer: str, expected: str, pack: Callable[..., Path]) -> None:
+    """The inner one's own sets with their files and mappings; what the outer one says goes before them, by the names
+    of the inner system."""
+    own = binding(more='source="resources/own.ssv"', mapping='<ssd:ParameterMapping source="resources/own.ssm"/>')
+    inner = structure(system(PLAIN, THROUGH, OUTSIDE, own))
+    entry = f'<ssm:MappingEntry source="k" target="brace.stiffness">{LINEAR.format(1.0, 1.0)}</ssm:MappingEntry>'
+    files = {
+        "resources/own.ssv": parameters(value("k", '<ssv:Real value="30"/>')),
+        "resources/own.ssm": f'<ssm:ParameterMapping{SPACES} version="1.0">{entry}</ssm:ParameterMapping>',
+        "resources/soft.ssv": parameters(value("brace.stiffness", '<ssv:Real value="33"/>')),
+    }
+    content = structure(
+        system(
+            component("inner", OUTSIDE, outer, "resources/inner.ssp", PACKAGE),
+            THROUGH.replace("brace", "inner"),
+            OUTSIDE,
+        )
+    )
+    package = pack(content, {"resources/inner.ssp": pack(inner, files)})
+    assert load_scenario("incline30").replace_fmu("brace", package).parameters["brace.stiffness"] == expected
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (around(real("x", "input", "deg") + real("y", "output")), "its unit is deg, and rad in the system inside"),
+        (around(real("x", "output", "rad") + real("y", "output")), "is of kind output, and input in the system inside"),
+        (around(real("z", "input") + BORDER), "connector z: the system inside has none of that name"),
+        (around(more=f'{PACKAGE} implementation="CoSimulation"'), "implementation belongs to an FMU"),
+        (around(source="none.ssp"), "has no resources/none.ssp"),
+        (around(source="broken.ssp"), "device.ssp:resources/broken.ssp:SystemStructure.ssd: no readable XML"),
+        (around(source="../SystemStructure.ssd", more=DEFINITION), "contains itself (SystemStructure.ssd -> SystemStr"),
+        (around(source="a.ssd", more=DEFINITION), "resources/a.ssd -> resources/b.ssd -> resources/a.ssd"),
+        (around(source="0.ssd", more=DEFINITION), "more than 8 packages in each other"),
+        (around(source="wide0.ssd", more=DEFINITION), "more than 1000 elements in all systems together"),
+    ],
+)
+def test_packages_in_packages_that_are_refused(content: str, words: str, pack: Callable[..., Path]) -> None:
+    def leading(*files: str) -> str:
+        inside = [component(f"c{k}", BORDER, "", file, DEFINITION) for k, file in enumerate(files)]
+        return structure(system("".join(inside)))
+
+    files: dict[str, str | bytes | Path] = {
+        "resources/inner.ssp": pack(structure(INNER)),
+        "resources/broken.ssp": pack("<"),
+        "resources/a.ssd": leading("b.ssd"),
+        "resources/b.ssd": leading("a.ssd"),
+        **{f"resources/{k}.ssd": leading(f"{k + 1}.ssd") for k in range(12)},
+        **{f"resources/wide{k}.ssd": leading(*[f"wide{k + 1}.ssd"] * 5) for k in range(6)},
+        "resources/12.ssd": structure(INNER),
+        "resources/wide6.ssd": structure(INNER),
+    }
+    with pytest.raises(InputError) as problem:
+        landed(pack(content, files))
+    assert words in str(problem.value)
+    assert ".cache" not in str(problem.value)
+
+
 # ---- parameters
-
-
-def value(name: str, inside: str) -> str:
-    return f'<ssv:Parameter name="{name}">{inside}</ssv:Parameter>'
-
-
-STIFF = value("stiffness", '<ssv:Real value="30"/>')
 
 
 def with_binding(binding_: str, above: str = "", prefix: str = "") -> str:
@@ -469,7 +595,11 @@ MALFORMED = {  # what is changed in DEVICE: the words of the message
     ('source="resources/brace.fmu"', 'source="SystemStructure.ssd"'): "not a readable zip archive",
     ('source="resources/brace.fmu"', 'source=""'): "leads out of the package",
     ('source="resources/brace.fmu"', ""): "source",
-    ('source="resources/brace.fmu"', 'source="resources/brace.fmu" type="application/x-ssp-package"'): "only FMUs",
+    (
+        'source="resources/brace.fmu"',
+        'source="resources/brace.fmu" type="application/x-ssp-package"',
+    ): "is an FMU, not an SSP package",
+    ('source="resources/brace.fmu"', 'source="resources/brace.fmu" type="text/xml"'): "of type text/xml",
     ('source="resources/brace.fmu"', 'source="resources/brace.fmu" implementation="Both"'): "implementation",
     (
         'source="resources/brace.fmu"',
@@ -590,14 +720,44 @@ def test_malformed(number: int, pack: Callable[..., Path], capsys: pytest.Captur
     assert len(said.splitlines()) == 1
 
 
-def test_archives_that_are_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for name, content in (("empty", b""), ("text", b"hello"), ("fmu", (FMUS / "plant.fmu").read_bytes())):
-        path = tmp_path / f"{name}.ssp"
-        path.write_bytes(content)
-        assert _run(["ssp", "check", str(path)], []) == 2
-        assert len(capsys.readouterr().err.splitlines()) == 1
-    assert _run(["ssp", "check", str(tmp_path)], []) == 2
-    assert _run(["ssp", "check", str(tmp_path / "none.ssp")], []) == 2
+def test_files_that_are_none(pack: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Each is called what it is, in one line, with what to type instead."""
+    for name, content in (("empty.ssp", b""), ("text.ssp", b"hello"), ("a.toml", b"[components]"), ("a.ssd", b"<")):
+        (tmp_path / name).write_bytes(content)
+    (tmp_path / "folder.ssp").mkdir()
+    (tmp_path / "deep.ssp").write_bytes(b"")
+    with zipfile.ZipFile(tmp_path / "deep.ssp", "w") as archive:
+        archive.writestr("landing/SystemStructure.ssd", DEVICE)
+    (tmp_path / "package.fmu").write_bytes(pack(DEVICE).read_bytes())
+    plant = str(FMUS / "plant.fmu")
+    (tmp_path / "fmu.ssp").write_bytes((FMUS / "plant.fmu").read_bytes())
+    for command, name, words in (
+        ("ssp check", "empty.ssp", "is empty"),
+        ("ssp check", "text.ssp", "no readable zip archive"),
+        ("ssp check", "a.toml", "no readable zip archive"),
+        ("ssp check", "a.ssd", "zip it as SystemStructure.ssd with the files it names"),
+        ("run", "a.ssd", "zip it as SystemStructure.ssd with the files it names"),
+        ("ssp check", "folder.ssp", "is a folder, not an SSP package"),
+        ("ssp check", "none.ssp", "no such file"),
+        ("ssp check", "deep.ssp", "it lies in its folder landing"),
+        ("ssp check", "fmu.ssp", "is an FMU, not an SSP package; `sprain-cosim check fmu.ssp`"),
+        ("ssp check", plant, "is an FMU, not an SSP package; `sprain-cosim check plant.fmu`"),
+        ("check", "package.fmu", "is an SSP package, not an FMU; `sprain-cosim ssp check` takes it"),
+        ("check", "folder.ssp", "is a folder, not an FMU"),
+        ("run incline30 --fmu", f"brace={tmp_path / 'package.fmu'}", "is an SSP package, not an FMU"),
+    ):
+        file = name if "=" in name else str(tmp_path / name)
+        assert _run([*command.split(), file], []) == 2
+        (said,) = capsys.readouterr().err.splitlines()
+        assert words in said
+
+
+def test_a_check_reads_a_package_once(pack: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    read = []
+    monkeypatch.setattr(flat, "structure", lambda package: read.append(package.path) or structure_of(package))
+    package = pack(DEVICE)
+    inspected(package)
+    assert read == [package]
 
 
 # ---- an oracle that nobody here wrote
