@@ -1,14 +1,18 @@
 """The level of x86-64 processors whose code the FMUs of the project run. They hold code for several and take the best
-that runs (fmus/_native/device.c), or the one that SPRAIN_CPU names; results of two levels differ in the last digits."""
+that runs (fmus/_native/device.c), or the one that SPRAIN_CPU names; results of two levels differ in the last digits.
+And how many threads linear algebra takes."""
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import platform
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
+from importlib.util import find_spec
+from pathlib import Path
 
 VARIABLE = "SPRAIN_CPU"
 LEVELS = ("x86-64-v2", "x86-64-v3")  # rising
@@ -59,3 +63,44 @@ def take(wanted: str) -> None:
     """For this process and its children from now on; empty: as it is."""
     if wanted:
         os.environ[VARIABLE] = wanted
+
+
+Count = tuple[Callable[[], int], Callable[[int], None]]  # says and sets a number of threads
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Linear algebra of NumPy and SciPy in one thread meanwhile; as it is where their wheels bring no OpenBLAS.
+
+    Factors of some hundred columns make its threads wait for each other, turning: on a busy machine they take fifty
+    times the processor time of one thread. What is summed in one thread is also the same on every machine."""
+    held = [(put, count()) for count, put in _openblas()]
+    more = [(put, before) for put, before in held if before > 1]
+    for put, _ in more:
+        put(1)
+    try:
+        yield
+    finally:
+        for put, before in more:
+            put(before)
+
+
+@lru_cache(maxsize=1)
+def _openblas() -> tuple[Count, ...]:
+    """Of the libraries that the wheels of NumPy and SciPy bring, which this process has loaded."""
+    import ctypes
+
+    found = list[Count]()
+    for package in ("numpy", "scipy"):
+        spec = find_spec(package)
+        home = Path(spec.origin).parent if spec and spec.origin else Path()
+        for path in (*home.parent.glob(f"{package}.libs/*openblas*"), *home.glob(".dylibs/*openblas*")):
+            with contextlib.suppress(OSError):
+                library = ctypes.CDLL(str(path))
+                for suffix in ("64_", ""):
+                    count = getattr(library, f"scipy_openblas_get_num_threads{suffix}", None)
+                    put = getattr(library, f"scipy_openblas_set_num_threads{suffix}", None)
+                    if count and put:
+                        found.append((count, put))
+                        break
+    return tuple(found)

@@ -3,7 +3,7 @@
 Prints the time of one landing driven directly and co-simulated, here and with the same FMUs under libcosim and CoFmuPy
 (each installed once into an environment of its own below build/peers, where that is possible; --no-peers leaves them
 out); the parts of each; and how the cost grows with tolerance, communication step and number of facets. Best of N
-repetitions on one core."""
+repetitions on one core. Then what a population costs beside one person: pairs of studies in turn."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import platform
 import resource
 import subprocess
 import sys
+import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable
@@ -28,6 +29,9 @@ from fmus.plant import kernels
 from fmus.plant.constants import sole
 from fmus.plant.plant import Landing, Plant
 from sprain_cosim.scenario import load_scenario
+from sprain_cosim.study.evaluation import summarise
+from sprain_cosim.study.folder import load_study_plan, trial_tables
+from sprain_cosim.study.ledger import Ledger
 from sprain_cosim.study.worker import Worker
 
 STOP, STEP = 0.150, 5e-4
@@ -177,6 +181,32 @@ def worker() -> None:
         assert child.run([0.3]).status == "completed"
 
 
+def population(pairs: int = 5, trials: int = 300) -> None:
+    """Prints what a study of a population costs beside that of one person, in processor time of pairs in turn, and what
+    its summary costs of it."""
+    names = ("study6", "population_mixed")
+    with tempfile.TemporaryDirectory() as scratch:
+
+        def spent(name: str, k: int) -> float:
+            out = ["--out", f"{scratch}/{name}-{k}", "--progress", "none"]
+            command = [sys.executable, "-m", "sprain_cosim", "study", name, "--trials", str(trials), *out]
+            return processor_time(lambda: subprocess.run(command, check=True, stdout=subprocess.DEVNULL), 1)
+
+        found = [{name: spent(name, k) for name in (names if k % 2 else names[::-1])} for k in range(pairs)]
+        ratios = sorted(pair[names[1]] / pair[names[0]] for pair in found)
+        one, many = (min(pair[name] for pair in found) for name in names)
+        row(f"a study of one person, {trials} trials", one, "processor time, start to end")
+        spread = f"(median of {pairs} pairs, {ratios[0]:.3f} ... {ratios[-1]:.3f})"
+        row("  of a population", many, f"{ratios[pairs // 2]:.3f} times as much {spread}")
+        folder = Path(scratch) / f"{names[1]}-0"
+        with Ledger.read(folder) as ledger:
+            plan = load_study_plan(folder, ledger)
+            table, _ = trial_tables(plan, ledger, None)
+        began = time.process_time()
+        summarise(plan, table, None)
+        row("  of which its summary", time.process_time() - began)
+
+
 def row(label: str, seconds: float, note: str = "") -> None:
     print(f"{label:46}{1e3 * seconds:9.2f} ms  {note}")
 
@@ -235,6 +265,7 @@ def main() -> None:
         seconds = processor_time(lambda: subprocess.run(command, check=True, stdout=subprocess.DEVNULL), repeat)  # noqa: B023
         row(label, seconds, "processor time, start to end")
     row("a study's worker", processor_time(worker, repeat), "processor time: its start, the FMUs, one braced landing")
+    population()
     print(
         "\nmicroseconds per communication step, incline30_brace (each call timed, so a little more than in the run "
         "above)"

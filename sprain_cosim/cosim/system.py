@@ -42,6 +42,10 @@ class System:
         """The first of a name counts."""
         return {c.name: c for c in reversed(self.components)}
 
+    @cached_property
+    def _owners(self) -> frozenset[str]:
+        return frozenset(other.partition(".")[0] for other in self.derived)
+
     def component(self, name: str) -> Element | None:
         return self._by_name.get(name)
 
@@ -50,7 +54,7 @@ class System:
         if full in self.derived:
             return self.derived[full]
         name, _, rest = full.partition(".")
-        if rest and any(other.startswith(f"{name}.") for other in self.derived):
+        if rest and name in self._owners:
             raise InputError(f"{full}: no such name{nearest(full, self.derived)}")
         component = self.component(name)
         if component is None or not rest:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..cosim.result import CONVERGED, UNCONVERGED
 from ..metrics import THROWN_TEXT, pose_artefacts, unit_of
+from ..processor import one_thread
 from ..records import finite
 from ..uq import sensitivity, statistics
 from ..uq.dependent import dependent_shares
@@ -90,6 +91,7 @@ TWO_THRESHOLDS = (
 )
 
 
+@one_thread()
 def summarise(study: Plan, trials: pd.DataFrame, found: Found | None) -> StudySummary:
     """What the trials say, or what a search `found`. Raises InputError for a response that is no metric.
 

@@ -12,8 +12,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,15 +72,29 @@ class Anthropometry:
     def rest(self, given: Mapping[str, float]) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64]]:
         """The measures that are not given, and the mean (m,) and the covariance (m, m) of their normal variables (of
         the mass, its logarithm) beside those that are."""
-        known = [k for k, name in enumerate(self.names) if name in given]
+        known = tuple(name for name in self.names if name in given)
+        if known not in self._regressions:
+            self._regressions[known] = self._regression(known)
+        names, weights, location, scale, covariance = self._regressions[known]
+        z = np.array([self.score(name, given[name]) for name in known])
+        return list(names), location + scale * (weights @ z), covariance
+
+    @cached_property
+    def _regressions(self) -> dict[tuple[str, ...], tuple[Any, ...]]:
+        """{names of measures: what they say of the others}: the same for all persons of whom these are known."""
+        return {}
+
+    def _regression(self, given: tuple[str, ...]) -> tuple[Any, ...]:
+        """The measures that are not given, the weights of the given ones' scores in theirs, and location, scale and
+        conditional covariance of their normal variables."""
+        known = [self.names.index(name) for name in given]
         rest = [k for k in range(len(self.names)) if k not in known]
-        z = np.array([self.score(self.names[k], given[self.names[k]]) for k in known])
         r = self.correlation
         weights = np.linalg.solve(r[np.ix_(known, known)], r[np.ix_(known, rest)]).T
         names = [self.names[k] for k in rest]
         location, scale = np.array([self._law(name) for name in names]).reshape(-1, 2).T
         covariance = r[np.ix_(rest, rest)] - weights @ r[np.ix_(known, rest)]
-        return names, location + scale * (weights @ z), covariance * np.outer(scale, scale)
+        return names, weights, location, scale, covariance * np.outer(scale, scale)
 
     def unusual(self, given: Mapping[str, float]) -> list[str]:
         """The given measures that lie outside what is usual for the sex, or beside the other given ones, a line

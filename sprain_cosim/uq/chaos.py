@@ -10,18 +10,21 @@ Sources: D. Xiu, G. E. Karniadakis, SIAM J. Sci. Comput. 24 (2002) 619-644; B. S
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from .distributions import Array
 from .distributions.marginal import as_array
 
-__all__ = ["Chaos", "basis", "fit_chaos", "hermite", "multi_indices", "redrawn", "terms_of"]
+__all__ = ["Chaos", "basis", "fit_chaos", "hermite", "multi_indices", "orthonormal", "redrawn", "terms_of"]
 
 _BLOCK = 4_000_000  # numbers of a basis held at a time
+_WELL_APART = 1e-3  # ratio of diagonal elements down to which columns may be orthonormalised by their products
 
 
 def multi_indices(d: int, degree: int) -> list[tuple[int, ...]]:
@@ -75,13 +78,27 @@ def fit_chaos(u: Array, y: Array, degree: int, ridge: float = 0.0) -> Chaos:
         coefficients = np.linalg.solve(factor.T, half @ y)
         leverage = np.sum(half**2, axis=0)
     else:
-        q, r = np.linalg.qr(columns)
+        q, r = orthonormal(columns)
         coefficients = np.linalg.solve(r, q.T @ y)
         leverage = np.sum(q**2, axis=1)
     left_out = (y - columns @ coefficients) / np.maximum(1.0 - leverage, 1e-9)
     variance = float(np.var(y))
     q2 = 1.0 - float(np.mean(left_out**2)) / variance if variance > 0 else math.nan
     return Chaos(degree, powers, as_array(coefficients), as_array(left_out), q2)
+
+
+def orthonormal(columns: Array) -> tuple[Array, Array]:
+    """The factors q (n, terms), r (terms, terms) of many rows: orthonormal columns times an upper triangle.
+
+    By Cholesky's factor of the products of the columns, in a third of the time of Householder's reflections, which
+    columns get that depend on each other more than those of a polynomial basis do."""
+    with contextlib.suppress(np.linalg.LinAlgError):
+        lower = np.linalg.cholesky(columns.T @ columns)
+        diagonal = np.diag(lower)
+        if float(diagonal.min()) > _WELL_APART * float(diagonal.max()):
+            return as_array(solve_triangular(lower, columns.T, lower=True).T), as_array(lower.T)
+    q, r = np.linalg.qr(columns)
+    return as_array(q), as_array(r)
 
 
 def redrawn(columns: Array, coefficients: Array, left_out: Array, draws: int, rng: np.random.Generator) -> Array:
@@ -91,7 +108,7 @@ def redrawn(columns: Array, coefficients: Array, left_out: Array, draws: int, rn
     columns   (n, terms) of the fit
     left_out  (n,) residuals of rows left out
     """
-    q, r = np.linalg.qr(columns)
+    q, r = orthonormal(columns)
     signs = rng.standard_normal((draws, len(left_out)))
     moved = np.linalg.solve(r, q.T @ (signs * left_out).T).T
     return np.vstack([coefficients, coefficients + moved])

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import eval_hermitenorm, eval_legendre, ndtr, ndtri, stdtrit
 
-from .chaos import redrawn
+from .chaos import orthonormal, redrawn
 from .distributions import JointDistribution, Marginal, Normal, Uniform
 from .sampling import Stream, generator, sobol
 
@@ -465,8 +465,8 @@ def given_data_indices(
         if len(powers) > _TERMS_PER_ROW * n:
             break
         basis = _products(table, powers)
-        q, r = np.linalg.qr(basis)
-        coefficients = np.linalg.solve(r, q.T @ ys)
+        q, r = orthonormal(basis)
+        coefficients = np.asarray(np.linalg.solve(r, q.T @ ys), dtype=float)
         leverage = np.sum(q**2, axis=1)
         loo = (ys - basis @ coefficients) / np.maximum(1.0 - leverage, 1e-9)
         q2 = 1.0 - float(np.mean(loo**2)) / variance

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from sprain_cosim.uq.chaos import basis, multi_indices, orthonormal
 from sprain_cosim.uq.dependent import dependent_shares
 from sprain_cosim.uq.distributions import Array, Choices, Fixed, JointDistribution, LogNormal, Normal, Uniform
 from sprain_cosim.uq.sampling import monte_carlo
@@ -175,3 +176,16 @@ def test_openturns_has_the_same_indices_of_independent_inputs() -> None:
     found = dependent_shares(x, y, NORMALS)
     assert found.first == pytest.approx([theirs.getSobolIndex(i) for i in range(4)], abs=1e-9)
     assert found.total == pytest.approx([theirs.getSobolTotalIndex(i) for i in range(4)], abs=1e-9)
+
+
+@pytest.mark.parametrize("tie", [0.0, 1e-2, 1e-7])
+def test_factors_of_a_basis_are_those_of_reflections(tie: float) -> None:
+    """Of independent columns by their products, of nearly dependent ones by reflections: both to rounding."""
+    u = np.random.default_rng(4).standard_normal((300, 4))
+    if tie:
+        u[:, 3] = u[:, 2] + tie * u[:, 3]
+    columns = basis(u, np.array(multi_indices(4, 2)))
+    q, r = orthonormal(columns)
+    assert np.allclose(q @ r, columns, rtol=0, atol=1e-12 * np.abs(columns).max())
+    assert np.allclose(q.T @ q, np.eye(15), rtol=0, atol=1e-9)
+    assert np.allclose(np.abs(r), np.abs(np.linalg.qr(columns)[1]), rtol=0, atol=1e-9 * np.abs(r).max())

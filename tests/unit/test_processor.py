@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import sys
 import zipfile
 from pathlib import Path
 
@@ -49,3 +50,12 @@ def test_what_rounding_may_change() -> None:
     assert processor.within_rounding(float("nan"), float("nan"))
     assert not processor.within_rounding(49.6, 49.6001)
     assert not processor.within_rounding(49.6, float("nan"))
+
+
+def test_linear_algebra_takes_one_thread_and_gets_its_own_back() -> None:
+    before = [count() for count, _ in processor._openblas()]
+    with processor.one_thread(), processor.one_thread():
+        assert [count() for count, _ in processor._openblas()] == [1] * len(before)
+    assert [count() for count, _ in processor._openblas()] == before
+    bundled = [p for p in sys.path for _ in Path(p).glob("numpy.libs/*openblas*")]
+    assert before or not bundled  # a wheel of NumPy with an OpenBLAS is found
