@@ -17,6 +17,13 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         )
 
 
+@pytest.fixture
+def every_row_is_committed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Studies of this process commit and tell their progress after each trial, not after 0.25 s, in which a fast
+    machine finishes them."""
+    monkeypatch.setattr("sprain_cosim.study.dispatch.COMMIT", -1.0)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def cache(tmp_path_factory: pytest.TempPathFactory):
     """Unpacked FMUs go to a fresh folder."""

@@ -35,6 +35,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return (out / "trials.csv").read_bytes()
 
 
+@pytest.mark.usefixtures("every_row_is_committed")
 def test_half_a_study_from_here_is_finished_on_dask_though_a_worker_is_killed(
     whole: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -45,8 +46,8 @@ def test_half_a_study_from_here_is_finished_on_dask_though_a_worker_is_killed(
 
     def progress(finished: int, total: int, failed: int, seconds: float) -> None:
         if finished > 10 and not killed:
-            killed.append(os.getpgid(backends[0]._processes[0]._process.pid))
-            os.killpg(killed[0], signal.SIGKILL)
+            killed.append(finished)
+            os.killpg(os.getpgid(backends[0]._processes[0]._process.pid), signal.SIGKILL)
 
     backends: list[Dask] = []
     began = Dask.__init__
@@ -59,7 +60,7 @@ def test_half_a_study_from_here_is_finished_on_dask_though_a_worker_is_killed(
     study.run(
         trials=TRIALS, workers=2, scheduler="local-cluster", out=out, resume=True, trajectories=0, progress=progress
     )
-    assert killed
+    assert killed == [11]
     assert (out / "trials.csv").read_bytes() == whole
 
 
@@ -138,7 +139,7 @@ def test_no_worker_is_said_and_ends_the_study(
     began = time.monotonic()
     with caplog.at_level(logging.WARNING), pytest.raises(EnvironmentProblem, match=r"no worker for \d+ s; .*--resume"):
         sc.load_study("study6").run(trials=2, scheduler=scheduler, out=tmp_path / "a")
-    assert time.monotonic() - began < 30.0
+    assert time.monotonic() - began < 300.0  # the product's own wait is 600 s
     assert [r.getMessage().partition(": ")[2][:24] for r in caplog.records] == ["no worker has joined for"]
     monkeypatch.setenv("SPRAIN_COSIM_WORKER_WAIT", "soon")
     with pytest.raises(InputError, match="must be a number of seconds"):

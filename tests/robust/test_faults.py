@@ -20,9 +20,10 @@ from sprain_cosim.study.study import Study
 from sprain_cosim.study.trajectories import read_trajectory
 from sprain_cosim.study.worker import Worker
 from tests.native import FAULTS, compile_fmu
-from tests.processes import alive_in
+from tests.processes import alive_in, soon
 
-LIMIT = 1.0  # s of wall time for a landing of 20 ms
+LIMIT = 1.0  # s of wall time for what hangs
+AMPLE = 60.0  # s for what does not, however loaded the machine is
 VARIED = FAULTS.index("hang_load")  # the others can be chosen by a trial
 EXPECTED = {
     "segfault": ("crashed", "SIGSEGV"),
@@ -64,22 +65,27 @@ def campaign(study: Study, faults: list[int], folder: Path, limit: float = LIMIT
 
 def test_every_fault_is_classified_and_touches_no_other_trial(study: Study, tmp_path: Path) -> None:
     """One trial of each kind between clean ones; the clean ones equal a fault-free run to the bit."""
-    rng = np.random.default_rng(7)
-    faults = [code for kind in rng.permutation(VARIED) for code in (0, int(kind))]
-    (tmp_path / "with").mkdir()
-    (tmp_path / "without").mkdir()
-    broken = campaign(study, faults, tmp_path / "with", workers=2).trials
-    clean = campaign(study, [0] * len(faults), tmp_path / "without", workers=2).trials
-    assert (clean["status"] == "completed").all()
-    for k, code in enumerate(faults):
-        row, kind = broken.iloc[k], FAULTS[code]
-        if kind in EXPECTED:
-            status, word = EXPECTED[kind]
-            assert row["status"] == status, (kind, row["message"])
-            assert word in row["message"], kind
-        else:
-            assert row["status"] == "completed", (kind, row["message"])
-            assert row["peak_subtalar_angle_deg"] == clean["peak_subtalar_angle_deg"][k], kind
+    kinds = [FAULTS[code] for code in np.random.default_rng(7).permutation(VARIED)]
+    hanging = [kind for kind in kinds if EXPECTED.get(kind, ("",))[0] == "timeout"]
+    for name, several, limit in (
+        ("hanging", hanging, LIMIT),
+        ("others", [kind for kind in kinds if kind not in hanging], AMPLE),
+    ):
+        faults = [code for kind in several for code in (0, FAULTS.index(kind))]
+        for folder in (tmp_path / name, tmp_path / f"{name}_clean"):
+            folder.mkdir()
+        broken = campaign(study, faults, tmp_path / name, limit, workers=2).trials
+        clean = campaign(study, [0] * len(faults), tmp_path / f"{name}_clean", AMPLE, workers=2).trials
+        assert (clean["status"] == "completed").all()
+        for k, code in enumerate(faults):
+            row, kind = broken.iloc[k], FAULTS[code]
+            if kind in EXPECTED:
+                status, word = EXPECTED[kind]
+                assert row["status"] == status, (kind, row["message"])
+                assert word in row["message"], kind
+            else:
+                assert row["status"] == "completed", (kind, row["message"])
+                assert row["peak_subtalar_angle_deg"] == clean["peak_subtalar_angle_deg"][k], kind
 
 
 @pytest.mark.long
@@ -114,7 +120,7 @@ def test_a_thousand_trials_with_a_tenth_of_them_faulty(study: Study, tmp_path: P
 
 
 def test_a_failed_trial_is_quarantined_with_what_its_replay_needs(study: Study, tmp_path: Path) -> None:
-    campaign(study, [0, FAULTS.index("segfault"), FAULTS.index("nan")], tmp_path, workers=1)
+    campaign(study, [0, FAULTS.index("segfault"), FAULTS.index("nan")], tmp_path, AMPLE, workers=1)
     out = tmp_path / "out"
     crashed, failed = json.loads((out / "failures.json").read_text())
     assert (crashed["trial"], crashed["status"], crashed["attempts"]) == (1, "crashed", 2)
@@ -179,15 +185,14 @@ def test_a_hang_is_ended_in_time_with_its_grandchildren(study: Study) -> None:
         began = time.monotonic()
         with pytest.raises(ProcessEnded, match="wall time"):
             child.call("run", [float(FAULTS.index("hang_step"))], False, 60.0, limit=LIMIT)
+        assert LIMIT <= time.monotonic() - began < 10 * LIMIT
     finally:
         child.close()
-    while left := alive_in(group):  # killed, and not yet buried by the system
-        assert time.monotonic() - began < LIMIT + 1.0, left
-    assert time.monotonic() - began < LIMIT + 1.0
+    assert soon(lambda: not alive_in(group), 1.0)  # killed, and not yet buried by the system
 
 
 def test_what_a_device_prints_last_is_kept(study: Study) -> None:
-    with Worker(study.scenario, ("brace.fault",), Limits(trial=LIMIT)) as worker:
+    with Worker(study.scenario, ("brace.fault",), Limits(trial=AMPLE)) as worker:
         outcome = worker.run([float(FAULTS.index("fatal"))])
     assert outcome.status == "failed"
     assert len(outcome.log) <= 4000

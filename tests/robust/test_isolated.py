@@ -22,7 +22,7 @@ from sprain_cosim.fmu.driver import Driver
 from sprain_cosim.fmu.isolated import Proxy, isolated
 from sprain_cosim.process import Limits
 from tests.native import compile_fmu, device
-from tests.processes import alive_in
+from tests.processes import alive_in, soon
 
 SLAVE = """
 from law import STIFFNESS
@@ -127,7 +127,7 @@ def test_state(tmp_path: Path) -> None:
 def test_a_fault_ends_the_run_and_names_the_component(
     fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "STEP_LIMIT", 1.0)
+    monkeypatch.setattr(module, "STEP_LIMIT", 1.0 if fault == "hang_step" else 60.0)
     monkeypatch.setattr(module, "START_LIMIT", 6.0 if fault == "hang_start" else 60.0)
     scenario = (
         sc.load_scenario("incline30")
@@ -149,18 +149,19 @@ def test_a_fault_ends_the_run_and_names_the_component(
             assert session.run().message == result.message  # opened anew
 
 
-def test_a_hang_ends_within_the_stated_limit_of_the_run(tmp_path: Path) -> None:
+def test_a_hang_ends_within_the_stated_limit_of_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Not after STEP_LIMIT of the call; a limit that suffices changes nothing."""
+    monkeypatch.setattr(module, "STEP_LIMIT", 600.0)
     chosen = sc.load_scenario("incline30").isolated("controller").with_master(stop="15 ms")
     assert chosen.run(limits=Limits(trial=60.0)).metrics == chosen.run().metrics
     hanging = compile_fmu(tmp_path / "device.fmu", fault="hang_step")
     scenario = sc.load_scenario("incline30").replace_fmu("brace", hanging).isolated("brace").with_master(stop="15 ms")
-    with scenario.open(limits=Limits(trial=0.7)) as session:
+    with scenario.open(limits=Limits(trial=2.0)) as session:
         began = time.monotonic()
         result = session.run()
-    assert time.monotonic() - began < 0.5 * module.STEP_LIMIT
+    assert time.monotonic() - began < 0.2 * module.STEP_LIMIT
     assert result.message == (
-        "brace: in the step from 0.01 s to 0.0105 s: its process overran its limit of wall time (0.7 s: as stated) and "
+        "brace: in the step from 0.01 s to 0.0105 s: its process overran its limit of wall time (2 s: as stated) and "
         "was ended"
     )
 
@@ -238,7 +239,5 @@ def test_nothing_stays_behind(tmp_path: Path) -> None:
     with scenario.open() as session:
         groups = [m.instance._child._process.pid for m in session._assembly.members if m.name == "brace"]  # type: ignore[union-attr]
         assert session.run().status == "completed"
-    deadline = time.monotonic() + 5.0
-    while (alive := [g for g in groups if alive_in(g)]) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert not alive
+    assert groups
+    assert soon(lambda: not any(map(alive_in, groups)), 5.0)

@@ -7,7 +7,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pandas as pd
@@ -19,6 +18,7 @@ from sprain_cosim.process import Limits
 from sprain_cosim.sandbox.kernel import SIGNAL_ABI, offered
 from sprain_cosim.study.plan import Plan
 from tests.native import MISCHIEF, mischief
+from tests.processes import soon
 
 FULL = offered().landlock >= SIGNAL_ABI and offered().seccomp
 needs_all = pytest.mark.skipif(not FULL, reason=f"this kernel offers {offered()}")
@@ -117,10 +117,7 @@ def test_a_study_goes_on_whatever_a_trial_does(fmu: Path, target: Path, tmp_path
         if kind not in OWN:
             assert (harmed.loc[k, response] == clean.loc[k, response]).all(), kind
     assert not (target / "stolen").exists()
-    deadline = time.monotonic() + 2.0
-    while (left := processes_of(fmu.parent)) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert not left
+    assert soon(lambda: not processes_of(fmu.parent), 2.0)
 
 
 @needs_all

@@ -43,16 +43,18 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory, fmus: tuple[Path, Path
     return study(folder, fmus).run(trials=TRIALS, workers=1, limits=Limits(recycle=3)).trials
 
 
+@pytest.mark.usefixtures("every_row_is_committed")
 @pytest.mark.parametrize("what", ["replaced", "overwritten", "removed", "map"])
 def test_a_file_that_changes_meanwhile(
     what: str, fmus: tuple[Path, Path], undisturbed: pd.DataFrame, tmp_path: Path
 ) -> None:
     """Children are replaced after three trials, so that later ones open the files anew."""
-    brace, table = tmp_path / "brace.fmu", tmp_path / "brace.toml"
+    brace, table, moments = tmp_path / "brace.fmu", tmp_path / "brace.toml", list[int]()
 
     def disturb(finished: int, *_: object) -> None:
         if finished < 2:
             return
+        moments.append(finished)
         if what == "replaced":
             shutil.copy(fmus[1], tmp_path / "new.fmu")
             os.replace(tmp_path / "new.fmu", brace)
@@ -66,6 +68,7 @@ def test_a_file_that_changes_meanwhile(
     done = study(tmp_path, fmus).run(
         trials=TRIALS, workers=1, out=tmp_path / "s", limits=Limits(recycle=3), progress=disturb, trajectories=0
     )
+    assert moments[0] == 2
     pd.testing.assert_frame_equal(done.trials, undisturbed, check_exact=True)
     changed = table if what == "map" else brace
     became = "is gone" if what == "removed" else "has changed"
@@ -82,6 +85,7 @@ def test_a_file_that_changes_meanwhile(
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("every_row_is_committed")
 @pytest.mark.parametrize("workers", [1, 2])
 def test_none_of_400_rows_is_of_the_new_file(workers: int, fmus: tuple[Path, Path], tmp_path: Path) -> None:
     """FMU and mapping file are replaced again and again while the study runs; children are replaced every 20 trials."""

@@ -178,6 +178,7 @@ def test_a_study_survives_its_way_through_json() -> None:
         decode({"!": "Popen", "args": ["true"]})
 
 
+@pytest.mark.usefixtures("every_row_is_committed")
 @pytest.mark.parametrize("how", ["removed", "moved", "replaced"])
 def test_a_folder_that_goes_away_while_the_study_runs(how: str, tmp_path: Path) -> None:
     """One line instead of trials that are nowhere; what was moved can be continued."""

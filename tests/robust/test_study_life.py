@@ -21,28 +21,31 @@ import pytest
 
 from sprain_cosim.errors import InputError
 from sprain_cosim.study.ledger import Ledger
+from tests.processes import soon
 
 ROOT = Path(__file__).parent.parent.parent
 TRIALS = 60
+ENDLESS = 1_000_000  # trials of a study that is ended before
 LANDING = "20 ms"  # short, for many of them
 DRIVER = f"""if True:
-    import json, os, signal, sys
+    import os, sys, time
     from dataclasses import replace
     import sprain_cosim.study.file as module
     from sprain_cosim import cli
+    from sprain_cosim.study import dispatch, progress
     load = module.load_study
     def shorter(name):
         study = load(name)
         return replace(study, scenario=study.scenario.with_master(stop="{LANDING}"))
-    module.load_study = shorter
-    from sprain_cosim.study.ledger import Ledger
-    commit, held = Ledger.commit, int(os.environ.get("SPRAIN_TEST_HELD_AT", "0"))
-    def commit_and_stay(ledger):
-        commit(ledger)
-        if held and ledger.count() >= held:
-            print(json.dumps({{"finished": ledger.count()}}), file=sys.stderr, flush=True)
-            signal.pause()
-    Ledger.commit = commit_and_stay
+    module.load_study, progress.EVERY = shorter, 0.0
+    rows, held = dispatch.Dispatch._rows, os.environ.get("SPRAIN_TEST_HELD_AT", "")
+    def held_rows(self, *jobs):
+        for row in rows(self, *jobs):
+            while self.ledger.count() >= int(held if held.isdigit() else open(held).read() or 0):
+                time.sleep(0.001)
+            yield row
+    if held:
+        dispatch.COMMIT, dispatch.Dispatch._rows = -1.0, held_rows
     cli.main(sys.argv[1:])
 """
 
@@ -51,8 +54,8 @@ def start(
     out: Path, *options: str, trials: int = TRIALS, mark: str = "", limit: int | None = None, **environment: str
 ) -> subprocess.Popen[str]:
     """`sprain-cosim study study6` with short landings; `limit` [B] the size that its files may have.
-    SPRAIN_TEST_HELD_AT: the driver stays still once so many trials are in the ledger, so that a fast machine does not
-    finish before it is killed."""
+    SPRAIN_TEST_HELD_AT: every trial is committed at once, and the driver stays still while so many are in the ledger,
+    so that a fast machine does not finish before it is killed; a number, or a file that has it."""
     command = ["study", "study6", "--trials", str(trials), "--trajectories", "none", "--out", str(out), *options]
     return subprocess.Popen(
         [sys.executable, "-c", DRIVER, *command],
@@ -96,12 +99,9 @@ def marked(mark: str) -> list[int]:
     return found
 
 
-def gone(mark: str, seconds: float) -> bool:
-    until = time.monotonic() + seconds
-    while left := marked(mark):
-        if time.monotonic() > until:
-            raise AssertionError(f"processes {left} are still there")
-        os.sched_yield()
+def gone(mark: str) -> bool:
+    """Within 2 s all processes with the mark of a driver."""
+    assert soon(lambda: not marked(mark), 2.0), f"processes {marked(mark)} are still there"
     return True
 
 
@@ -122,18 +122,17 @@ def test_interrupt_keeps_what_is_finished_and_says_how_to_go_on(
     number: signal.Signals, code: int, whole: bytes, tmp_path: Path
 ) -> None:
     out, mark = tmp_path / "out", uuid.uuid4().hex
-    process = start(out, "--workers", "2", "--progress", "json", trials=5000, mark=mark)
+    process = start(out, "--workers", "2", "--progress", "json", trials=ENDLESS, mark=mark)
     until_some_are_finished(process, 1)
     process.send_signal(number)
-    began = time.monotonic()
-    _, said = process.communicate(timeout=30)
-    assert process.returncode == code, said
-    assert time.monotonic() - began < 2.0
+    in_time = soon(lambda: process.poll() is not None, 2.0)
+    _, said = process.communicate(timeout=60)
+    assert (process.returncode, in_time) == (code, True), said
     hint, error = said.splitlines()[-2:]
-    assert hint.startswith("continue with: sprain-cosim study study6 --trials 5000")
+    assert hint.startswith(f"continue with: sprain-cosim study study6 --trials {ENDLESS}")
     assert hint.endswith("--resume")
     assert error == "error: interrupted"
-    assert gone(mark, 2.0)
+    assert gone(mark)
     with Ledger.read(out) as ledger:
         assert len(ledger.finished()[0]) >= 1
     assert not (out / "trials.csv").exists()
@@ -150,18 +149,22 @@ def kills(out: Path, count: int, trials: int, rng: random.Random) -> bytes:
     it by 2 s."""
     kept: dict[int, float] = {}
     for _ in range(count):
-        mark = uuid.uuid4().hex
-        process = start(out, "--resume", "--workers", "2", "--progress", "json", trials=trials, mark=mark)
-        if rng.random() < 0.8:  # else while it starts
-            until_some_are_finished(process, min(len(kept) + rng.randrange(1, 8), trials - 1))
+        mark, least = uuid.uuid4().hex, min(len(kept) + rng.randrange(1, 8), trials - 4)
+        options = ("--resume", "--workers", "2", "--progress", "json")
+        process = start(out, *options, trials=trials, mark=mark, SPRAIN_TEST_HELD_AT=str(least + 3))
+        if rng.random() < 0.8:
+            until_some_are_finished(process, least)
+        else:  # while it starts
+            time.sleep(rng.random())
         process.kill()
         process.communicate()
-        assert gone(mark, 2.0)
+        assert gone(mark)
         if (out / "ledger.sqlite").is_file():
             with Ledger.read(out) as ledger:
                 now = {row.trial: row.outcome.wall for row in ledger.rows()}
             assert {trial: now.get(trial) for trial in kept} == kept, "an acknowledged trial was lost or run again"
             kept = now
+            assert len(kept) < trials, "it had ended before"
         if len(kept) > trials - 10:
             break
     table = finish(out, "--resume", "--workers", "2", trials=trials)
@@ -180,7 +183,7 @@ def test_killed_here_and_finished_on_dask(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     out, mark = tmp_path / "out", uuid.uuid4().hex
     trials = 300
-    process = start(out, "--workers", "1", "--progress", "none", trials=trials, mark=mark, SPRAIN_TEST_HELD_AT="5")
+    process = start(out, "--workers", "1", "--progress", "json", trials=trials, mark=mark, SPRAIN_TEST_HELD_AT="5")
     until_some_are_finished(process, 5)
     process.kill()
     process.communicate()
@@ -220,15 +223,17 @@ def kills_while_it_runs(out: Path, count: int, trials: int, rng: random.Random) 
     kept: dict[int, float] = {}
     done = dict.fromkeys(VICTIMS, 0)
     process: subprocess.Popen[str] | None = None
-    mark, needed, before = "", set[int](), set[int]()
+    mark, needed, before, gate = "", set[int](), set[int](), out.with_name("gate")
     while sum(done.values()) < count and len(kept) < trials - 200:
         if process is None:
             mark = uuid.uuid4().hex
             options = ("--resume", "--workers", str(rng.choice((1, 2))), "--progress", "none")
-            process = start(out, *options, trials=trials, mark=mark)
+            gate.write_text("0")
+            process = start(out, *options, trials=trials, mark=mark, SPRAIN_TEST_HELD_AT=str(gate))
             begun = len(finished_in(out))
-        wait = rng.randrange(1, 8)
+        wait, ahead = rng.randrange(1, 8), rng.randrange(1, 30)
         while len(finished := finished_in(out)) < begun + wait or before or not needed <= finished:
+            gate.write_text(str(len(finished) + ahead))
             if before and finished > before:
                 before, needed = set(), set(range(max(finished) + 9))
             assert process.poll() is None, process.communicate()[1]
@@ -252,7 +257,7 @@ def kills_while_it_runs(out: Path, count: int, trials: int, rng: random.Random) 
         process.communicate()
         process, needed, before = None, set(), set()
         done[victim] += 1
-        assert gone(mark, 2.0)
+        assert gone(mark)
         with Ledger.read(out) as ledger:
             now = {row.trial: row.outcome.wall for row in ledger.rows()}
         assert {trial: now.get(trial) for trial in kept} == kept, "an acknowledged trial was lost or run again"
@@ -279,7 +284,7 @@ def test_killed_while_it_runs(tmp_path: Path) -> None:
 
 def test_second_run_on_a_folder_names_the_first_and_a_stale_lock_is_no_matter(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    first = start(out, "--workers", "1", "--progress", "json", trials=5000)
+    first = start(out, "--workers", "1", "--progress", "json", trials=ENDLESS)
     until_some_are_finished(first, 1)
     second = start(out, "--resume")
     _, said = second.communicate(timeout=60)

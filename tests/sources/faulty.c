@@ -17,6 +17,10 @@ enum {
 
 typedef struct { double value[VARIABLES]; char name[64]; const fmi2CallbackFunctions* callbacks; } Device;
 
+#ifdef RESERVES /* bytes that the library asks for when it is loaded */
+static char reserved[RESERVES] __attribute__((used));
+#endif
+
 static void hang(void) { for (;;) pause(); }
 
 const char* fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
