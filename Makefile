@@ -25,7 +25,7 @@ validate: build
 	$(RUN) validate --out $(OUT)/validation
 
 docs: build
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict   # not --quiet: mkdocs then counts no warning
 	@echo "written: build/site/index.html"
 
 bench: build

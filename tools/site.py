@@ -1,6 +1,6 @@
 """Hooks of the documentation site (mkdocs.yml): the command reference is written from the program's own options, the
-reference of files from the tables of keys; equations become MathML when the site is built, so that a page needs no
-script and no network."""
+reference of files from the tables of keys, that of parameters and responses from the FMUs and the code; equations
+become MathML when the site is built, so that a page needs no script and no network."""
 
 from __future__ import annotations
 
@@ -12,13 +12,16 @@ import click
 from latex2mathml.converter import convert
 
 from sprain_cosim import mapping
+from sprain_cosim.catalogue import Settable, catalogue, parameters_of
 from sprain_cosim.cli import cli
+from sprain_cosim.scenario import Scenario, load_scenario
 from sprain_cosim.scenario import file as scenario
 from sprain_cosim.study import file as study
 from sprain_cosim.validation.checks import user_files
 
 COMMANDS = "<!-- commands -->"
 FILES = "<!-- files -->"
+NAMES = "<!-- names -->"
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\s*\\([(\[])(.*?)\\[)\]]\s*</\1>', re.DOTALL)
 
 
@@ -28,6 +31,8 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
     if FILES in markdown:
         tables = (scenario.FILE, study.FILE, mapping.FILE, user_files.FILE)
         return markdown.replace(FILES, "\n".join(file.reference() for file in tables))
+    if NAMES in markdown:
+        return markdown.replace(NAMES, "\n".join(_names()))
     return markdown
 
 
@@ -36,6 +41,51 @@ def on_page_content(content: str, **_: Any) -> str:
     return FORMULA.sub(
         lambda m: convert(html.unescape(m[3].strip()), display="block" if m[2] == "[" else "inline"), content
     )
+
+
+def _names() -> list[str]:
+    """Parameters of plant, person, controller and every brace that ships; responses."""
+    bare = load_scenario("incline30")
+    lines = [
+        *_parameters("The plant", "Every landing has it.", bare, "plant"),
+        *_parameters(
+            "A person",
+            "Where a scenario has a subject (`--subject`, `[subject]`). What is not stated is estimated; the defaults are "
+            "the estimates for a woman of 1.63 m and 62 kg ([your subject](../your-subject.md)).",
+            bare.with_subject("female, 1.63 m, 62 kg"),
+            "subject",
+        ),
+        *_parameters("The controller", "Of the muscles that cross the ankle.", bare, "controller"),
+    ]
+    for brace in catalogue("braces"):
+        chosen = bare.replace_fmu("brace", brace["name"])
+        lines += _parameters(f"brace = {brace['name']}", f"{brace['description']}.", chosen, "brace")
+    lines += ["## Responses", "", "| Response | Unit | Meaning |", "|---|---|---|"]
+    for record in catalogue("responses"):
+        needs = " (with a brace)" if record["needs_brace"] else ""
+        lines.append(f"| `{record['name']}` | {record['unit']} | {_prose(record['meaning'] + needs)} |")
+    return lines
+
+
+def _parameters(title: str, text: str, chosen: Scenario, component: str) -> list[str]:
+    found = [p for p in parameters_of(chosen) if p.name.startswith(f"{component}.")]
+    rows = [_parameter_row(parameter) for parameter in found]
+    return [
+        f"## {title}",
+        "",
+        text,
+        "",
+        "| Parameter | Unit | Range | Default | Meaning |",
+        "|---|---|---|---|---|",
+        *rows,
+        "",
+    ]
+
+
+def _parameter_row(parameter: Settable) -> str:
+    name, unit, span, default, value, meaning = parameter.row()
+    default = str(value or default) if parameter.name.startswith("subject.") else default
+    return f"| `{name}` | {unit} | {_prose(span)} | {_prose(default)} | {_prose(meaning)} |"
 
 
 def _section(command: click.Command, path: str, parent: click.Context | None) -> list[str]:

@@ -1,21 +1,26 @@
-"""The documentation site builds without a warning, asks no other server for anything, and holds every command and
-equation."""
+"""The documentation site builds without a warning (links and anchors included), asks no other server for anything,
+holds every command, parameter, response and equation, and can be searched when it is opened from the disk."""
 
 from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from sprain_cosim.catalogue import catalogue, parameters_of
 from sprain_cosim.cli import cli
+from sprain_cosim.scenario import load_scenario
 from tests.docs_commands import ROOT
 from tools.schemas import FILES
 
 pytest.importorskip("mkdocs", reason="the extra [docs] is not installed")
+CHROMIUM = next((p for n in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(n))), None)
+BESIDE = sorted([*ROOT.glob("*.md"), *(ROOT / "fmus").rglob("*.md")])  # pages that are not part of the site
 
 
 @pytest.fixture(scope="module")
@@ -75,3 +80,44 @@ def test_every_key_of_a_file_is_in_the_reference(site: Path) -> None:
     for file in FILES:
         for key in file.table.names:
             assert f"<code>{key}" in text, key
+
+
+def test_every_parameter_and_response_is_in_the_reference(site: Path) -> None:
+    text = (site / "reference" / "names.html").read_text("utf-8")
+    bare = load_scenario("incline30")
+    braced = [bare.replace_fmu("brace", record["name"]) for record in catalogue("braces")]
+    for chosen in (bare.with_subject("female, 1.63 m, 62 kg"), *braced):
+        for parameter in parameters_of(chosen):
+            assert f"<code>{parameter.name}</code>" in text, parameter.name
+    for record in catalogue("responses"):
+        assert f"<code>{record['name']}</code>" in text, record
+
+
+@pytest.mark.parametrize("page", BESIDE, ids=lambda p: str(p.relative_to(ROOT)))
+def test_links_of_a_page_beside_the_site(page: Path, site: Path) -> None:
+    """Files exist, anchors of documentation pages too."""
+    for link in re.findall(r"\]\(([^)\s]+)\)|(?:src|href)=\"([^\"]+)\"", page.read_text("utf-8")):
+        target, _, anchor = (link[0] or link[1]).partition("#")
+        if target and not target.startswith(("http:", "https:", "mailto:")):
+            file = (page.parent / target).resolve()
+            assert file.exists(), (page.name, target)
+            if anchor and file.is_relative_to(ROOT / "docs"):
+                built = (site / file.relative_to(ROOT / "docs")).with_suffix(".html").read_text("utf-8")
+                assert f'id="{anchor}"' in built, (page.name, target, anchor)
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine; `make browser` installs it")
+def test_search_from_the_disk(site: Path, tmp_path: Path) -> None:
+    """A page that was opened as a file finds pages: no server, no worker, no other address."""
+    page = (site / "theory" / "jcs.html").as_uri() + "?q=supination"
+    options = ["--headless", "--no-sandbox", "--disable-dev-shm-usage", f"--user-data-dir={tmp_path}"]
+    shown = subprocess.run(
+        [str(CHROMIUM), *options, "--virtual-time-budget=8000", "--dump-dom", page],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    ).stdout
+    found = re.search(r"(\d+) matching documents", shown)
+    assert found
+    assert int(found[1]) >= 5

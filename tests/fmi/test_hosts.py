@@ -1,4 +1,4 @@
-"""Hosts that are not Python, as oracles (R14): the shipped plant, controller and brace under a master in C of our own
+"""Hosts that are not Python, as oracles: the shipped plant, controller and brace under a master in C of our own
 and under libcosim's C API, equal to scheme jacobi; and what such a host is told when it errs."""
 
 from __future__ import annotations

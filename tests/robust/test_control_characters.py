@@ -1,5 +1,5 @@
 """Control characters in titles, names, units and paths are shown, not sent: to the terminal, pages, figures, tables and
-mapping files (R26)."""
+mapping files."""
 
 from __future__ import annotations
 

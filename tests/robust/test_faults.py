@@ -90,8 +90,8 @@ def test_every_fault_is_classified_and_touches_no_other_trial(study: Study, tmp_
 
 @pytest.mark.long
 def test_a_thousand_trials_with_a_tenth_of_them_faulty(study: Study, tmp_path: Path) -> None:
-    """R4 in full: clean trials as in a fault-free run to the bit, every fault a row with its class and a command that
-    runs it again."""
+    """A thousand trials, a hundred faults: clean trials as in a fault-free run to the bit, every fault a row
+    with its class and a command that runs it again."""
     rng = np.random.default_rng(11)
     faults = np.zeros(1000, int)
     faults[rng.choice(1000, 100, replace=False)] = rng.integers(1, VARIED, 100)

@@ -1,5 +1,5 @@
 """Whatever a file holds, its reader gives an object or one error of ours in one line: the files that people write,
-descriptions of FMUs, typed options (R3), and the folders that runs, studies and comparisons leave (R26).
+descriptions of FMUs, typed options, and the folders that runs, studies and comparisons leave.
 
 Texts are valid files with random edits: near misses reach deeper than noise. Noise comes too. tools/fuzz.py does the
 same for longer, by what code an input reaches; what it once found is among its seeds."""

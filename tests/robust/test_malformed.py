@@ -1,5 +1,4 @@
-"""Files that are no usable FMU, through `check`: exit 2, one `error:` line, no traceback, quick, nothing left behind
-(R1, R2)."""
+"""Files that are no usable FMU, through `check`: exit 2, one `error:` line, no traceback, quick, nothing left behind."""
 
 from __future__ import annotations
 

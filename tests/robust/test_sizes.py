@@ -1,5 +1,5 @@
-"""Files that are larger, longer or deeper than any of their kind: refused in one line before they take memory or time
-(R26). Sparse files cost the disk nothing."""
+"""Files that are larger, longer or deeper than any of their kind: refused in one line before they take memory or
+time. Sparse files cost the disk nothing."""
 
 from __future__ import annotations
 
