@@ -50,8 +50,8 @@ def _names() -> list[str]:
         *_parameters("The plant", "Every landing has it.", bare, "plant"),
         *_parameters(
             "A person",
-            "Where a scenario has a subject (`--subject`, `[subject]`). What is not stated is estimated; the defaults are "
-            "the estimates for a woman of 1.63 m and 62 kg ([your subject](../your-subject.md)).",
+            "Of a scenario with a subject (`--subject`, `[subject]`). What is not stated is estimated: here of a woman"
+            " of 1.63 m and 62 kg ([your subject](../your-subject.md)). The ranges are those of the plant.",
             bare.with_subject("female, 1.63 m, 62 kg"),
             "subject",
         ),
