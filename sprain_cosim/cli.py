@@ -900,6 +900,8 @@ def plot_command(
 
     form, chosen = figure_form(width, style == "screen", panels), figure_kinds(kinds)
     names = [name.strip() for name in (only or "").split(",") if name.strip()]
+    if only is not None and not names:
+        raise InputError(f"--only {only!r}: name figures, such as cdf,tornado")
     for path in write_figures(read_folders(folders), out or folders[0], chosen, form, names, response):
         _show(f"written: {path}")
 

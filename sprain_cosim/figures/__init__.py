@@ -2,8 +2,10 @@
 here reads a file or runs an FMU."""
 
 from .design import Designed, design_curve, trade_off
+from .forest import Changed, Difference, forest
 from .landings import DEGREES, PANELS, fan, landing_signals, moment_angle, phase, sharing
 from .law import calibration, torque_angle
+from .pairs import Column, pairs
 from .questions import Answer, Exceeded, questions
 from .samples import Sample, cdf, grid, level_search, percentiles, poses, published, tornado
 from .style import (
@@ -33,7 +35,10 @@ __all__ = [
     "SUBTALAR",
     "TALOCRURAL",
     "Answer",
+    "Changed",
+    "Column",
     "Designed",
+    "Difference",
     "Exceeded",
     "Form",
     "Sample",
@@ -42,11 +47,13 @@ __all__ = [
     "design_curve",
     "drawn_as",
     "fan",
+    "forest",
     "grid",
     "label",
     "landing_signals",
     "level_search",
     "moment_angle",
+    "pairs",
     "percentiles",
     "phase",
     "picture",

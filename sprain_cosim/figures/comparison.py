@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..folders.comparison import NONE, BraceSummary, ComparisonSummary, MeanEstimate
 from ..literature import INJURY_INVERSION_TEXT
 from ..metrics import Signals
-from .style import ANATOMY, BRACE, FAINT, INK, Look, legend_line, letters, palette, sheet, shorten, small, styled
+from .style import BORNE, FAINT, INK, Look, legend_line, letters, palette, sheet, shorten, small, styled
 
 PEAKS = (  # response, name, marker, filled, place on the line
     ("peak_subtalar_angle_deg", "supination", "o", True, -0.14),
@@ -63,8 +63,8 @@ def comparison_figure(
 def _curves(axis: Axes, runs: Mapping[str, Signals], look: Mapping[str, Look]) -> None:
     for name, run in runs.items():
         angle = math.degrees(1.0) * run["plant.subtalar_angle"]
-        colour, style = look[name]
-        axis.plot(1e3 * run.time, angle, color=colour, linestyle=style, label=name)
+        colour = look[name].colour
+        axis.plot(1e3 * run.time, angle, label=name, **look[name].along(len(angle)))
         top = int(np.argmax(angle))
         axis.plot(
             1e3 * run.time[top],
@@ -186,8 +186,8 @@ def _moments(axis: Axes, braces: Mapping[str, BraceSummary]) -> None:
         means = {metric: estimate.value for metric, estimate in summary.metrics.items()}
         anatomy, brace = (means.get(f"{who}_subtalar_moment_Nm") for who in ("anatomy", "brace"))
         left = 0.0
-        for value, colour in ((anatomy, ANATOMY), (brace, BRACE)):
-            axis.barh(place, value or 0.0, left=left, height=0.55, color=colour)
+        for value, bar in ((anatomy, BORNE["anatomy"]), (brace, BORNE["brace"])):
+            axis.barh(place, value or 0.0, left=left, height=0.55, **bar)
             left += value or 0.0
         share = 1.0 if brace is None else means.get("anatomy_share")
         if share is not None:
@@ -205,7 +205,7 @@ def _moments(axis: Axes, braces: Mapping[str, BraceSummary]) -> None:
     _named(axis, list(braces), 0.75)
     axis.set_title("Who resists at the peak", pad=PAD)
     axis.set_xlabel("subtalar moment [N·m], + resists supination")
-    _squares(axis, {"anatomy": ANATOMY, "brace": BRACE})
+    _squares(axis, BORNE)
 
 
 def _motion(axis: Axes, resistance: Mapping[str, Mapping[str, float]], look: Mapping[str, Look]) -> None:
@@ -222,15 +222,15 @@ def _motion(axis: Axes, resistance: Mapping[str, Mapping[str, float]], look: Map
     _named(axis, list(resistance), 0.6)
     axis.set_title("What 10° of ordinary motion costs (tick: 5°)", pad=PAD)
     axis.set_xlabel("moment of the brace [N·m], + resists the motion")
-    _squares(axis, {motion: _tint(INK, strength) for motion, strength in MOTIONS.items()})
+    _squares(axis, {motion: dict(color=_tint(INK, strength)) for motion, strength in MOTIONS.items()})
 
 
 def _tint(colour: str, strength: float) -> str:
     return str(to_hex(tuple(1 - strength * (1 - np.array(to_rgb(colour))))))
 
 
-def _squares(axis: Axes, entries: Mapping[str, str]) -> None:
-    handles = [Patch(color=colour, label=name) for name, colour in entries.items()]
+def _squares(axis: Axes, entries: Mapping[str, Any]) -> None:
+    handles = [Patch(label=name, **look) for name, look in entries.items()]
     axis.legend(handles=handles, ncols=len(handles), loc="lower right", handlelength=1.0, handletextpad=0.4)
 
 

@@ -16,7 +16,8 @@ from .style import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, VERMILION, legend_abov
 
 Array = NDArray[np.float64]
 LOWEST = 30.0  # times below the goal, where the axis of probabilities ends at the latest
-MOTIONS = {"supination": PURPLE, "plantarflexion": SKY, "dorsiflexion": ORANGE}
+MOTIONS = {"supination": (PURPLE, "o"), "plantarflexion": (SKY, "s"), "dorsiflexion": (ORANGE, "^")}
+OTHER = (INK, "D")
 
 
 @dataclass(frozen=True)
@@ -81,8 +82,9 @@ def design_curve(found: Designed, note: str = "") -> Figure:
     if found.resistance:
         _draw_resistance(axes[1], found.resistance)
         entries += [
-            (legend_line(MOTIONS.get(motion, INK), marker="."), f"resists {motion} of 10° (dotted: 5°)")
+            (legend_line(colour, marker=mark, markersize=3), f"resists {motion} of 10° (dotted: 5°)")
             for motion in found.resistance
+            for colour, mark in [MOTIONS.get(motion, OTHER)]
         ]
     axes[-1].set_xlabel(found.quantity)
     legend_above(figure, entries)
@@ -92,9 +94,9 @@ def design_curve(found: Designed, note: str = "") -> Figure:
 def _draw_resistance(axis: Axes, resistance: Mapping[str, Sequence[tuple[float, float, float]]]) -> None:
     for motion, rows in resistance.items():
         at, five, ten = np.array(sorted(rows)).T
-        color = MOTIONS.get(motion, INK)
-        axis.plot(at, ten, marker=".", color=color)
-        axis.plot(at, five, marker=".", color=color, linestyle=(0, (1.2, 1.2)))
+        colour, mark = MOTIONS.get(motion, OTHER)
+        axis.plot(at, ten, marker=mark, markersize=3, color=colour)
+        axis.plot(at, five, marker=mark, markersize=3, color=colour, linestyle=(0, (1.2, 1.2)))
     axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
     axis.set_ylabel("resists [N·m]")
     axis.grid()

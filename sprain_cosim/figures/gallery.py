@@ -20,17 +20,21 @@ from ..files import write
 from ..folders.comparison import NONE, ComparisonFolder
 from ..folders.read import Folder
 from ..folders.run import RunFolder, RunSummary, coupling_note, write_run
-from ..folders.study import StudyFolder
+from ..folders.study import PEAK, StudyFolder
+from ..literature import INJURY_INVERSION_TEXT
 from ..metrics import brace_torques
 from ..study.questions import law_name
 from ..study.summary import DesignSearch, LevelSearch
 from .comparison import paired
+from .forest import Changed, Difference
+from .pairs import Column, most_inputs, strongest
 from .persons import persons_figure
 from .records import published_records
 from .samples import Sample
 from .selection import (
     FEWEST,
     asking,
+    in_reader_units,
     named_folders,
     palette_of,
     pearson_intervals,
@@ -41,11 +45,39 @@ from .selection import (
     spread_intervals,
     study_devices,
 )
-from .style import DOUBLE, FORM, FORMATS, SINGLE, palette
+from .style import DOUBLE, FORM, FORMATS, MOST_DRAWN, SINGLE, Look, palette, shorten
 
 CAPTIONS = "captions.txt"
 SCREEN, NARROWEST, WIDEST = 16.0, 8.0, 40.0  # cm
 FAN = 20  # trajectories for a fan
+SAMPLE = f"a sampled study of which {FEWEST} landings completed"
+NEEDS = {  # figure: what it is drawn of
+    "paired": "a comparison of which a brace completed",
+    "forest": "a comparison of which a brace and the landings without one completed",
+    "persons": "a comparison whose persons vary",
+    "landing": "a run",
+    "moment_angle": "a run",
+    "cdf": SAMPLE,
+    "percentiles": "two sampled studies",
+    "poses": "one study in two initial poses",
+    "design": "a folder of `design`",
+    "questions": "a study with questions",
+    "amv": "a study by mean-value, amv, amv+ or hmv",
+    "tornado": "a Monte Carlo study",
+    "grid": "a grid of one or two parameters",
+    "fan": f"a sampled study of which the signals of {FAN} trials were kept (--trajectories {FAN})",
+    "pairs": f"{SAMPLE}; of a comparison, name the folder of one brace",
+    "phase": "a landing that completed",
+    "sharing": SAMPLE,
+    "published": "trials that repeat published ones, and SPRAIN_REFERENCE",
+}
+INVERSION, INJURY = "peak_inversion_from_neutral_deg", "probability_of_injury"
+COMPARED = {  # metric of a comparison: what it is called in a forest, unit of the differences, factor to it
+    PEAK: ("peak subtalar angle, + supination", "deg", 1.0),
+    INVERSION: ("peak inversion from neutral", "deg", 1.0),
+    INJURY: (f"probability of inversion beyond {INJURY_INVERSION_TEXT}°", "% points", 100.0),
+    "anatomy_subtalar_moment_Nm": ("subtalar moment of the anatomy at the peak", "N·m", 1.0),
+}
 
 Runs = Sequence[tuple[str, RunFolder]]
 Studies = Sequence[tuple[str, StudyFolder]]
@@ -88,6 +120,8 @@ def draw(folders: Sequence[Folder]) -> Iterator[Drawn]:
         yield from _of_runs(runs)
     if studies:
         yield from _of_studies(studies)
+        compared = {id(m) for f in folders if isinstance(f, ComparisonFolder) for m in f.members.values()}
+        yield from _pairs([(name, study) for name, study in studies if id(study) not in compared])
     for folder in folders:
         if isinstance(folder, ComparisonFolder) and folder.summary.persons is not None:
             caption = "Means over parts of the persons with equal numbers, the same landings with every brace."
@@ -119,10 +153,24 @@ def _of_comparison(folder: ComparisonFolder, several: bool) -> Iterator[Drawn]:
         "in which ankles of cadavers failed. Thick: what the landings leave open; thin: the same threshold with a law "
         "of another shape, or what its specimens leave open. More landings narrow the first alone."
     )
-    looks = {brace: FORM.get().palette.get(name) for brace, name in _names_of(folder).items()}
+    looks: dict[str, Look | None] = {brace: FORM.get().palette.get(name) for brace, name in _names_of(folder).items()}
     own = palette(list(folder.summary.braces), [NONE])
     drawn = paired(folder.summary, threshold_doubts(folder), {b: looks.get(b) or own[b] for b in own})
-    yield Drawn(f"paired{suffix}", "What the braces change" + (f": {folder.title}" if several else ""), caption, drawn)
+    title = f": {folder.title}" if several else ""
+    yield Drawn(f"paired{suffix}", f"What the braces change{title}", caption, drawn)
+    panels, reference = differences(folder)
+    if panels:
+        against = "no brace" if reference == NONE else reference
+        caption = (
+            f"Each brace minus {against}, paired over the same landings; left of the line is less. Thick: the 95 % "
+            "interval of the mean, what the landings leave open. Thin, of the probability: the same threshold with "
+            "laws of another shape, or the ends of what its specimens leave open, for both alike; more landings do "
+            "not narrow it."
+        )
+        note = f"{folder.summary.source}: {folder.summary.count}, the same for every brace. "
+        note += f"Initial pose: {folder.summary.initial_pose}." if folder.summary.initial_pose else ""
+        drawn = plots.forest(panels, against, {b: looks.get(b) or own[b] for b in own}, note.strip())
+        yield Drawn(f"forest{suffix}", f"Differences to {against}{title}", caption, drawn)
 
 
 def _names_of(folder: ComparisonFolder) -> dict[str, str]:
@@ -134,13 +182,50 @@ def threshold_doubts(folder: ComparisonFolder) -> dict[str, tuple[float, float]]
     """{brace: ends of the probability of injury as far as the threshold is known}, of studies that say them."""
     found = {}
     for brace, member in folder.members.items():
-        question = (
-            member.summary.questions.get("peak_inversion_from_neutral_deg") if isinstance(member, StudyFolder) else None
-        )
+        question = member.summary.questions.get(INVERSION) if isinstance(member, StudyFolder) else None
         ends = question and (_both(question.threshold_ci) or _least_and_most(question.shapes))
         if ends:
             found[brace] = ends
     return found
+
+
+def differences(folder: ComparisonFolder) -> tuple[list[Changed], str]:
+    """What each brace changed, a panel for each response, and what it is compared with: no brace, or the first brace
+    where the landings without one failed."""
+    summary = folder.summary
+    names = list(summary.completed)
+    reference = NONE if NONE in names else names[0]
+    panels = []
+    for metric, (quantity, unit, factor) in COMPARED.items():
+        rows = {}
+        for name in names:
+            to_first = summary.pairs.get(f"{name} - {reference}", {})
+            e = (summary.braces[name].difference_to_none if reference == NONE else to_first).get(metric)
+            if name == reference or e is None or e.value is None:
+                continue
+            sampling = _both((e.ci_low, e.ci_high))
+            threshold = _doubt_of_difference(folder, name, reference) if metric == INJURY else None
+            pairs = (None if pair is None else (factor * pair[0], factor * pair[1]) for pair in (sampling, threshold))
+            rows[name] = Difference(factor * e.value, *pairs)
+        if rows:
+            panels.append(Changed(quantity, unit, rows))
+    return panels, reference
+
+
+def _doubt_of_difference(folder: ComparisonFolder, brace: str, reference: str) -> tuple[float, float] | None:
+    """Ends of the difference of two probabilities against one threshold: with each law of the same mean and SD, or with
+    the ends of what its specimens leave open, which move both probabilities the same way."""
+    members = (folder.members.get(name) for name in (brace, reference))
+    ours, theirs = (m.summary.questions.get(INVERSION) if isinstance(m, StudyFolder) else None for m in members)
+    if ours is None or theirs is None:
+        return None
+    ends = _both(ours.threshold_ci), _both(theirs.threshold_ci)
+    if ends[0] and ends[1]:
+        found = [a - b for a, b in zip(ends[0], ends[1], strict=True)]
+    else:
+        one, other = ours.shapes or {}, theirs.shapes or {}
+        found = [one[law] - other[law] for law in one if law in other]
+    return (min(found), max(found)) if found else None
 
 
 def _least_and_most(shapes: Mapping[str, float] | None) -> tuple[float, float] | None:
@@ -187,6 +272,9 @@ def write_figures(
     response   of studies, in place of the one that their files name first
 
     Raises InputError for names that no figure has, EnvironmentProblem."""
+    empty = [item for _, item in named_folders(folders) if isinstance(item, StudyFolder) and item.done.empty]
+    if empty and len(empty) == len(named_folders(folders)):
+        raise InputError(f"{empty[0].path}: none of its {len(empty[0].trials)} landings completed; nothing to draw")
     folders = asking(folders, response) if response else folders
     target, written, names, captions = out / "figures", list[Path](), list[str](), list[str]()
     try:
@@ -198,12 +286,13 @@ def write_figures(
                 target.mkdir(parents=True, exist_ok=True)
                 written += plots.save(drawn.figure, target / drawn.name, kinds)
                 captions.append(_caption(drawn, folders))
-        for name in only:
-            if not any(is_of_kind(drawn_name, name) for drawn_name in names):
-                raise InputError(f"--only {name}: these folders allow no such figure, but {', '.join(names)}")
         if captions:
             write(target / CAPTIONS, "\n\n".join(captions) + "\n")
             written.append(target / CAPTIONS)
+        for name in only:
+            if not any(is_of_kind(drawn_name, name) for drawn_name in names):
+                needs = next((f"; it needs {what}" for kind, what in NEEDS.items() if is_of_kind(name, kind)), "")
+                raise InputError(f"--only {name}: these folders allow no such figure, but {', '.join(names)}{needs}")
     except OSError as problem:
         raise EnvironmentProblem(f"{target}: cannot be written: {problem.strerror or problem}") from None
     return written
@@ -418,6 +507,40 @@ def _tornado(name: str, study: StudyFolder, end: str) -> Drawn:
     return Drawn(f"tornado{end}", f"Sensitivities: {name}", caption, drawn)
 
 
+def _pairs(studies: Studies) -> Iterator[Drawn]:
+    """Of each sample: its strongest inputs and its response against each other."""
+    found = [(name, study, _columns(study)) for name, study in studies if study.is_sample]
+    found = [(name, study, columns) for name, study, columns in found if columns]
+    for name, study, (*inputs, response) in found:
+        chosen, n = strongest(inputs, response, most_inputs()), len(response.values)
+        independent = study.summary.method in ("monte-carlo", "table")
+        few = len(chosen) < len(inputs)
+        rule = (
+            f"{len(chosen)} of {len(inputs)} inputs, those of the largest rank correlation with it" if few else "inputs"
+        )
+        every = f" (of {n} landings every {-(-n // MOST_DRAWN)}th; all numbers are of all)" if n > MOST_DRAWN else ""
+        doubt = "with its 95 % interval" if independent else f"without interval, as {study.summary.method} draws are no"
+        caption = (
+            f"The response and its {rule}. Below the diagonal each point is a landing{every}; on it the distribution; "
+            f"above it Spearman's rank correlation, {doubt}{'' if independent else ' independent landings'}."
+        )
+        note = f"{shorten(name, 60)}: n = {n}. {pose_note([(name, study)])}"
+        drawn = plots.pairs([*chosen, response], independent, note)
+        yield Drawn(f"pairs{_end(study, len(found))}", f"Inputs and response: {name}", caption, drawn)
+
+
+def _columns(study: StudyFolder) -> list[Column]:
+    """The inputs that vary as numbers, the response last; empty where there is too little to draw."""
+    if study.response not in study.done:
+        return []
+    done = study.done.dropna(subset=[study.response])
+    values = {str(c): done[c].to_numpy(float) for c in done if "." in str(c) and done[c].dtype.kind in "fiu"}
+    inputs = [Column(*in_reader_units(name, v)) for name, v in values.items() if len(set(v.tolist())) > 1]
+    name, _, sign = response_label(study.response).partition(", + ")
+    response = Column(name, done[study.response].to_numpy(float), sign)
+    return [*inputs, response] if inputs and len(done) >= FEWEST and np.ptp(response.values) > 0 else []
+
+
 def _poses(chosen: Studies, samples: Mapping[str, Sample], text: str, suffix: str) -> Iterator[Drawn]:
     """Studies with the same marginals that start in different poses."""
     for k, group in enumerate(_groups(chosen, lambda s: (s.file.scenario, s.file.marginals, study_devices(s)))):
@@ -535,7 +658,8 @@ def _phase(runs: Runs, studies: Studies) -> Iterator[Drawn]:
             continue
         if all(c in study.done for c in columns):
             both = study.done[columns].dropna().to_numpy(float)
-            points.append((name, both[:, 0], both[:, 1]))
+            if len(both):
+                points.append((name, both[:, 0], both[:, 1]))
         median = study.summary.trajectories.roles.get("p50") if study.summary.trajectories else None
         if median is not None and median in study.trajectories and len(studies) <= 2:
             records.append((name, study.trajectory(median)))

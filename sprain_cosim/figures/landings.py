@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from ..literature import INJURY_INVERSION, LI_SAFE, LI_SOURCE, LI_SPRAIN, LI_SPRAIN_VELOCITY
 from ..metrics import IMPACT, Signals, brace_torques
 from .style import (
-    ANATOMY,
-    BRACE,
+    BORNE,
     FAINT,
     GROUND,
     INK,
@@ -58,9 +57,9 @@ def landing_signals(runs: Sequence[tuple[str, Signals]], note: str = "") -> Figu
     look = looks_of([title for title, _ in runs])
     figure, axes = sheet([2.9] + [2.3] * (len(drawn) - 1), note, sharex=True)
     for axis, (title, signal, factor) in zip(axes, drawn, strict=True):
-        for (color, style), (_, run) in zip(look, runs, strict=True):
+        for one, (_, run) in zip(look, runs, strict=True):
             if _has(run, signal):
-                axis.plot(1e3 * run.time, factor * run[signal], color=color, linestyle=style)
+                axis.plot(1e3 * run.time, factor * run[signal], **one.along(len(run.time)))
         _panel(axis, title)
         if signal == "plant.ground_force_y":
             _cut_impact(axis, [(run.time, factor * run[signal]) for _, run in runs if _has(run, signal)])
@@ -68,7 +67,7 @@ def landing_signals(runs: Sequence[tuple[str, Signals]], note: str = "") -> Figu
         (int(np.argmax(run["plant.subtalar_angle"])), DEGREES * float(run["plant.subtalar_angle"].max()))
         for _, run in runs
     ]
-    for (color, _), (_, run), (k, peak) in zip(look, runs, peaks, strict=True):
+    for (color, *_), (_, run), (k, peak) in zip(look, runs, peaks, strict=True):
         at = 1e3 * run.time[k]
         axes[0].plot(at, peak, "o", color=color, markeredgecolor="white", markeredgewidth=0.6, zorder=4)
         if len(runs) <= 2:
@@ -92,7 +91,7 @@ def landing_signals(runs: Sequence[tuple[str, Signals]], note: str = "") -> Figu
     ]
     legend_above(
         figure,
-        [(legend_line(color, style), name) for (color, style), name in zip(look, names, strict=True)],
+        [(one.key(), name) for one, name in zip(look, names, strict=True)],
     )
     return figure
 
@@ -106,18 +105,19 @@ def moment_angle(runs: Sequence[tuple[str, Signals]], note: str = "") -> Figure:
     figure, axes = sheet([3.6] * (1 + braced), note, sharex=True)
     for axis, who in zip(axes, ("anatomy", "brace"), strict=False):
         signal = f"plant.{who}_subtalar_moment"
-        for (color, style), (_, run) in zip(look, runs, strict=True):
+        for one, (_, run) in zip(look, runs, strict=True):
             if _has(run, signal):
                 angle, moment = DEGREES * run["plant.subtalar_angle"], run[signal]
-                axis.plot(angle, moment, color=color, linestyle=style)
+                axis.plot(angle, moment, **one.along(len(angle)))
                 k = int(np.argmax(angle))
-                axis.plot(angle[k], moment[k], "o", color=color, markeredgecolor="white", markeredgewidth=0.6, zorder=4)
+                at_peak: Any = dict(markeredgecolor="white", markeredgewidth=0.6, zorder=4)
+                axis.plot(angle[k], moment[k], "o", color=one.colour, **at_peak)
         _panel(axis, f"moment of the {who} [N·m], + resists supination")
     _share_moments(axes, [("", f"plant.{who}_subtalar_moment", 1.0) for who in ("anatomy", "brace")][: len(axes)])
     axes[-1].set_xlabel("subtalar angle [deg], + supination; ● at its peak")
     legend_above(
         figure,
-        [(legend_line(color, style), title) for (color, style), (title, _) in zip(look, runs, strict=True)],
+        [(one.key(), title) for one, (title, _) in zip(look, runs, strict=True)],
     )
     return figure
 
@@ -158,20 +158,22 @@ def _draw_tracks_and_points(
     look = dict(zip(titles, looks_of(titles), strict=True))
     diamond: Any = dict(markersize=3.5, markeredgecolor="white", markeredgewidth=0.5, zorder=4)
     for title, angle, velocity in points:
-        dots: Any = dict(color=look[title][0], markersize=2.2, alpha=0.5, markeredgewidth=0)
-        axis.plot(angle, velocity, ".", rasterized=len(angle) > MOST_DRAWN, **dots)
+        dots: Any = dict(color=look[title].colour, markersize=2.2, alpha=0.5, markeredgewidth=0)
+        axis.plot(angle, velocity, look[title].dot, rasterized=len(angle) > MOST_DRAWN, **dots)
     for title, angle, velocity in tracks:
-        axis.plot(angle, velocity, color=look[title][0], linestyle=look[title][1])
+        axis.plot(angle, velocity, **look[title].along(len(angle)))
         axis.plot(angle.max(), velocity.max(), "D", color=look[title][0], **diamond)
     lines, dots = {title for title, _, _ in tracks}, {title for title, _, _ in points}
     entries: list[tuple[Any, str]] = []
-    for title, (color, style) in look.items():
-        dot = "." if title in dots else None
-        entries.append((legend_line(color, style if title in lines else "none", marker=dot, markersize=5), title))
+    for title, one in look.items():
+        if title not in dots:
+            entries.append((one.key(), title))
+            continue
+        line = one.line if title in lines else "none"
+        entries.append((legend_line(one.colour, line, marker=one.dot, markersize=3.5), title))
     if points:
-        entries.append(
-            (legend_line(INK, "none", marker=".", markersize=5), "peak angle and peak velocity of each trial")
-        )
+        small_dot: Any = dict(marker="o", markersize=2.2, markeredgewidth=0)
+        entries.append((legend_line(INK, "none", **small_dot), "peak angle and peak velocity of each trial"))
     if tracks:
         entries.append(
             (
@@ -225,8 +227,8 @@ def sharing(rows: Sequence[tuple[str, Array, Array]], note: str = "") -> Figure:
     figure, (axis,) = sheet([1.0 + 1.25 * len(rows)], note)
     for k, (title, anatomy, brace) in enumerate(rows):
         a, b = float(np.mean(anatomy)), float(np.mean(brace))
-        axis.barh(k, a, 0.36, color=ANATOMY)
-        axis.barh(k, b, 0.36, left=a, color=BRACE, hatch="////", edgecolor="white", linewidth=0)
+        axis.barh(k, a, 0.36, **BORNE["anatomy"])
+        axis.barh(k, b, 0.36, left=a, **BORNE["brace"])
         if len(anatomy) > 1:
             for values, start, offset in ((anatomy, 0.0, 0.24), (brace, a, 0.24)):
                 low, high = np.percentile(values, [5, 95])
@@ -244,13 +246,10 @@ def sharing(rows: Sequence[tuple[str, Array, Array]], note: str = "") -> Figure:
     axis.axvline(0, color=FAINT, linewidth=0.6)
     axis.set_xlim(min(0, axis.get_xlim()[0]), 1.7 * max(float(np.mean(a) + np.mean(b)) for _, a, b in rows))
     axis.set_xlabel("subtalar moment at peak supination [N·m], + resists")
-    entries: list[tuple[Any, str]] = [
-        (Rectangle((0, 0), 1, 1, color=ANATOMY), "anatomy"),
-        (Rectangle((0, 0), 1, 1, facecolor=BRACE, hatch="////", edgecolor="white"), "brace"),
-    ]
+    entries: list[tuple[Any, str]] = [(Rectangle((0, 0), 1, 1, **look), who) for who, look in BORNE.items()]
     if any(len(anatomy) > 1 for _, anatomy, _ in rows):
         entries.append((legend_line(INK, linewidth=0.8, marker="|", markersize=3), "5 … 95 % of landings"))
-    legend_above(figure, entries, 2)
+    legend_above(figure, entries, len(entries))
     return figure
 
 
@@ -262,13 +261,13 @@ def fan(groups: Sequence[tuple[str, Array, Mapping[str, Array]]], note: str = ""
     figure, axes = sheet([2.9] + [2.3] * (len(drawn) - 1), note, sharex=True)
     chosen = looks_of([title for title, _, _ in groups])
     for axis, (title, signal, factor) in zip(axes, drawn, strict=True):
-        for (color, style), (_, time, signals) in zip(chosen, groups, strict=True):
+        for look, (_, time, signals) in zip(chosen, groups, strict=True):
             if signal in signals:
                 p5, p25, p50, p75, p95 = np.percentile(factor * signals[signal], [5, 25, 50, 75, 95], axis=0)
                 ms = 1e3 * time
-                axis.fill_between(ms, p5, p95, color=color, alpha=0.16, linewidth=0)
-                axis.fill_between(ms, p25, p75, color=color, alpha=0.3, linewidth=0)
-                axis.plot(ms, p50, color=color, linestyle=style)
+                axis.fill_between(ms, p5, p95, color=look.colour, alpha=0.16, linewidth=0)
+                axis.fill_between(ms, p25, p75, color=look.colour, alpha=0.3, linewidth=0)
+                axis.plot(ms, p50, **look.along(len(ms)))
         _panel(axis, title)
         if signal == "plant.ground_force_y":
             _cut_impact(
@@ -283,8 +282,8 @@ def fan(groups: Sequence[tuple[str, Array, Mapping[str, Array]]], note: str = ""
     axes[-1].set_xlabel(TIME)
     axes[-1].set_xlim(0, max(1e3 * time[-1] for _, time, _ in groups))
     entries: list[tuple[Any, str]] = [
-        (legend_line(color, style), f"{title}, {len(next(iter(signals.values())))} landings: median")
-        for (color, style), (title, _, signals) in zip(chosen, groups, strict=True)
+        (look.key(), f"{title}, {len(next(iter(signals.values())))} landings: median")
+        for look, (title, _, signals) in zip(chosen, groups, strict=True)
     ]
     entries += [
         (Rectangle((0, 0), 1, 1, color=GROUND, alpha=0.46, linewidth=0), "25 … 75 % of the landings at each moment"),

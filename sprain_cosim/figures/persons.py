@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from ..folders.comparison import NONE, ComparisonSummary, Persons
 from ..literature import INJURY_INVERSION_TEXT
-from .style import label, legend_above, legend_line, palette, sheet, styled
+from .style import Look, label, legend_above, palette, sheet, styled
 
 INJURY = "probability_of_injury"
 HEIGHT = 3.4  # cm of a panel
@@ -23,8 +23,9 @@ def persons_figure(summary: ComparisonSummary) -> Figure:
     equal numbers of landings, each with its 95 % interval. `summary` has persons."""
     persons = summary.persons
     assert persons is not None
-    note = f"{summary.source}: {summary.count}, the same for every brace. Means over fifths of the persons, with "
-    note += "their 95 % intervals."
+    parts = ", ".join(str(n) for n in sorted({len(bands) for bands in persons.bands.values()}))
+    note = f"{summary.source}: {summary.count}, the same for every brace. Means over {parts} parts of the persons with "
+    note += "equal numbers, with their 95 % intervals."
     drawn, axes = sheet([HEIGHT] * len(persons.bands), note, columns=2)
     braces = list(next(iter(persons.bands.values()))[0].metrics)
     shown = palette(list(summary.braces), [NONE])
@@ -36,16 +37,14 @@ def persons_figure(summary: ComparisonSummary) -> Figure:
         if row == 0:
             left.set_title("peak inversion [deg]")
             right.set_title(f"P(> {INJURY_INVERSION_TEXT}°) [%]")
-    names = [(legend_line(*shown[b]), "no brace" if b == NONE else b) for b in braces]
+    names = [(shown[b].key(marker=shown[b].dot, markersize=2.5), "no brace" if b == NONE else b) for b in braces]
     legend_above(drawn, names, columns=min(3, len(names)))
     return drawn
 
 
-def _by_measure(
-    axis: Axes, persons: Persons, name: str, metric: str, factor: float, look: Mapping[str, tuple[str, Any]]
-) -> None:
+def _by_measure(axis: Axes, persons: Persons, name: str, metric: str, factor: float, look: Mapping[str, Look]) -> None:
     bands = persons.bands[name]
-    for shift, (brace, (colour, style)) in enumerate(look.items()):
+    for shift, (brace, one) in enumerate(look.items()):
         found = [band.metrics[brace].get(metric) for band in bands]
         points = [(0.5 * (b.low + b.high), e) for b, e in zip(bands, found, strict=True) if e and e.value is not None]
         if not points:
@@ -54,7 +53,8 @@ def _by_measure(
         x = np.array([at + offset for at, _ in points])
         y = factor * np.array([e.value for _, e in points], float)
         half = factor * np.array([e.half_width or 0.0 for _, e in points])
-        axis.errorbar(x, y, yerr=half, color=colour, linestyle=style, marker="o", markersize=2.5, capsize=1.5)
+        drawn: Any = dict(color=one.colour, linestyle=one.line, marker=one.dot, markersize=2.5, capsize=1.5)
+        axis.errorbar(x, y, yerr=half, **drawn)
     axis.set_xlabel(f"{label(name)} [{persons.units[name]}]")
     axis.grid(axis="y")
     axis.locator_params(axis="x", nbins=5)

@@ -10,12 +10,15 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from .style import (
     BLUE,
+    DOTS,
     FAINT,
+    HATCHES,
     INK,
     LINES,
     MOST_DRAWN,
@@ -23,10 +26,12 @@ from .style import (
     SERIES,
     SKY,
     VERMILION,
+    Look,
     label,
     legend_above,
     legend_line,
     letters,
+    looks,
     looks_of,
     sheet,
     shorten,
@@ -66,9 +71,9 @@ def cdf(samples: Sequence[Sample], quantity: str, note: str = "") -> Figure:
     4 of Yoder et al. 2021; circles are published percentiles. One or two samples carry their 95 % bounds."""
     figure, (axis,) = sheet([6.0], note)
     entries: Entries = []
-    for (color, style), sample in zip(looks_of([s.title for s in samples]), samples, strict=True):
-        step_curve(axis, sample, color, style, len(samples) <= 2)
-        entries.append((legend_line(color, style), sample.title))
+    for look, sample in zip(looks_of([s.title for s in samples]), samples, strict=True):
+        step_curve(axis, sample, look, len(samples) <= 2)
+        entries.append((look.key(), sample.title))
         for level, value in sample.published.items():
             _circle(axis, value, level / 100, 5)
     _probability_axis(axis, quantity)
@@ -115,7 +120,7 @@ def level_search(
 def _draw_levels(axis: Axes, search: Sample, sample: Sample | None) -> Entries:
     entries: Entries = []
     if sample is not None and len(sample.values):
-        step_curve(axis, sample, FAINT, "-", True)
+        step_curve(axis, sample, Look(FAINT, "-", ""), True)
         entries.append((legend_line(FAINT, linewidth=2), f"Monte Carlo, {len(sample.values)} landings, 95 % bounds"))
     beside: Any = dict(textcoords="offset points", fontsize=small(), color=letters(VERMILION), va="center", ha="right")
     for level, (value, _, _) in search.percentiles.items():
@@ -132,10 +137,13 @@ def _draw_levels(axis: Axes, search: Sample, sample: Sample | None) -> Entries:
 def _draw_importance(axis: Axes, importance: Mapping[str, Mapping[str, float]], names: Sequence[str]) -> Entries:
     entries: Entries = []
     height = 0.8 / max(len(importance), 1)
-    for j, ((name, row), color) in enumerate(zip(importance.items(), (SKY, BLUE, PURPLE, *SERIES), strict=False)):
+    colours = (SKY, BLUE, PURPLE, *SERIES)
+    for j, (name, row) in enumerate(importance.items()):
+        look: Any = dict(facecolor=colours[j % len(colours)], hatch=HATCHES[j % len(HATCHES)])
+        look |= dict(edgecolor="white", linewidth=0)
         places = np.arange(len(names)) + 0.4 - height * (j + 0.5)
-        axis.barh(places, [row.get(n, 0.0) for n in names], height, color=color)
-        entries.append((legend_line(color, linewidth=4), f"importance at the {name} % level"))
+        axis.barh(places, [row.get(n, 0.0) for n in names], height, **look)
+        entries.append((Rectangle((0, 0), 1, 1, **look), f"importance at the {name} % level"))
     _names(axis, names)
     axis.set_xlim(-1, 1)
     axis.set_xlabel("importance (unit vector),\n+ raises the response")
@@ -185,7 +193,7 @@ def percentiles(samples: Sequence[Sample], quantity: str, note: str = "") -> Fig
     """5, 50 and 95 % levels of each sample with their 95 % intervals (thick), the span between them (thin), and
     published levels as circles."""
     figure, (axis,) = sheet([1.0 + 1.05 * len(samples)], note)
-    for k, (sample, (color, _)) in enumerate(zip(samples, looks_of([s.title for s in samples]), strict=True)):
+    for k, (sample, (color, *_)) in enumerate(zip(samples, looks_of([s.title for s in samples]), strict=True)):
         values = [v for v, _, _ in sample.percentiles.values()]
         axis.plot([min(values), max(values)], [k, k], color=color, linewidth=0.9)
         for value, low, high in sample.percentiles.values():
@@ -218,21 +226,17 @@ def poses(pairs: Sequence[tuple[str, Sample]], quantity: str, note: str = "") ->
     names.sort(key=lambda n: max(abs(s.sensitivity[n][0]) for _, s in pairs))
     figure, axes = sheet([4.6, 1.2 + 0.58 * len(names)] if names else [5.2], note)
     entries: Entries = []
-    for j, ((pose, sample), color, style, marker) in enumerate(zip(pairs, SERIES, LINES, "oDs^", strict=False)):
-        step_curve(axes[0], sample, color, style, True)
-        entries.append(
-            (
-                legend_line(color, style, marker=marker, markersize=4),
-                sample.title if pose in sample.title else f"{pose} pose · {sample.title}",
-            )
-        )
+    for j, ((pose, sample), look) in enumerate(zip(pairs, looks(len(pairs)), strict=True)):
+        step_curve(axes[0], sample, look, True)
+        title = sample.title if pose in sample.title else f"{pose} pose · {sample.title}"
+        entries.append((look.key(marker=look.dot, markersize=4), title))
         for level, value in sample.published.items():
             _circle(axes[0], value, level / 100, 5)
         for k, name in enumerate(names):
             value, low, high = sample.sensitivity[name]
             place = k + 0.18 * (len(pairs) - 1) - 0.36 * j
-            axes[1].plot([low, high], [place, place], color=color, linewidth=1.0)
-            axes[1].plot(value, place, marker, color=color, markersize=4)
+            axes[1].plot([low, high], [place, place], color=look.colour, linewidth=1.0)
+            axes[1].plot(value, place, look.dot, color=look.colour, markersize=4)
     _probability_axis(axes[0], quantity, bool(names))
     if any(s.published for _, s in pairs):
         entries.append((_circle_key(5), "published 5, 50, 95 % (Yoder et al. 2021)"))
@@ -252,15 +256,15 @@ def published(studies: Sequence[tuple[str, Array, Array]], note: str = "") -> Fi
     ends = [float(every.min()) - 1, float(every.max()) + 1]
     axis.plot(ends, ends, color=FAINT, linewidth=0.7)
     entries = []
-    for (title, theirs, ours), (color, _) in zip(studies, looks_of([title for title, _, _ in studies]), strict=True):
+    for (title, theirs, ours), look in zip(studies, looks_of([title for title, _, _ in studies]), strict=True):
         many = len(theirs) > MOST_DRAWN
-        dots: Any = dict(color=color, markersize=2.5, alpha=0.6, markeredgewidth=0, rasterized=many)
-        axis.plot(theirs, ours, ".", **dots)
-        error.plot(theirs, ours - theirs, ".", **dots)
+        dots: Any = dict(color=look.colour, markersize=2.2, alpha=0.6, markeredgewidth=0, rasterized=many)
+        axis.plot(theirs, ours, look.dot, **dots)
+        error.plot(theirs, ours - theirs, look.dot, **dots)
         rms, bias = float(np.sqrt(np.mean((ours - theirs) ** 2))), float(np.mean(ours - theirs))
         entries.append(
             (
-                legend_line(color, "none", marker=".", markersize=6),
+                legend_line(look.colour, "none", marker=look.dot, markersize=4),
                 f"{title}: {len(ours)} trials, RMS {rms:.3f}°, bias {bias:+.3f}°".replace("-", "−"),
             )
         )
@@ -286,8 +290,9 @@ def grid(levels: Array, rows: Sequence[tuple[str, Array]], parameter: str, quant
             if len(rows) > len(LINES)
             else SERIES[k]
         )
-        axis.plot(levels, values, color=color, linestyle=LINES[k % len(LINES)], marker="o", markersize=2.5)
-        entries.append((legend_line(color, LINES[k % len(LINES)], marker="o", markersize=2.5), title))
+        drawn: Any = dict(marker=DOTS[k % len(DOTS)], markersize=3)
+        axis.plot(levels, values, color=color, linestyle=LINES[k % len(LINES)], **drawn)
+        entries.append((legend_line(color, LINES[k % len(LINES)], **drawn), title))
     axis.set_xlabel(parameter)
     axis.set_ylabel(quantity)
     axis.grid()
@@ -295,14 +300,14 @@ def grid(levels: Array, rows: Sequence[tuple[str, Array]], parameter: str, quant
     return figure
 
 
-def step_curve(axis: Axes, sample: Sample, color: str, style: Any = "-", bounds: bool = False) -> None:
+def step_curve(axis: Axes, sample: Sample, look: Look, bounds: bool = False) -> None:
     """The empirical distribution function of a sample, with its bounds as a band."""
     values = np.sort(sample.values)
     at = drawn_ranks(len(values))
     x, share = values[at], (at + 1) / len(values)
-    axis.step(np.append(x[:1], x), np.append(0.0, share), where="post", color=color, linestyle=style)
+    axis.step(np.append(x[:1], x), np.append(0.0, share), where="post", **look.along(len(x) + 1))
     if bounds and sample.low is not None and sample.high is not None:
-        axis.fill_between(x, sample.low[at], sample.high[at], step="post", color=color, alpha=0.22, linewidth=0)
+        axis.fill_between(x, sample.low[at], sample.high[at], step="post", color=look.colour, alpha=0.22, linewidth=0)
 
 
 def drawn_ranks(n: int) -> NDArray[np.int64]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError, nearest
 from ..folders.comparison import NONE, ComparisonFolder
@@ -14,9 +15,10 @@ from ..folders.run import RunFolder
 from ..folders.study import PEAK, StudyFolder
 from ..metrics import unit_of
 from ..study.summary import LevelSearch
+from ..units import unit
 from ..uq import statistics
 from .samples import Interval, Sample
-from .style import Look, label, palette
+from .style import PARAMETERS, Look, label, palette
 
 LEVELS = (5.0, 50.0, 95.0)
 FEWEST = 4  # completed trials for a distribution
@@ -55,7 +57,8 @@ def asking(folders: Sequence[Folder], response: str) -> list[Folder]:
 
     found = [of(folder) for folder in folders]
     if response not in known:
-        raise InputError(f"--response {response}: these folders have no such response{nearest(response, list(known))}")
+        close = nearest(response, list(known)) or "; `sprain-cosim list responses` names all"
+        raise InputError(f"--response {response}: these folders have no such response{close}")
     return found
 
 
@@ -150,6 +153,17 @@ def response_label(response: str) -> str:
     name, _, sign = label(response).partition(", ")
     unit = unit_of(response)
     return name + (f" [{unit}]" if unit else "") + (f", {sign}" if sign else "")
+
+
+def in_reader_units(column: str, values: NDArray[np.float64]) -> tuple[str, NDArray[np.float64], str]:
+    """Of an input's column of trials.csv: its name with the unit it is read in, its values in that unit, what +
+    means."""
+    name, _, held = column.partition(" [")
+    held, read = held.removesuffix("]"), PARAMETERS.get(name, ("", ""))[1]
+    if held and read and unit(held).same_dimension(unit(read)):
+        values, held = values * (unit(held).factor / unit(read).factor), read
+    text, _, sign = label(name).partition(", + ")
+    return text + (f" [{held}]" if held else ""), values, sign
 
 
 def pose_note(items: Sequence[tuple[str, RunFolder | StudyFolder]]) -> str:

@@ -1,5 +1,6 @@
 """How every figure looks: one journal column wide unless asked otherwise, letters of 7 points or more, colours of Okabe
-& Ito (2008) that colour-blind readers tell apart, and a line style besides wherever a colour carries meaning."""
+& Ito (2008) that colour-blind readers tell apart, and a line style or a mark besides wherever a colour carries
+meaning."""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ from dataclasses import dataclass, field
 from functools import wraps
 from pathlib import Path
 from string import ascii_uppercase
-from typing import Any, ParamSpec
+from typing import Any, NamedTuple, ParamSpec
 
 import numpy as np
 from matplotlib import rc_context
@@ -30,6 +31,7 @@ from ..files import write
 
 SINGLE, DOUBLE = 8.5, 17.8  # width of one and of two columns of a journal [cm]
 MARGIN = 0.22  # cm at the right, for half of the last tick's label
+MATRIX = "matrix"  # label of a figure whose cells are one panel
 MOST_DRAWN = 2000  # points of a curve; of more points, a picture inside the figure
 SMALL, NORMAL = 7.0, 7.5  # points
 INK, FAINT = "#1f2933", "#9aa5b1"
@@ -48,6 +50,14 @@ UNBRACED = "#4b5563"  # landings without a brace beside landings with one
 SUBTALAR, TALOCRURAL, ANATOMY, BRACE, GROUND = VERMILION, BLUE, GREEN, ORANGE, "#5c677d"
 CONTRAST = 4.55  # of text against white; 4.5 is asked
 LINES: tuple[Any, ...] = ("-", (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
+DOTS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*", "p", "h")  # marks of single points
+# bars of who bears a moment
+BORNE: dict[str, Any] = {
+    "anatomy": dict(color=ANATOMY),
+    "brace": dict(facecolor=BRACE, hatch="////", edgecolor="white", linewidth=0),
+}
+HATCHES = ("", "////", "....", "xxxx")  # of bars
+MARKS = 8  # on a line that carries marks
 JOURNAL: Any = {
     "font.size": NORMAL,
     "axes.titlesize": NORMAL,
@@ -126,7 +136,34 @@ RESPONSES = {
     "peak_vertical_grf_after_impact_N": "peak vertical ground reaction after 5 ms, + up",
 }
 P = ParamSpec("P")
-Look = tuple[str, Any]  # colour, line style
+
+
+class Look(NamedTuple):
+    """How a result is drawn wherever it stands: no two of twelve differ in colour alone.
+
+    colour  of everything
+    line    style of its lines
+    dot     mark of its single points
+    marked  whether its lines carry the mark as well, since another one has their style
+    """
+
+    colour: str
+    line: Any
+    dot: str
+    marked: bool = False
+
+    def along(self, n: int) -> dict[str, Any]:
+        """What matplotlib draws a line through `n` points with."""
+        marks: dict[str, Any] = {}
+        if self.marked:
+            step = max(1, n // MARKS)
+            marks = dict(marker=self.dot, markersize=3.2, markevery=(min(n - 1, step // 2), step))
+        return dict(color=self.colour, linestyle=self.line) | marks
+
+    def key(self, **options: Any) -> Line2D:
+        """The line of a legend."""
+        marks: dict[str, Any] = dict(marker=self.dot, markersize=3.2) if self.marked else {}
+        return legend_line(self.colour, self.line, **(marks | options))
 
 
 @dataclass(frozen=True)
@@ -188,7 +225,7 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     def inside(*args: P.args, **kwargs: P.kwargs) -> Figure:
         with rc_context(_style()):
             figure = draw(*args, **kwargs)
-            if FORM.get().panels:
+            if FORM.get().panels and figure.get_label() != MATRIX:
                 _letter_panels(figure)
             for text in figure.findobj(Text):
                 assert isinstance(text, Text)
@@ -252,12 +289,14 @@ def legend_above(figure: Figure, entries: Sequence[tuple[Any, str]], columns: in
     grow(figure, 0.33 * max(rows, default=0) + 0.1)
 
 
-def looks(count: int) -> list[Look]:
-    """Colour and line style of each series: first all colours, then all again in the next line style; two series differ
-    in both."""
-    if count <= len(LINES):
-        return [(SERIES[k], LINES[k]) for k in range(count)]
-    return [(SERIES[k % len(SERIES)], LINES[k // len(SERIES) % len(LINES)]) for k in range(count)]
+def looks(count: int, first: int = 0) -> list[Look]:
+    """Of each of `count` series, from the `first` place of line styles on: colours, line styles and marks in turn, the
+    marks on the lines once every line style is taken."""
+    places = range(first, first + count)
+    return [
+        Look(SERIES[(k - first) % len(SERIES)], LINES[k % len(LINES)], DOTS[k % len(DOTS)], k >= len(LINES))
+        for k in places
+    ]
 
 
 def palette(names: Sequence[str], unbraced: Collection[str] = ()) -> dict[str, Look]:
@@ -265,8 +304,8 @@ def palette(names: Sequence[str], unbraced: Collection[str] = ()) -> dict[str, L
     where a result gets its colour: figures, page, film and the landing to turn take it from here."""
     bare = [name for name in names if name in unbraced]
     rest = [name for name in names if name not in unbraced]
-    found = {name: (UNBRACED, LINES[k % len(LINES)]) for k, name in enumerate(bare)}
-    return found | dict(zip(rest, looks(len(rest)), strict=True))
+    found = {n: look._replace(colour=UNBRACED) for n, look in zip(bare, looks(len(bare)), strict=True)}
+    return found | dict(zip(rest, looks(len(rest), len(bare)), strict=True))
 
 
 def looks_of(titles: Sequence[str]) -> list[Look]:

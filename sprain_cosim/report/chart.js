@@ -22,6 +22,15 @@
     const raw = span / 5, power = Math.pow(10, Math.floor(Math.log10(raw)));
     return [1, 2, 5, 10].map((k) => k * power).find((s) => s >= raw);
   };
+  // the marks of figures/style.py, 8 wide
+  const MARKS = {
+    o: "M4,0A4,4 0 1 1 -4,0A4,4 0 1 1 4,0Z", s: "M-3.5,-3.5H3.5V3.5H-3.5Z", "^": "M0,-4.5L4,3.5H-4Z", v: "M0,4.5L4,-3.5H-4Z",
+    D: "M0,-4.8L4.8,0L0,4.8L-4.8,0Z", "<": "M-4.5,0L3.5,-4V4Z", ">": "M4.5,0L-3.5,-4V4Z",
+    P: "M-1.5,-4.5H1.5V-1.5H4.5V1.5H1.5V4.5H-1.5V1.5H-4.5V-1.5H-1.5Z", X: "M-4,-2L-2,-4L0,-2L2,-4L4,-2L2,0L4,2L2,4L0,2L-2,4L-4,2L-2,0Z",
+    "*": "M0,-5L1.5,-1.5L5,-1.5L2,1L3,4.5L0,2.5L-3,4.5L-2,1L-5,-1.5L-1.5,-1.5Z", p: "M0,-4.5L4.3,-1.4L2.6,3.6H-2.6L-4.3,-1.4Z",
+    h: "M0,-4.5L3.9,-2.2V2.2L0,4.5L-3.9,2.2V-2.2Z",
+  };
+  const mark = (s, x, y, parent) => make("path", { d: MARKS[s.mark] || MARKS.o, transform: `translate(${x.toFixed(1)},${y.toFixed(1)})`, fill: s.color, class: "spot" }, parent);
   // y of a series at x: the last value at or before x for a distribution, else between the neighbours
   const at = (s, x, kind) => {
     let low = 0, high = s.x.length;
@@ -55,9 +64,9 @@
         tick.type = "checkbox";
         tick.checked = !hidden.has(s.name);
         tick.addEventListener("change", () => { if (tick.checked) hidden.delete(s.name); else hidden.add(s.name); plot(); });
-        const swatch = html("span", label, undefined, "swatch");
-        swatch.style.borderTopColor = s.color;
-        swatch.style.borderTopStyle = s.dash ? "dashed" : "solid";
+        const swatch = make("svg", { viewBox: "0 0 36 12", class: "line", "aria-hidden": "true" }, label);
+        make("path", { d: "M0,6H36", fill: "none", stroke: s.color, "stroke-width": 3, "stroke-dasharray": s.dash || "none" }, swatch);
+        if (s.mark) mark(s, 18, 6, swatch);
         html("span", label, s.name);
       });
     };
@@ -108,6 +117,10 @@
           s.x.forEach((v, k) => { d += `${k ? "L" : "M"}${X(v).toFixed(1)},${Y(s.y[k]).toFixed(1)}`; });
         }
         make("path", { d, fill: "none", stroke: s.color, "stroke-width": 2, "stroke-dasharray": s.dash || "none", class: "series" }, svg);
+        if (s.mark) {
+          const every = Math.max(1, Math.floor(n / 8));
+          for (let k = Math.min(n - 1, every >> 1); k < n; k += every) mark(s, X(s.x[k]), Y(option.kind === "cdf" ? (k + 1) / n : s.y[k]), svg);
+        }
       }
       marks.forEach((m) => make("circle", { cx: X(m[0]), cy: Y(m[1]), r: 5, fill: "none", class: "mark", "stroke-width": 1.4 }, svg));
       const cursor = make("line", { y1: top, y2: H - bottom, class: "cursor", visibility: "hidden" }, svg);

@@ -34,7 +34,7 @@ EXPLORED = (
 DASHES = ("", "7 3", "2 3", "7 3 2 3")
 HINT = "Point at the curves, or touch them, to read values."
 
-Look = tuple[str, str]  # colour, dashes
+Look = Mapping[str, str]  # colour, dashes and mark, by the names that chart.js knows
 
 
 def charts(items: Sequence[Named], looks: Mapping[str, StyledLook]) -> list[dict[str, Any]]:
@@ -42,8 +42,9 @@ def charts(items: Sequence[Named], looks: Mapping[str, StyledLook]) -> list[dict
     shows. `looks`: {name: look}."""
     studies, runs = [], []
     for name, item in items:
-        colour, style = looks[name]
-        look = (colour, DASHES[LINES.index(style)])
+        style = looks[name]
+        dash, mark = DASHES[LINES.index(style.line)], style.dot if style.marked else ""
+        look = {"color": style.colour, "dash": dash, "mark": mark}
         if isinstance(item, RunFolder):
             runs.append((name, item, look))
         elif item.is_sample:
@@ -69,12 +70,12 @@ def _distributions(studies: Sequence[tuple[str, StudyFolder, Look]]) -> list[dic
     options = []
     for response in dict.fromkeys([*(s.response for _, s, _ in studies), *EXPLORED]):
         series = []
-        for name, study, (color, dash) in studies:
+        for name, study, look in studies:
             values = study.done[response].dropna().to_numpy(float) if response in study.done else np.empty(0)
             if len(values) >= FEWEST:
                 marks = [[v, p / 100] for p, v in sample_of(name, study, response).published.items()]
                 x = _digits(np.sort(values)[drawn_ranks(len(values))])
-                series.append({"name": name, "color": color, "dash": dash, "x": x, "marks": marks})
+                series.append({"name": name, **look, "x": x, "marks": marks})
         if series:
             mean, sd = INJURY_INVERSION
             text = response_label(response)
@@ -87,10 +88,10 @@ def _signals(runs: Sequence[tuple[str, RunFolder, Look]]) -> list[dict[str, Any]
     options = []
     for title, signal, factor in plots.PANELS if runs else ():
         series = []
-        for name, run, (color, dash) in runs:
+        for name, run, look in runs:
             if signal in run.result.index:
                 x, y = _digits(1e3 * run.result.time), _digits(factor * run.result[signal])
-                series.append({"name": name, "color": color, "dash": dash, "x": x, "y": y})
+                series.append({"name": name, **look, "x": x, "y": y})
         if any(any(s["y"]) for s in series):
             unit = re.search(r"\[(.+)\]", title)
             options.append(

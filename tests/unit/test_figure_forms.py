@@ -3,6 +3,8 @@ of files, what stands below."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from itertools import combinations
 
 import numpy as np
@@ -10,13 +12,15 @@ import pytest
 from matplotlib import rc_context
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
+from sprain_cosim import figures as plots
 from sprain_cosim.errors import InputError
 from sprain_cosim.figures.gallery import figure_form, figure_kinds
-from sprain_cosim.figures.style import DOUBLE, SINGLE, Form, _style, drawn_as, picture
+from sprain_cosim.figures.style import DOUBLE, SINGLE, Form, _style, drawn_as, palette, picture
 
-from .test_plots import FIGURES
+from .test_plots import FIGURES, run, sample
 
 FORMS = {
     "single": Form(),
@@ -70,6 +74,49 @@ def test_panels_have_letters() -> None:
         titles = [axis.get_title(loc="left") for axis in FIGURES["landing"]().axes]
     assert [title[0] for title in titles] == list("ABCDEF")[: len(titles)]
     assert titles[0].endswith("subtalar angle [deg], + supination")
+
+
+def marks(line: Line2D) -> tuple[object, ...]:
+    """What is left of a series in grey."""
+    return str(line._dash_pattern), line.get_marker()  # type: ignore[attr-defined]
+
+
+MANY: dict[str, Callable[[], Figure]] = {
+    "cdf": lambda: plots.cdf([sample(k, f"study {k}") for k in range(9)], "peak subtalar angle [deg]"),
+    "landing": lambda: plots.landing_signals([(f"landing {k}", run(k)) for k in range(9)]),
+    "moment_angle": lambda: plots.moment_angle([(f"landing {k}", run(k)) for k in range(9)]),
+    "phase": lambda: plots.phase(
+        [(f"landing {k}", np.arange(9.0), 90 * np.arange(9.0)) for k in range(6)],
+        [(f"study {k}", np.arange(20.0), 40 * np.arange(20.0)) for k in range(6)],
+    ),
+    "published": lambda: plots.published([(f"study {k}", np.arange(5.0), np.arange(5.0)) for k in range(9)]),
+    "grid": lambda: plots.grid(
+        np.arange(4.0), [(f"gain {k}", np.arange(4.0) + k) for k in range(9)], "co-activation", "peak [deg]"
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MANY)
+def test_many_series_differ_in_more_than_colour(name: str) -> None:
+    """The entries of the legend, and what is drawn: no two have the same dashes and the same mark."""
+    figure = MANY[name]()
+    (legend,) = figure.legends
+    named = {
+        text.get_text().partition(" (")[0].partition(":")[0]: marks(handle)
+        for handle, text in zip(legend.legend_handles, legend.get_texts(), strict=True)
+        if isinstance(handle, Line2D) and re.match(r"study|landing \d|gain", text.get_text())
+    }
+    assert len(named) == (12 if name == "phase" else 9)
+    assert len(set(named.values())) == len(named), "in the legend"
+    lines = [marks(line) for line in figure.axes[0].lines if len(line.get_xdata()) > 2]
+    assert len(set(lines)) == len(lines), "in the panel"
+
+
+def test_braces_differ_from_no_brace_in_more_than_colour() -> None:
+    looks = palette(["none", *"abcdefgh"], ["none"])
+    grey = {(str(look.line), look.dot if look.marked else "") for look in looks.values()}
+    assert len(grey) == len(looks)
+    assert len({look.dot for look in looks.values()}) == len(looks)
 
 
 @pytest.mark.parametrize("kind", ["pdf", "tiff"])

@@ -10,9 +10,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sprain_cosim.figures import gallery
+from sprain_cosim.errors import InputError
+from sprain_cosim.figures import Difference, gallery
 from sprain_cosim.figures.selection import named_folders, palette_of, sample_of
 from sprain_cosim.figures.style import SERIES, UNBRACED, Form, drawn_as
+from sprain_cosim.folders.comparison import BraceSummary, ComparisonFolder, ComparisonSummary, MeanEstimate
 from sprain_cosim.folders.read import read_folder, read_folders
 from sprain_cosim.folders.study import StudyFolder
 
@@ -151,3 +153,92 @@ def test_questions_are_drawn_where_they_are_asked(tmp_path: Path) -> None:
     assert drawn(first, second) == ["questions"]
     third = study(tmp_path / "c", questions={f"{PEAK} above": own})
     assert drawn(second, third) == ["questions_b", "questions_c"]
+
+
+def comparison(folder: Path, without_none: bool = False) -> ComparisonFolder:
+    """Two braces over the same 30 landings; their probabilities under three laws of the threshold."""
+    inversion = "peak_inversion_from_neutral_deg"
+    members, braces = {}, {}
+    for k, name in enumerate(("none", "soft", "stiff")):
+        laws = {"normal": 0.06 - 0.02 * k, "lognormal": 0.05 - 0.02 * k, "weibull": 0.08 - 0.025 * k}
+        asked = {inversion: {"event": "above 35 ± 6 deg", "probability": laws["normal"], "shapes": laws}}
+        found = read_folder(
+            study(folder / name, fmus=FMUS if k == 0 else {**FMUS, "brace": f"{name}.fmu"}, questions=asked)
+        )
+        assert isinstance(found, StudyFolder)
+        members[name] = found
+        change = {PEAK: MeanEstimate(-5.0 * k, -5.0 * k - 1, -5.0 * k + 1, 30)}
+        change["probability_of_injury"] = MeanEstimate(-0.02 * k, -0.02 * k - 0.01, -0.02 * k + 0.01, 30)
+        failed = k == 0 and without_none
+        status = "failed" if failed else "completed"
+        braces[name] = BraceSummary(
+            status=status, n_completed=30, difference_to_none={} if k == 0 or failed else change
+        )
+    pairs = {"stiff - soft": {PEAK: MeanEstimate(-5.0, -6.0, -4.0, 30)}}
+    summary = ComparisonSummary(kind="study", method="monte-carlo", landings=30, braces=braces, pairs=pairs)
+    return ComparisonFolder(folder, summary, members)
+
+
+def test_the_forest_of_a_comparison(tmp_path: Path) -> None:
+    """Threshold: the same law for both, so that its doubt cancels as far as both share it."""
+    compared = comparison(tmp_path)
+    panels, reference = gallery.differences(compared)
+    assert reference == "none"
+    assert [p.quantity.partition(",")[0] for p in panels] == [
+        "peak subtalar angle",
+        "probability of inversion beyond 35 ± 6°",
+    ]
+    assert list(panels[0].rows) == ["soft", "stiff"]
+    assert panels[0].rows["stiff"].sampling == (-11.0, -9.0)
+    assert panels[0].rows["stiff"].threshold is None
+    found = panels[1].rows["stiff"]
+    assert (found.value, *(found.sampling or ())) == pytest.approx((-4.0, -5.0, -3.0))
+    assert found.threshold == pytest.approx((-5.0, -4.0)), "lognormal and normal 4, Weibull 5 percent points"
+    drawn = [d.name for d in gallery.draw([compared])]
+    assert drawn[:2] == ["paired", "forest"]
+    assert not [name for name in drawn if name.startswith("pairs")], "none for each of many braces"
+
+
+def test_the_forest_without_landings_without_a_brace(tmp_path: Path) -> None:
+    panels, reference = gallery.differences(comparison(tmp_path, without_none=True))
+    assert reference == "soft"
+    assert {p.quantity.partition(",")[0]: dict(p.rows) for p in panels} == {
+        "peak subtalar angle": {"stiff": Difference(-5.0, (-6.0, -4.0))}
+    }
+
+
+def test_the_pairs_of_a_study_are_in_the_units_that_people_read(tmp_path: Path) -> None:
+    path = study(tmp_path / "s")
+    table = pd.read_csv(path / "trials.csv")
+    table["plant.contact_modulus [Pa/m]"] = np.linspace(4e7, 6e7, 30)
+    table["plant.held [m]"] = 1.0
+    table.to_csv(path / "trials.csv", index=False)
+    (drawn,) = (d for d in gallery.draw(read_folders([path])) if d.name == "pairs")
+    names = [axis.get_xlabel().replace("\n", " ") for axis in drawn.figure.axes if axis.get_xlabel()]
+    assert names[0] == "drop height [m]", "the largest rank correlation first"
+    assert set(names[1:3]) == {"contact modulus [MPa/m]", "contact dissipation [s/m]"}
+    assert names[3] == "peak subtalar angle [deg]"
+    assert "The response and its inputs." in drawn.caption
+    low, high = drawn.figure.axes[-1 - 4 + names.index("contact modulus [MPa/m]") + 1].get_xlim()
+    assert 35 < low < 40 < 60 < high < 65
+
+
+@pytest.mark.parametrize(
+    ("only", "words"),
+    [
+        ("violin", r"--only violin: these folders allow no such figure, but questions, phase, torque_angle$"),
+        ("pairs", r"but questions, .*; it needs a sampled study of which 4 landings completed"),
+        ("forest", r"it needs a comparison of which a brace and"),
+    ],
+)
+def test_figures_that_folders_do_not_allow_say_what_they_need(only: str, words: str, tmp_path: Path) -> None:
+    asked = {PEAK: {"event": "above 35 ± 6 deg", "probability": 0.02}}
+    path = study(tmp_path / "s", questions=asked)
+    few = pd.read_csv(path / "trials.csv").head(1)
+    few["peak_inversion_from_neutral_deg"], few["peak_jcs_inversion_velocity_deg_s"] = 20.0, 500.0
+    few.to_csv(path / "trials.csv", index=False)
+    with pytest.raises(InputError, match=words):
+        gallery.write_figures(read_folders([path]), tmp_path, only=[only])
+    few.assign(status="failed", peak_subtalar_angle_deg=np.nan).to_csv(path / "trials.csv", index=False)
+    with pytest.raises(InputError, match="none of its 1 landings completed; nothing to draw"):
+        gallery.write_figures(read_folders([path]), tmp_path)

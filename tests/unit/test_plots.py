@@ -13,12 +13,15 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
+from scipy import stats
 
 from sprain_cosim import figures as plots
 from sprain_cosim.cosim.result import Result
 from sprain_cosim.figures import Sample
 from sprain_cosim.figures.law import resisting
+from sprain_cosim.figures.pairs import strongest
 from sprain_cosim.figures.samples import drawn_ranks
+from sprain_cosim.figures.style import palette
 from sprain_cosim.literature import BRACES, LI_SAFE, LI_SPRAIN, LI_SPRAIN_VELOCITY, PASSIVE
 
 TIME = np.linspace(0, 0.15, 61)
@@ -44,6 +47,20 @@ def sample(seed: int, title: str = "Study $6_{") -> Sample:
     return Sample(title, values, np.linspace(0, 0.9, 50), np.linspace(0.1, 1, 50), levels, {5.0: 23.2, 50.0: 29.7}, r)
 
 
+def columns(n: int = 60) -> list[plots.Column]:
+    rng = np.random.default_rng(7)
+    drop, angle, tone = rng.normal(0.3, 0.05, n), rng.normal(-34, 5, n), rng.lognormal(-1.6, 0.2, n)
+    peak = plots.Column("peak subtalar angle [deg]", 60 * drop - 20 * tone + rng.normal(20, 1, n), "supination")
+    return [
+        plots.Column("drop height [m]", drop),
+        plots.Column("talocrural angle at contact [deg]", angle, "dorsiflexion"),
+        plots.Column("co-activation", tone),
+        peak,
+    ]
+
+
+BRACES_DRAWN = {f"brace {k} of a vendor": plots.Difference(-5.0 - k, (-6.3 - k, -4.0 - k)) for k in range(5)}
+DOUBTFUL = {name: plots.Difference(-0.05, (-0.08, -0.02), (-0.4, -0.01)) for name in BRACES_DRAWN}
 QUANTITY = "peak subtalar angle [deg], + supination"
 NOTE = "Initial pose: touching."
 R = sample(1).sensitivity
@@ -75,6 +92,16 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "percentiles": lambda: plots.percentiles([sample(1), sample(2)], QUANTITY, NOTE),
     "poses": lambda: plots.poses([("published", sample(1)), ("touching", sample(2))], QUANTITY, NOTE),
     "published": lambda: plots.published([("s", np.arange(5.0), np.arange(5.0) + 0.1)], NOTE),
+    "forest": lambda: plots.forest(
+        [
+            plots.Changed("peak subtalar angle, + supination", "deg", BRACES_DRAWN),
+            plots.Changed("probability of inversion beyond 35 ± 6°", "% points", DOUBTFUL),
+        ],
+        "no brace",
+        palette(list(BRACES_DRAWN)),
+        NOTE,
+    ),
+    "pairs": lambda: plots.pairs(columns(), True, NOTE),
     "grid": lambda: plots.grid(
         np.arange(4.0), [(f"gain {k}", np.arange(4.0) + k) for k in range(6)], "co-activation", QUANTITY, NOTE
     ),
@@ -142,8 +169,10 @@ def test_axes_name_units_and_signs_and_the_figure_its_pose(name: str) -> None:
     assert "initial pose" in " ".join(words.lower().split())  # however the note is wrapped
     for axis in figure.axes:
         said = f"{axis.get_title('left')} {axis.get_xlabel()} {axis.get_ylabel()}"
-        assert re.search(r"\[.+\]|Pearson|dSD|importance", said) or axis.get_shared_x_axes().joined(
-            axis, figure.axes[-1]
+        assert (
+            re.search(r"\[.+\]|Pearson|dSD|importance", said)
+            or name == "pairs"
+            or axis.get_shared_x_axes().joined(axis, figure.axes[-1])
         ), said
 
 
@@ -174,6 +203,41 @@ def test_the_data_drawn_are_the_data_given() -> None:
     signals = {"plant.subtalar_angle": np.random.default_rng(1).normal(size=(40, len(TIME)))}
     median = plots.fan([("s", TIME, signals)]).axes[0].lines[0]
     np.testing.assert_allclose(median.get_ydata(), np.degrees(np.median(signals["plant.subtalar_angle"], axis=0)))
+
+
+def test_the_forest_has_each_difference_with_both_doubts() -> None:
+    _, probability = FIGURES["forest"]().axes
+    assert [tuple(line.get_xdata()) for line in probability.lines[1:4]] == [(-0.4, -0.01), (-0.08, -0.02), (-0.05,)]
+    assert tuple(probability.lines[0].get_xdata()) == (0, 0), "the line of no difference"
+    words = [text.get_text() for text in probability.texts]
+    assert words == ["−0.05\n−0.08 … −0.02\n−0.40 … −0.01"] * len(DOUBTFUL)
+    assert probability.get_xlabel() == "difference to no brace [% points]"
+
+
+def test_the_pairs_of_a_sample_and_their_rank_correlations() -> None:
+    given = columns()
+    axes = plots.pairs(given, True).axes
+    assert len(axes) == 16
+    np.testing.assert_allclose(axes[12].lines[0].get_xydata(), np.column_stack([given[0].values, given[3].values]))
+    for row, at in ((0, 1), (0, 3), (1, 3), (2, 3)):
+        a, b = given[row].values, given[at].values
+        r = stats.spearmanr(a, b).statistic
+        half = 1.959964 * np.sqrt((1 + r**2 / 2) / (len(a) - 3))  # Bonett & Wright 2000
+        value, low, high = (
+            f"{v:+.2f}".replace("-", "−") for v in (r, *np.tanh(np.arctanh(r) + np.array([-half, half])))
+        )
+        assert axes[4 * row + at].texts[0].get_text() == f"{value}\n{low} …\n{high}"
+    assert plots.pairs(given, False).axes[1].texts[0].get_text().count("\n") == 0
+    many = plots.pairs(columns(4001), True).axes[12].lines[0]
+    assert len(many.get_xdata()) <= 2000
+    assert many.get_rasterized()
+
+
+def test_the_strongest_inputs_are_kept() -> None:
+    drop, angle, tone, peak = columns()
+    held = plots.Column("held", np.ones(60))
+    assert strongest([angle, held, tone, drop], peak, 2) == [drop, tone]
+    assert strongest([angle, held, tone, drop], peak, 9) == [drop, tone, angle], "what does not vary is left out"
 
 
 def test_the_force_of_a_start_inside_the_floor_does_not_hide_the_rest() -> None:
