@@ -75,7 +75,7 @@ build: .venv/installed
 
 # needs uv; writes the versions and hashes of everything that `make` installs
 lock:
-	uv pip compile --quiet --universal --python-version 3.11 --extra dev --extra distributed --extra parquet --extra docs --generate-hashes \
+	uv pip compile --quiet --universal --python-version 3.11 --extra dev --extra distributed --extra parquet --extra docs --extra xarray --generate-hashes \
 	  --no-emit-index-url --no-emit-find-links --no-header --no-annotate pyproject.toml -o requirements.txt
 
 clean:

@@ -17,7 +17,7 @@ from .scenario import Scenario, load_scenario
 from .shipped import FMUS, shipped_fmus, shipped_scenarios, shipped_studies
 from .study.file import load_study
 from .terminal import fitted_table
-from .units import unit
+from .units import SHOWN, unit
 
 BRACE = "brace_"  # what the names of devices that ship begin with
 HEADS = {
@@ -27,7 +27,6 @@ HEADS = {
     "parameters": ("parameter", "unit", "range", "default", "here", "meaning"),
     "responses": ("response", "unit", "meaning"),
 }
-SHOWN = {"rad": "deg", "rad/s": "deg/s"}  # units that people read in another
 
 
 @dataclass(frozen=True)

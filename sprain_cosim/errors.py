@@ -12,8 +12,10 @@ from __future__ import annotations
 
 import difflib
 import re
+import sys
 import unicodedata
 from collections.abc import Iterable
+from types import TracebackType
 
 LINE_ENDS = re.compile(r"\s*\n\s*")
 UNUSUAL = re.compile(r"[^\n\t -~]")
@@ -27,6 +29,15 @@ class SprainError(Exception):
     def __str__(self) -> str:
         """One line without control characters, whatever names it quotes."""
         return visible(LINE_ENDS.sub(" ", super().__str__()))
+
+    def _render_traceback_(self) -> list[str]:
+        """What IPython and notebooks show: the reader's own lines and the message. `%debug` has the whole stack."""
+        own = _outside(self.__traceback__)
+        shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
+        if own is None or shell is None:
+            return [f"{type(self).__name__}: {self}"]
+        bare = type(self).__new__(type(self), *self.args)  # without what it was raised from
+        return list(shell.InteractiveTB.structured_traceback(type(self), bare, own, tb_offset=0))
 
 
 class InputError(SprainError):
@@ -53,6 +64,16 @@ class EnvironmentProblem(SprainError):
     """The machine lacks something or refuses something."""
 
     exit_code = 4
+
+
+def _outside(stack: TracebackType | None) -> TracebackType | None:
+    """The stack without the frames of this package and of IPython."""
+    if stack is None:
+        return None
+    inner, module = _outside(stack.tb_next), stack.tb_frame.f_globals.get("__name__", "")
+    if module.partition(".")[0] in (__package__, "IPython", "ipykernel"):
+        return inner
+    return TracebackType(inner, stack.tb_frame, stack.tb_lasti, stack.tb_lineno)
 
 
 def problems_to_error(place: str, problems: Iterable[str]) -> None:

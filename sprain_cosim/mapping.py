@@ -24,10 +24,10 @@ from .fmu.component import Component
 from .fmu.element import Connector
 from .sandbox.allowed import NOTHING, Allowed, allowed
 from .sandbox.allowed import PATTERN as ALLOW
-from .units import Unit, unit
+from .units import SECOND, Unit, unit
 
 INSIDE = "extra/sprain-cosim/map.toml"
-SECOND, METRE = unit("s"), unit("m")
+METRE = unit("m")
 LEVERED = {"_torque": unit("N"), "_angle": METRE, "_velocity": unit("m/s")}  # at the end of an arm, by signal
 SHA256 = re.compile(r"[0-9a-fA-F]{64}")
 UNKNOWN = Unit("?")  # a unit that nobody has stated yet

@@ -11,9 +11,11 @@ import re
 import sys
 from dataclasses import dataclass
 from functools import lru_cache
+from numbers import Real
 
 from .errors import InputError, nearest
 
+SHOWN = {"rad": "deg", "rad/s": "deg/s"}  # units that people read in another
 BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
@@ -171,7 +173,7 @@ def quantity(value: float | str, target: Unit | None, what: str, proposed: str =
 
     Raises InputError when the unit is missing, unknown or of another dimension, or the number is not finite."""
     dimensionless = target is None or target.dimensionless
-    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+    if isinstance(value, bool) or not isinstance(value, Real | str):
         raise InputError(f"{what} = {value!r}: expected a number, such as {_example(target)}")
     if isinstance(value, str):
         parts = split(value)
@@ -203,6 +205,27 @@ def quantity(value: float | str, target: Unit | None, what: str, proposed: str =
     if own.name == target.name:
         return number
     return target.from_base(own.to_base(number))
+
+
+SECOND = unit("s")
+
+
+def seconds(value: float | str, what: str) -> float:
+    """[s]: a number is in seconds, a text such as "0.5 ms" has its unit. Raises InputError."""
+    return quantity(stated(value, SECOND), SECOND, what)
+
+
+def stated(value: float | str, own: Unit | None) -> float | str:
+    """A number of a program, which is in the unit `own`, as a file has it: "0.35 m", or a plain number where there is
+    no dimension. Anything else stays as it is."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return value
+    return plain_number(value) if own is None or own.dimensionless else f"{float(value)!r} {own.name}"
+
+
+def plain_number(value: float | str) -> float | str:
+    """A number of numpy as one of Python, which files take; anything else as it is."""
+    return float(value) if isinstance(value, Real) and type(value) not in (bool, int, float) else value
 
 
 def _example(target: Unit | None, number: float = 1.0, proposed: str = "") -> str:

@@ -29,6 +29,7 @@ from ..scenario.file import NAME
 from ..shipped import shipped_scenarios, shipped_studies
 from ..study.file import load_study
 from ..study.methods import SAMPLED
+from ..study.progress import Progress, shown_to
 from ..study.study import Study
 from .bench import Bench
 from .comparison import PEAKS, Entry, Source, summarise_comparison, with_derived
@@ -97,7 +98,7 @@ def compare_braces(
     resume: bool = False,
     max_failed: float = 0.01,
     limits: Limits | None = None,
-    progress: Callable[[int, int, int, float], None] | None = None,
+    progress: Progress | str | None = "auto",
     say: Callable[[str], None] = lambda text: None,
     command: str = "",
     in_process: bool = False,
@@ -113,7 +114,7 @@ def compare_braces(
     scheme, step, stop           as in Scenario.with_master, for all
     trials                       landings of a study
     decide                       pairs of braces stop when it is decided which has the lower peak; `trials` at most
-    workers ... limits, progress of a study, see `Study.run`
+    workers ... progress         of a study, see `Study.run`
     say                          is called with the name of each brace as it begins
     command                      what the manifests say was typed
     in_process                   foreign FMUs run without a sandbox; still in processes of their own
@@ -131,7 +132,13 @@ def compare_braces(
         check_decidable(source, list(braces), trials)
     source, variants = _variants(source, braces, maps or {}, settings or {}, trials)
     _check(folder, list(variants), isinstance(source, Study), resume)
-    options = {"workers": workers, "progress": progress, "command": command, "resume": resume, "max_failed": max_failed}
+    options = {
+        "workers": workers,
+        "progress": shown_to(progress),
+        "command": command,
+        "resume": resume,
+        "max_failed": max_failed,
+    }
     warnings = {name: _warnings(name, variant) for name, variant in variants.items()}
 
     def land(name: str, rows: int | None = None, before: Entry | None = None) -> Entry:

@@ -6,9 +6,11 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from ..notebook import Card, Rows
 
-@dataclass
-class FitReport:
+
+@dataclass(repr=False)
+class FitReport(Card):
     """A device beside the brace contract.
 
     - fmu: the file that was checked
@@ -46,6 +48,12 @@ class FitReport:
     def verdict(self) -> str:
         """fits, fits with warnings, or does not fit."""
         return "does not fit" if self.problems else "fits with warnings" if self.warnings else "fits"
+
+    def card(self) -> tuple[str, Rows]:
+        rows = [("profile", self.profile or "none")]
+        for title, entries in (("problem", self.problems), ("warning", self.warnings), ("note", self.notes)):
+            rows += [(f"{title} {k}", entry) for k, entry in enumerate(entries, 1)]
+        return f"{self.fmu}: {self.verdict}", [*rows, *([("next", self.next_step)] if self.next_step else [])]
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON; numbers that overflowed are null."""

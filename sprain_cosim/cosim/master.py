@@ -24,6 +24,7 @@ from time import perf_counter
 import numpy as np
 
 from ..errors import InputError, SimulationError, SimulationStopped, StepDiscarded
+from ..units import seconds
 from .assembly import Assembly
 from .coupling import Coupling, begin
 from .native_steps import NativeSteps
@@ -36,7 +37,7 @@ from .schedule import Schedule
 class Master:
     """How a system is driven through time.
 
-    communication_step, stop, start  [s]
+    communication_step, stop, start  [s]; a text such as "0.5 ms" is read
     scheme    of schemes/, or auto
     guard     refuse a run whose coupling would be unstable, before it starts
     record    patterns of local variables to record besides the connectors, such as "plant.*"; they cost nothing when
@@ -55,6 +56,11 @@ class Master:
     record: tuple[str, ...] = ()
     identify: int = 1
     adaptive: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("communication_step", "stop", "start"):
+            if isinstance(value := getattr(self, name), str):
+                object.__setattr__(self, name, seconds(value, name))
 
     @property
     def steps(self) -> int:
@@ -78,16 +84,17 @@ class Master:
             )
         return n
 
-    def run(self, assembly: Assembly, parameters: Mapping[str, float], judged: bool = True) -> Result:
-        """One run of an open system from its initial state; `parameters` {"component.parameter": value in its own
-        unit}. Unless it is `judged`, its course is not looked at: no coupling error, no warning but those of the
-        start."""
+    def run(self, assembly: Assembly, parameters: Mapping[str, float | str], judged: bool = True) -> Result:
+        """One run of an open system from its initial state; `parameters` {"component.parameter": a number in its own
+        unit, or a text such as "0.35 m"}. Unless it is `judged`, its course is not looked at: no coupling error, no
+        warning but those of the start. Raises InputError for a parameter that there is not, or that does not fit."""
+        values = assembly.system.in_own_units(parameters)
         with np.errstate(over="ignore"):  # squares of large numbers; what is not finite is found and named
             try:
-                return self._run(assembly, parameters, judged)
+                return self._run(assembly, values, judged)
             except StepDiscarded:
                 assembly.save_before_steps()
-                return self._run(assembly, parameters, judged)
+                return self._run(assembly, values, judged)
 
     def _run(self, assembly: Assembly, parameters: Mapping[str, float], judged: bool) -> Result:
         began = perf_counter()

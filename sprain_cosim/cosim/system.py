@@ -10,17 +10,17 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from numbers import Real
 
 from ..contract import MOTION, PLANT, PROFILES, impedance_input, motion_output, plain, torque_axis
 from ..errors import InputError, nearest
 from ..fmu.element import Connector, Element
+from ..notebook import Card, Rows
 from .assembly import Assembly
 from .schedule import is_multiple
 
 
-@dataclass(frozen=True)
-class System:
+@dataclass(frozen=True, repr=False)
+class System(Card):
     """What is coupled, as a description.
 
     components   in the order in which they take their steps
@@ -45,6 +45,11 @@ class System:
     @cached_property
     def _owners(self) -> frozenset[str]:
         return frozenset(other.partition(".")[0] for other in self.derived)
+
+    def card(self) -> tuple[str, Rows]:
+        wired = [f"{target} = {source}" for target, source in self.connections.items()]
+        rows = [("connections", f"{len(wired)}: {', '.join(wired)}"), ("parameters set", str(len(self.parameters)))]
+        return ", ".join(c.name for c in self.components), rows
 
     def component(self, name: str) -> Element | None:
         return self._by_name.get(name)
@@ -80,18 +85,7 @@ class System:
         """{"component.parameter": number}: numbers are in the parameter's own unit already and stay as they are, a text
         such as "0.35 m" or a choice is read. Raises InputError for a name that cannot be set, a text that does not fit,
         and anything else."""
-        found = dict[str, float]()
-        for full, value in values.items():
-            connector = self.settable(full)
-            if isinstance(value, str):
-                found[full] = connector.value(value, full)
-            elif isinstance(value, Real):
-                found[full] = float(value)
-            else:
-                own = connector.unit
-                unit = f" in {own.name}, or a text with its unit" if own and not own.dimensionless else ""
-                raise InputError(f"{full} = {value!r}: expected a number{unit}")
-        return found
+        return {full: self.settable(full).number(value, full) for full, value in values.items()}
 
     def check(self, communication_step: float | None = None, span: float = 0.0) -> list[str]:
         """All problems, one line each; empty when the system can run for `span` [s] at `communication_step` [s]."""

@@ -6,7 +6,7 @@ with what they are handed."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ import numpy as np
 from ..errors import EnvironmentProblem, InputError
 from ..folders.study import StudyFolder, read_study
 from ..metrics import unit_of
+from ..notebook import Card, Rows
 from ..study.folder import WORDS, missing, recorded_plan
 from ..study.inputs import heading_of
 from ..study.ledger import FILE as LEDGER
@@ -48,8 +49,8 @@ GIVEN_DATA = ("delta", "rbd_fast", "pawn")
 PLAIN = "run it with method sobol or monte-carlo, whose sample serves SALib's delta, rbd_fast and pawn"
 
 
-@dataclass(frozen=True)
-class SalibSample:
+@dataclass(frozen=True, repr=False)
+class SalibSample(Card):
     """What SALib's analyses take: `SALib.analyze.pawn.analyze(s.problem, s.X, s.Y["peak_subtalar_angle_deg"])`.
 
     problem   num_vars, names ("component.parameter [unit]"), bounds and dists as SALib spells them
@@ -72,9 +73,13 @@ class SalibSample:
     analyses: tuple[str, ...]
     notes: tuple[str, ...]
 
+    def card(self) -> tuple[str, Rows]:
+        rows = _size(self.problem["names"], self.Y, self.failed)
+        return f"{len(self.trials)} trials", [*rows, ("analyses", ", ".join(self.analyses)), *_numbered(self.notes)]
 
-@dataclass(frozen=True)
-class OpenturnsSample:
+
+@dataclass(frozen=True, repr=False)
+class OpenturnsSample(Card):
     """What OpenTURNS takes.
 
     inputs        openturns.Sample (n, d) with the names "component.parameter [unit]" as description
@@ -96,6 +101,20 @@ class OpenturnsSample:
     trials: np.ndarray
     failed: int
     notes: tuple[str, ...]
+
+    def card(self) -> tuple[str, Rows]:
+        rows = _size(self.inputs.getDescription(), self.outputs.getDescription(), self.failed)
+        known = "none" if self.distribution is None else self.distribution.getClassName()
+        return f"{len(self.trials)} trials", [*rows, ("distribution", known), *_numbered(self.notes)]
+
+
+def _size(inputs: Iterable[str], responses: Iterable[str], failed: int) -> list[tuple[str, str]]:
+    rows = [("inputs", ", ".join(inputs)), ("responses", ", ".join(responses))]
+    return [*rows, ("failed and left out", str(failed))] if failed else rows
+
+
+def _numbered(notes: Sequence[str]) -> list[tuple[str, str]]:
+    return [(f"note {k}", text) for k, text in enumerate(notes, 1)]
 
 
 def to_salib(folder: str | Path) -> SalibSample:

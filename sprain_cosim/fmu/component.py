@@ -11,7 +11,7 @@ from .opener import open_fmu
 from .sums import Summed, part_name
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Component(Description):
     """An FMU given a name, frozen and picklable. `read` describes it without running its code, `open` runs it."""
 

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, Self
 from xml.etree import ElementTree
 
 from ..errors import InputError
+from ..notebook import Rows
 from ..sandbox.allowed import NOTHING, Allowed
 from ..units import Unit, unit
 from . import archive
@@ -28,7 +29,7 @@ MAX_ELEMENTS = 1000  # of an array, so that each of them is a connector
 PYTHON_SLAVE = "resources/slavemodule.txt"  # what PythonFMU and PythonFMU3 put into their FMUs
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Description(Element):
     """An FMU given a name; reading it runs no code of it.
 
@@ -52,6 +53,11 @@ class Description(Element):
     needs_tool: str = ""
     allowed: Allowed = NOTHING
     constants: Mapping[str, float | str | bool] = field(default_factory=dict)
+
+    def card(self) -> tuple[str, Rows]:
+        heading, rows = super().card()
+        made = f", made by {self.capabilities.tool}" if self.capabilities.tool else ""
+        return heading, [("FMU", f"{self.fmu.name}, {self.capabilities.interface}{made}"), *rows]
 
     @classmethod
     def read(cls, name: str, fmu: Path | str) -> Self:

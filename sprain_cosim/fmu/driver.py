@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 
 from ..errors import InputError, nearest
+from ..units import seconds
 from .element import Element
 from .instance import Instance
 
@@ -38,7 +39,8 @@ class Driver:
     time           s, where the element is
     instance       the running element, for what this class does not offer
 
-    All values are in the unit that the variable declares. Failure policy: after a SimulationError only `close` may be
+    Numbers are in the unit that the variable declares, times in seconds; a text such as "50 N.m/rad" or "1 ms" has its
+    unit. Failure policy: after a SimulationError only `close` may be
     called."""
 
     def __init__(
@@ -65,45 +67,53 @@ class Driver:
 
     def start(
         self,
-        parameters: Mapping[str, float] | None = None,
-        inputs: Mapping[str, float] | None = None,
-        time: float = 0.0,
-        stop: float = 10.0,
+        parameters: Mapping[str, float | str] | None = None,
+        inputs: Mapping[str, float | str] | None = None,
+        time: float | str = 0.0,
+        stop: float | str = 10.0,
     ) -> None:
         """A new run from `time` to `stop` [s]. Parameters and inputs that are not named have their start values (inputs
         without one: 0). Outputs are read before and after the initialisation. `parameters` may name inputs that are not
-        fed, which hold their value. Raises InputError for a name that is no parameter or no input that is fed."""
+        fed, which hold their value. Raises InputError for a name that is no parameter or no input that is fed, or a
+        text that does not fit."""
         settable = self.element.parameters | {n: c for n, c in self.element.inputs.items() if n not in self._slots}
         for name in parameters or {}:
             if name not in settable:
                 raise InputError(f"{self.element.name}: no parameter {name!r}{nearest(name, settable)}")
+        values = {n: settable[n].number(v, f"{self.element.name}.{n}") for n, v in (parameters or {}).items()}
+        begin, end = seconds(time, "time"), seconds(stop, "stop")
         if self._started:
             self.instance.reset()
-        self._started, self.time = True, time
+        self._started, self.time = True, begin
         self.input_values[:] = [self.element.connectors[name].start or 0.0 for name in self.inputs]
-        self.instance.set_parameters(parameters or {})
-        self.instance.enter_initialization(time, stop)
+        self.instance.set_parameters(values)
+        self.instance.enter_initialization(begin, end)
         self.set_inputs(inputs or {})
         self.instance.get_outputs()
         self.instance.exit_initialization()
         self.instance.get_outputs()
 
-    def set_inputs(self, values: Mapping[str, float]) -> None:
+    def set_inputs(self, values: Mapping[str, float | str]) -> None:
         """Sets these inputs and sends all. Raises InputError for a name that is not among `inputs`."""
         for name, value in values.items():
             slot = self._slots.get(name, len(self.inputs))
             if slot >= len(self.inputs):
                 raise InputError(f"{self.element.name}: no input {name!r} is fed{nearest(name, self.inputs)}")
+            if not isinstance(value, float):  # which it is in a loop that steps
+                value = self.element.connectors[name].number(value, f"{self.element.name}.{name}")
             self.input_values[slot] = value
         self.instance.set_inputs()
 
-    def step(self, step: float, inputs: Mapping[str, float] | None = None, time: float | None = None) -> None:
+    def step(
+        self, step: float | str, inputs: Mapping[str, float | str] | None = None, time: float | None = None
+    ) -> None:
         """Sets `inputs`, takes one step of `step` [s] and reads the outputs. `time`: where the step begins, when the
         caller counts otherwise than by adding up steps."""
         start = self.time if time is None else time
+        length = seconds(step, "step") if isinstance(step, str) else step
         self.set_inputs(inputs or {})
-        self.instance.do_step(start, step)
-        self.time = start + step
+        self.instance.do_step(start, length)
+        self.time = start + length
         self.instance.get_outputs()
 
     def get_outputs(self) -> dict[str, float]:

@@ -9,8 +9,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from numbers import Real
 
 from ..errors import InputError, nearest
+from ..notebook import Card, Rows
 from ..units import Unit, quantity
 from .instance import Instance
 
@@ -90,6 +92,24 @@ class Connector:
         """Whether it can be connected or set: not text, not an array, not a clock."""
         return self.kind in NUMBERS
 
+    @property
+    def labelled(self) -> str:
+        """ "subtalar_angle [rad]"; the name alone where there is no unit."""
+        return f"{self.name} [{self.unit.name}]" if self.unit and not self.unit.dimensionless else self.name
+
+    def number(self, entry: float | str, what: str) -> float:
+        """A value from a program: a number is in the connector's own unit already and stays as it is, a text such as
+        "0.35 m" or a choice is read. Raises InputError for anything else."""
+        if isinstance(entry, float):  # as programs pass thousands of times
+            return entry
+        if isinstance(entry, str):
+            return self.value(entry, what)
+        if isinstance(entry, Real):
+            return float(entry)
+        own = self.unit
+        unit = f" in {own.name}, or a text with its unit" if own and not own.dimensionless else ""
+        raise InputError(f"{what} = {entry!r}: expected a number{unit}")
+
     def value(self, entry: float | str | bool, what: str) -> float:
         """A value from a file or the command line in the connector's own unit. Raises InputError: unit, kind or
         range."""
@@ -156,8 +176,8 @@ class Capabilities:
         return f"FMI {self.fmi_version} {'model exchange' if self.model_exchange else 'co-simulation'}"
 
 
-@dataclass(frozen=True)
-class Element(ABC):
+@dataclass(frozen=True, repr=False)
+class Element(Card, ABC):
     """What a system couples.
 
     name          its name in the system
@@ -187,6 +207,11 @@ class Element(ABC):
     def parameters(self) -> dict[str, Connector]:
         """What may be set before a run."""
         return self.select("parameter")
+
+    def card(self) -> tuple[str, Rows]:
+        rows = [(kind, ", ".join(c.labelled for c in self.select(kind).values())) for kind in ("input", "output")]
+        rows.append(("parameter", ", ".join(c.labelled for c in self.parameters.values())))
+        return self.name, [(f"{kind}s", names or "none") for kind, names in rows]
 
     @abstractmethod
     def open(self) -> Instance:

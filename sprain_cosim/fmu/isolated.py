@@ -44,7 +44,7 @@ DOING = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Isolated(Component):
     """A component whose instances run in processes of their own. `limits` of those."""
 

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any, Self
 
 from ..errors import InputError, SimulationError, SprainError, nearest
-from ..units import unit
+from ..units import split, unit
 from .element import Capabilities, Connector, Element
 from .instance import Values
 from .messages import Messages
@@ -22,6 +22,16 @@ Advance = Callable[[Any, Numbers, float, float], Any]
 CAPABILITIES = Capabilities("", state=True, reusable=True)
 
 
+def _start(name: str, entry: tuple[float, str] | str) -> tuple[float, str]:
+    """A start value and its unit."""
+    if not isinstance(entry, str):
+        return entry
+    found = split(entry)
+    if found is None:
+        raise InputError(f'{name} = {entry!r}: expected a number with its unit, such as "40 N.m/rad"')
+    return found[0], found[1] or "1"
+
+
 def _nothing(state: Any, values: Numbers) -> Sequence[float]:
     return ()
 
@@ -30,7 +40,7 @@ def _unchanged(state: Any, values: Numbers, time: float, step: float) -> Any:
     return state
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PythonComponent(Element):
     """An element whose law is two functions. `values` holds its inputs and parameters by name, in their own units.
 
@@ -54,7 +64,7 @@ class PythonComponent(Element):
         *,
         inputs: Mapping[str, str],
         outputs: Mapping[str, str],
-        parameters: Mapping[str, tuple[float, str]] | None = None,
+        parameters: Mapping[str, tuple[float, str] | str] | None = None,
         output: Output,
         advance: Advance = _unchanged,
         initial: Any = None,
@@ -65,7 +75,7 @@ class PythonComponent(Element):
         name        in the system
         inputs      {input: unit}, such as {"subtalar_angle": "rad"}; "1" for none
         outputs     {output: unit}
-        parameters  {parameter: (start value, unit)}
+        parameters  {parameter: its start value with its unit}, such as {"stiffness": "40 N.m/rad"} or (40.0, "N.m/rad")
         direct      {output: inputs that act on it within the same instant}; outputs that are not named follow the state
                     alone. None: every input may act on every output
 
@@ -78,7 +88,8 @@ class PythonComponent(Element):
         for n, text in outputs.items():
             acting = None if direct is None else tuple(direct.get(n, ()))
             connectors[n] = Connector(n, 0, "output", "real", unit(text), depends_on=acting)
-        for n, (start, text) in (parameters or {}).items():
+        for n, entry in (parameters or {}).items():
+            start, text = _start(f"{name}.{n}", entry)
             connectors[n] = Connector(n, 0, "parameter", "real", unit(text), start)
         for n, acting_inputs in (direct or {}).items():
             for other, among, kind in ((n, outputs, "output"), *((i, inputs, "input") for i in acting_inputs)):

@@ -15,8 +15,9 @@ from ..files import read_toml
 from ..shipped import fmu_path, is_file, scenario_folder, shipped_scenarios, shipped_studies
 from ..ssp.flat import Flat, flattened
 from ..subject.words import SUBJECT, subject_of
+from ..units import SECOND
 from .package import SUFFIXES, is_package, package_content
-from .scenario import SECOND, Scenario, Value, share
+from .scenario import Scenario, Value, share
 from .title import RAN
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")

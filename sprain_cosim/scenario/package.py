@@ -15,14 +15,13 @@ from ..fmu.component import Component
 from ..ssp.flat import Feed, Flat
 from ..ssp.package import Package
 from ..ssp.values import parameter_set, set_name
-from ..units import quantity, unit
+from ..units import SECOND, quantity
 from .wiring import Wiring
 
 SUFFIXES = (".ssp", ".ssd")  # the second is answered with what it lacks
 BRACE = "brace"
 MOTION = {"subtalar_angle", "talocrural_angle"}  # what a plant gives and no device does
 FLAGS = ("active", "continuous", "reset")  # of a mapping file, which a package carries; never what it would allow
-SECOND = unit("s")
 MASTER_KEYS = {
     "communicationStep": "communication_step",
     "scheme": "scheme",

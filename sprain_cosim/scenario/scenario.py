@@ -21,13 +21,14 @@ from ..fmu.element import Element
 from ..fmu.foreign import is_foreign
 from ..fmu.isolated import Isolated, isolated
 from ..mapping import carried, read_component
+from ..notebook import Card, Rows
 from ..process import Limits
 from ..sandbox.confinement import Confinement
 from ..shipped import fmu_path
 from ..ssp.flat import Flat, flattened
 from ..subject.person import Subject
 from ..subject.words import parse_subject
-from ..units import quantity, unit
+from ..units import plain_number, quantity, seconds, stated
 from .apart import Apart
 from .body import is_of_subject, plant_values, subject_connectors, with_measures
 from .isolation import Isolation, isolation
@@ -36,14 +37,13 @@ from .title import Ran, heading
 from .wiring import Wiring
 
 ROLES = ("plant", "controller", "brace")
-SECOND = unit("s")
 ADAPTIVE = 1e-3
 
 Value = float | int | str | bool
 
 
-@dataclass(frozen=True)
-class Scenario:
+@dataclass(frozen=True, repr=False)
+class Scenario(Card):
     """A landing, described.
 
     title        of the file; empty for none. What people read is `heading`
@@ -82,6 +82,14 @@ class Scenario:
         """The heading of tables and figures: true for what runs, see `title`."""
         return self.heading_with({})
 
+    def card(self) -> tuple[str, Rows]:
+        master, parts = self.master, ", ".join(f"{name} {path.stem}" for name, path in self.fmus.items())
+        rows = [("components", parts), *((n, str(value)) for n, value in self.parameters.items())]
+        rows += [("lands", self.subject.words)] if self.subject else []
+        rows += [(f"warning {k}", text) for k, text in enumerate(self.warnings, 1)]
+        step = f"{1e3 * master.communication_step:g} ms, {master.scheme}, until {1e3 * master.stop:g} ms"
+        return self.heading, [*rows, ("step", step)]
+
     def heading_with(
         self, means: Mapping[str, Value], varied: Collection[str] = (), own: str | None = None, person: str = ""
     ) -> str:
@@ -115,8 +123,9 @@ class Scenario:
         return replace(self, changes=(*kept, change))
 
     def override(self, parameter: str, value: Value) -> Self:
-        """The same scenario with another value. Raises InputError when it has no such parameter or the value does not
-        fit."""
+        """The same scenario with another value, as files have it: a quantity with a dimension is a text with its unit.
+        Raises InputError when it has no such parameter or the value does not fit."""
+        value = plain_number(value)
         if is_of_subject(parameter):
             if self.subject is None:
                 raise InputError(f"{parameter}: nobody is described; name a person with --subject or in [subject]")
@@ -126,6 +135,28 @@ class Scenario:
         system = changed._described()
         system.settable(parameter).value(value, parameter)
         return changed.noted(f"{parameter} = {value}")
+
+    def with_parameters(
+        self, values: Mapping[str, float | str] | None = None, /, **of_component: Mapping[str, float | str]
+    ) -> Self:
+        """The same scenario with other values, {"component.parameter": value} or by component:
+        `with_parameters(plant={"drop_height": "35 cm"}, brace={"angle_scale": 1.5})`. A text has its unit; a number is
+        in the parameter's own, which `parameter_table` names. Raises InputError."""
+        changed = self
+        for name, value in self.in_words(values, of_component).items():
+            changed = changed.override(name, value)
+        return changed
+
+    def in_words(
+        self, values: Mapping[str, float | str] | None, of_component: Mapping[str, Mapping[str, float | str]]
+    ) -> dict[str, Value]:
+        """{"component.parameter": value as a file has it} of what `with_parameters` takes. Raises InputError."""
+        system, several = self._described(), dict(values or {})
+        for name, own in of_component.items():
+            if not isinstance(own, Mapping):
+                raise InputError(f'{name} = {own!r}: expected the parameters of {name}, such as {{"parameter": value}}')
+            several |= {f"{name}.{parameter}": value for parameter, value in own.items()}
+        return {name: stated(value, system.settable(name).unit) for name, value in several.items()}
 
     def with_subject(self, subject: Subject | str) -> Self:
         """The same landing of another person, such as "female, 1.63 m, 62 kg". Raises InputError."""
@@ -213,12 +244,12 @@ class Scenario:
     def with_master(
         self,
         scheme: str | None = None,
-        communication_step: str | None = None,
-        stop: str | None = None,
+        communication_step: float | str | None = None,
+        stop: float | str | None = None,
         identify: int | None = None,
-        adaptive: str | None = None,
+        adaptive: float | str | None = None,
     ) -> Self:
-        """Other settings of the master; times as "0.5 ms". Raises InputError."""
+        """Other settings of the master; times as "0.5 ms", or in seconds. Raises InputError."""
         master = self.master if identify is None else replace(self.master, identify=identify)
         if adaptive is not None:
             master = replace(master, adaptive=share(adaptive, "adaptive"))
@@ -226,9 +257,9 @@ class Scenario:
             check_scheme(scheme)
             master = replace(master, scheme=scheme)
         if communication_step is not None:
-            master = replace(master, communication_step=quantity(communication_step, SECOND, "communication step"))
+            master = replace(master, communication_step=seconds(communication_step, "communication step"))
         if stop is not None:
-            master = replace(master, stop=quantity(stop, SECOND, "stop"))
+            master = replace(master, stop=seconds(stop, "stop"))
         return replace(self, master=master)
 
     def isolated(self, *names: str) -> Self:

@@ -6,7 +6,7 @@ are single trials; when the time of one is known, a batch holds as many as the b
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
 from time import monotonic
 
@@ -18,13 +18,13 @@ from ..process import round_up
 from ..uq.distributions import Array
 from .backends.backend import Backend, Job
 from .ledger import Ledger, Row
+from .progress import Progress
 from .trajectories import Trajectories
 
 COMMIT = 0.25  # s between commits
 WINDOW = 3  # batches per worker under way or waiting for it
 LARGEST = 2000  # trials in a batch
 HANGS = 3  # trials in a row, after which a study ends
-Progress = Callable[[int, int, int, float], None]  # finished, of, failed, seconds
 Blocks = Iterable[tuple[np.ndarray, Array]]  # numbers (n,) and inputs (n, d)
 
 

@@ -19,10 +19,9 @@ from ..fmu.element import Connector
 from ..scenario import Scenario, load_scenario
 from ..scenario.body import is_of_subject
 from ..scenario.file import PARAMETERS, VARIABLE
-from ..scenario.scenario import SECOND
 from ..scenario.title import RAN
 from ..shipped import is_file, scenario_folder, shipped_scenarios, shipped_studies
-from ..units import quantity
+from ..units import SECOND, quantity
 from ..uq.distributions import Array, JointDistribution, Marginal
 from .goal import GRAMMAR as GOAL
 from .goal import LANDINGS, Goal, parse_goal, varied_range

@@ -17,10 +17,12 @@ from ..errors import InputError, nearest, problems_to_error
 from ..files import parse_toml
 from ..fmu.component import Component
 from ..metrics import NAMES
+from ..notebook import Card, Rows
 from ..scenario import Scenario, Value
 from ..scenario.body import OWNER, SEX, is_of_subject
 from ..subject.anthropometry import SEXES
 from ..subject.person import Subject
+from ..units import SHOWN, unit
 from ..uq import sampling
 from ..uq.distributions import Array, Fixed, JointDistribution, Marginal, Uniform
 from ..uq.exceedance import Bounds, Threshold
@@ -45,8 +47,8 @@ BEFORE_SAMPLING = 0.03  # tolerance of a search that only has to say where to sa
 TOLERANCE = 1e-3  # of searches, in standard deviations of the response: a landing's own noise is 1e-4 of them
 
 
-@dataclass(frozen=True)
-class Plan:
+@dataclass(frozen=True, repr=False)
+class Plan(Card):
     """What is varied and asked. `sample()` gives the trials of a method that draws them, `search()` runs one that
     chooses them one after another.
 
@@ -134,6 +136,20 @@ class Plan:
             if n not in self.vary and not is_of_subject(n)
         }
         return self.scenario.heading_with(means, (*self.grid, *self.vary), self.title or None, self._persons)
+
+    def card(self) -> tuple[str, Rows]:
+        rows = [("method", f"{self.method}, {self.trials} trials, seed {self.seed}")]
+        rows += [("responses", ", ".join(self.responses)), ("varied", ", ".join(self.names))]
+        return self.heading, [*rows, *((name, self._in_words(name, m)) for name, m in self.marginals.items())]
+
+    def _in_words(self, name: str, marginal: Marginal) -> str:
+        """ "Normal, mean -34 deg, SD 5 deg"."""
+        if marginal.is_discrete or marginal.is_fixed:
+            return repr(marginal)
+        shown = SHOWN.get(self.units[name], self.units[name])
+        size = unit(shown).factor if shown != self.units[name] else 1.0
+        mean, sd = (f"{value / size + 0.0:.4g} {shown}".rstrip() for value in (marginal.mean, marginal.sd))
+        return f"{type(marginal).__name__}, mean {mean}, SD {sd}"
 
     @property
     def _persons(self) -> str:
@@ -520,6 +536,15 @@ class Plan:
             fixed = {**self.marginals, parameter: Fixed(connector.value(value, parameter))}
             return replace(self, scenario=self.scenario.noted(scenario.changes[-1]), marginals=fixed)
         return replace(self, scenario=scenario, grid={k: v for k, v in self.grid.items() if k != parameter})
+
+    def with_parameters(
+        self, values: Mapping[str, float | str] | None = None, /, **of_component: Mapping[str, float | str]
+    ) -> Self:
+        """The same study with other values, see Scenario.with_parameters; marginals of theirs are thereby fixed."""
+        changed = self
+        for name, value in self.scenario.in_words(values, of_component).items():
+            changed = changed.override(name, value)
+        return changed
 
     def with_subject(self, subject: Subject | str) -> Self:
         """The same study of one person, such as "female, 1.63 m, 62 kg". Raises InputError where the persons vary."""

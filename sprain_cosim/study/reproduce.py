@@ -14,7 +14,6 @@ from ..errors import EnvironmentProblem, InputError
 from ..processor import ROUNDING, within_rounding
 from ..records import Record, optional
 from ..shipped import fmu_path
-from .dispatch import Progress
 from .file import load_study
 from .folder import read_trials, recorded_plan
 from .identity import changes
@@ -23,6 +22,7 @@ from .ledger import Ledger
 from .manifest import FILE, FmuFile, Manifest, level_then, read_manifest, whole_manifest
 from .plan import Plan
 from .previous import identity_then, is_previous
+from .progress import Progress
 from .runner import run
 from .summary import read_summary
 

@@ -29,7 +29,7 @@ from .backends.backend import Task
 from .backends.choice import open_backend
 from .campaign import Campaign, Tables, at_hand
 from .codec import encode
-from .dispatch import Dispatch, Progress
+from .dispatch import Dispatch
 from .evaluation import summarise
 from .folder import (
     begin_folder,
@@ -46,6 +46,7 @@ from .looks import land_until_known
 from .manifest import level_then, read_manifest
 from .methods import SEARCHES
 from .plan import Plan
+from .progress import Progress
 from .seal import seal, sealed
 from .search import run_search
 from .shards import Shard, trial_blocks, trial_numbers
@@ -75,24 +76,11 @@ def run(
     command: str = "",
     level: str = "",
 ) -> Campaign:
-    """Runs what the ledger in `out` lacks.
+    """Runs what the ledger in `out` lacks of `study`; the options are those of `Study.run`.
 
-    study         what is varied and asked
-    out           the folder; None: nothing is kept
-    workers       processes; None: one per core
-    scheduler     address of a Dask scheduler, or local-cluster; None: processes of this machine
-    shard         (k, n): the k-th of n parts, from 1; None: all trials
-    rows          the first so many trials of a sample alone; `resume` goes on with more; None: all
-    resume        the folder may hold the study already
-    max_failed    share of failed trials that is accepted
-    limits        of a trial and of its process; a limit of wall time that they leave open is the study's own
-    progress      called with (finished, of, failed, seconds)
-    trajectories  trials from the first on that are recorded, besides those of percentiles, extremes, failures and
-                  searches
-    parquet       writes trials.parquet as well
-    command       what was typed, for the manifest
-    level         of the processor, whose code the FMUs of the project run (processor.py); empty: that with which the
-                  folder was begun, where it runs here, else the lowest of the workers
+    limits  of a trial and of its process; a limit of wall time that they leave open is the study's own
+    level   of the processor, whose code the FMUs of the project run (processor.py); empty: that with which the folder
+            was begun, where it runs here, else the lowest of the workers
 
     Raises InputError before any trial, SimulationError when too many failed or a search met a failed trial."""
     prepare_copies()
@@ -131,6 +119,10 @@ def run(
             seal(folder, ledger, request, recorded)
         warnings = (*notes, *_mended(ledger), *originals.changed_files(study.scenario, held.scenario))
         return Campaign(study, summary, folder, at_hand(tables), warnings)
+    except KeyboardInterrupt as stop:
+        if folder is not None:
+            stop.add_note(f"what is finished is kept in {folder}; the same call with resume=True continues")
+        raise
     finally:
         if ledger is not None:
             ledger.close()

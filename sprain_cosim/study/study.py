@@ -7,14 +7,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..process import Limits
+from ..units import seconds
 from . import runner
 from .campaign import Campaign
-from .dispatch import Progress
 from .plan import Plan
+from .progress import Progress, shown_to
 from .trajectories import FIRST
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Study(Plan):
     """A plan that runs: `load_study("study6").run(trials=200)`."""
 
@@ -32,21 +33,40 @@ class Study(Plan):
         rows: int | None = None,
         resume: bool = False,
         max_failed: float = 0.01,
+        trial_limit: float | str | None = None,
         limits: Limits | None = None,
-        progress: Progress | None = None,
+        progress: Progress | str | None = "auto",
         trajectories: int = FIRST,
         parquet: bool = False,
         command: str = "",
     ) -> Campaign:
-        """Runs the study with `trials`, `seed`, `method` and `until` ("p95 0.5 deg") in place of the plan's; the others
-        are options of `runner.run`.
+        """Runs what the folder `out` lacks of the study.
 
-        Raises InputError before any trial, SimulationError when too many failed or a search met a failed trial."""
+        trials        in place of the plan's number; `seed`, `method` and `until` ("p95 0.5 deg") likewise
+        out           the folder; None: nothing is kept
+        workers       processes; None: one per core
+        scheduler     address of a Dask scheduler, or local-cluster; None: processes of this machine
+        shard         (k, n): the k-th of n parts, from 1; None: all trials
+        rows          the first so many trials of a sample alone; `resume` goes on with more; None: all
+        resume        the folder may hold the study already
+        max_failed    share of failed trials that is accepted
+        trial_limit   wall time of a trial, "20 s" or a number in seconds; None: the plan's
+        limits        of a trial and of its process in full
+        progress      "auto": a bar on a terminal or under a notebook's cell, else silent; plain, json, none; or a
+                      function of (finished, of, failed, seconds)
+        trajectories  trials from the first on that are recorded, besides those of percentiles, extremes, failures and
+                      searches
+        parquet       writes trials.parquet as well
+        command       what was typed, for the manifest
+
+        Raises InputError before any trial, SimulationError when too many failed or a search met a failed trial. An
+        interrupt ends the workers; what is finished is in the folder, and `resume` continues."""
         plan = replace(
             self.with_until([until] if isinstance(until, str) else until, method),
             trials=self.trials if trials is None else trials,
             seed=self.seed if seed is None else seed,
             method=method or self.method,
+            trial_limit=self.trial_limit if trial_limit is None else seconds(trial_limit, "trial_limit"),
         )
         return runner.run(
             plan,
@@ -58,7 +78,7 @@ class Study(Plan):
             resume=resume,
             max_failed=max_failed,
             limits=limits,
-            progress=progress,
+            progress=shown_to(progress),
             trajectories=trajectories,
             parquet=parquet,
             command=command,
