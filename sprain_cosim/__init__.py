@@ -1,8 +1,9 @@
 """sprain-cosim: co-simulation of single-leg landings with ankle braces as FMUs.
 
-import sprain_cosim as sc
-result = sc.load_scenario("incline30_brace").override("plant.drop_height", "0.35 m").run()
-result.metrics["peak_subtalar_angle_deg"]
+>>> import sprain_cosim as sc
+>>> result = sc.load_scenario("incline30_brace").with_parameters(plant={"drop_height": "35 cm"}).run()
+>>> round(result.metrics["peak_subtalar_angle_deg"], 1)
+30.7
 """
 
 from __future__ import annotations

@@ -3,21 +3,18 @@ a landing. As records for programs and as tables for people."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any
 from xml.etree import ElementTree
 
 from .errors import InputError
 from .fmu import archive
-from .fmu.element import Connector
 from .metrics import MEANINGS, NAMES, OF_BRACE, unit_of
 from .scenario import Scenario, load_scenario
+from .scenario.settable import Settable, settables
 from .shipped import FMUS, shipped_fmus, shipped_scenarios, shipped_studies
 from .study.file import load_study
 from .terminal import fitted_table
-from .units import SHOWN, unit
 
 BRACE = "brace_"  # what the names of devices that ship begin with
 HEADS = {
@@ -29,90 +26,10 @@ HEADS = {
 }
 
 
-@dataclass(frozen=True)
-class Settable:
-    """A parameter of a scenario, or an input that nothing feeds.
-
-    name     component.parameter
-    input    whether it is an input that nothing feeds, and no parameter
-    kind     real, integer, boolean, enumeration or string
-    unit     of minimum, maximum and default, as the FMU declares it; "" where it declares none
-    minimum  least value; None for no limit
-    maximum  greatest value; None for no limit
-    choices  names of an enumeration
-    default  the FMU's own value; a name for an enumeration, None where it has none
-    value    the scenario's, as it was written; None where it leaves the default
-    meaning  the FMU's description
-    """
-
-    name: str
-    input: bool
-    kind: str
-    unit: str
-    minimum: float | None
-    maximum: float | None
-    choices: tuple[str, ...]
-    default: float | str | None
-    value: float | str | None
-    meaning: str
-
-    @classmethod
-    def of(cls, name: str, connector: Connector, value: Any) -> Settable:
-        c, default = connector, connector.start
-        return cls(
-            name,
-            c.causality == "input",
-            c.kind,
-            c.unit.name if c.unit else "",
-            c.minimum if math.isfinite(c.minimum) else None,
-            c.maximum if math.isfinite(c.maximum) else None,
-            tuple(c.items),
-            next((n for n, v in c.items.items() if v == default), default),
-            value,
-            c.description,
-        )
-
-    def row(self) -> tuple[str, ...]:
-        """Name, unit, range, default, value, meaning for people: angles in degrees."""
-        shown = SHOWN.get(self.unit, "" if self.unit == "1" else self.unit)
-        low, high = self._shown(self.minimum), self._shown(self.maximum)
-        span = f"{low} ... {high}" if low and high else f"{low} or more" if low else f"{high} or less" if high else ""
-        return (
-            self.name,
-            shown,
-            ", ".join(self.choices) or span,
-            self._shown(self.default),
-            "" if self.value is None else f"{self.value:g}" if isinstance(self.value, float) else str(self.value),
-            self.meaning,
-        )
-
-    def _shown(self, value: float | str | None) -> str:
-        if not isinstance(value, int | float):
-            return value or ""
-        if self.kind == "boolean":
-            return str(bool(value)).lower()
-        shown = SHOWN.get(self.unit)
-        return f"{value if shown is None else unit(shown).from_base(value) + 0.0:.6g}"
-
-
 def parameters_of(scenario: Scenario) -> list[Settable]:
     """Every parameter of its FMUs and every input that nothing feeds, and what describes its subject. Raises
     InputError."""
-    system, values = scenario.system(), scenario.values()
-    found = [
-        f"{component.name}.{name}"
-        for component in system.components
-        for several in (component.parameters, component.inputs)
-        for name, connector in several.items()
-        if connector.kind != "array"  # whose elements stand for it
-    ]
-    listed = []
-    for name in (*found, *system.derived):
-        try:
-            listed.append(Settable.of(name, system.settable(name), values.get(name)))
-        except InputError:  # an input that something feeds
-            continue
-    return listed
+    return settables(scenario.system(), scenario.values())
 
 
 def catalogue(kind: str, scenario: Scenario | None = None) -> list[dict[str, Any]]:

@@ -22,7 +22,15 @@ UNUSUAL = re.compile(r"[^\n\t -~]")
 
 
 class SprainError(Exception):
-    """Base of all errors a user can meet."""
+    """Base of all errors a user can meet; `exit_code` is what the command line ends with.
+
+    >>> import sprain_cosim as sc
+    >>> try:
+    ...     sc.load_scenario("incline33")
+    ... except sc.SprainError as problem:
+    ...     print(type(problem).__name__, problem.exit_code)
+    InputError 2
+    """
 
     exit_code = 1
 
@@ -41,13 +49,27 @@ class SprainError(Exception):
 
 
 class InputError(SprainError):
-    """Something the user gave cannot be used."""
+    """Something the user gave cannot be used.
+
+    >>> import sprain_cosim as sc
+    >>> sc.load_scenario("incline30").override("plant.drop_height", "30 kg")
+    Traceback (most recent call last):
+    sprain_cosim.errors.InputError: plant.drop_height = '30 kg': kg has the dimension kg, expected m, for example "30 m"
+    """
 
     exit_code = 2
 
 
 class SimulationError(SprainError):
-    """A run could not be finished."""
+    """A run could not be finished. `Scenario.run` never raises it: the result's `status` and `message` say it.
+
+    >>> import sprain_cosim as sc
+    >>> loose = {"inputs": {}, "outputs": {"x": "1"}, "output": lambda state, values: {}}
+    >>> with sc.Driver(sc.PythonComponent.define("part", **loose)) as driver:
+    ...     driver.start()
+    Traceback (most recent call last):
+    sprain_cosim.errors.SimulationError: part: output gives no x
+    """
 
     exit_code = 3
 
@@ -61,7 +83,14 @@ class StepDiscarded(SimulationError):
 
 
 class EnvironmentProblem(SprainError):
-    """The machine lacks something or refuses something."""
+    """The machine lacks something or refuses something.
+
+    >>> import sprain_cosim as sc
+    >>> try:
+    ...     table = sc.load_scenario("level").run().to_xarray()
+    ... except sc.EnvironmentProblem as problem:  # to_xarray: needs xarray: pip install 'sprain-cosim[xarray]'
+    ...     table = None
+    """
 
     exit_code = 4
 

@@ -119,7 +119,14 @@ def compare_braces(
     command                      what the manifests say was typed
     in_process                   foreign FMUs run without a sandbox; still in processes of their own
 
-    Raises InputError before anything has run: names, files, mappings, parameters, a folder in use."""
+    Raises InputError before anything has run: names, files, mappings, parameters, a folder in use.
+
+        >>> import sprain_cosim as sc
+        >>> braces = {"mine": "my_brace.fmu", "linear": "brace_linear"}  # a file, and one that ships
+        >>> comparison = sc.compare_braces("incline30", braces, stop="60 ms", out="runs/compared")
+        >>> list(comparison.summary.completed)
+        ['none', 'mine', 'linear']
+    """
     source = (load_source(source) if isinstance(source, str) else source).with_master(scheme, step, stop)
     if subject is not None:
         source = source.with_subject(subject)

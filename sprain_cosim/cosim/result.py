@@ -11,6 +11,7 @@ from typing import IO, TYPE_CHECKING
 
 import numpy as np
 
+from ..dataset import Variable, dataset, in_words
 from ..errors import InputError, visible
 from ..files import LARGEST_RECORD, read_frame
 from ..fmu.messages import Messages
@@ -20,6 +21,7 @@ from ..units import Unit
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray
 
 PEAK = "peak_subtalar_angle_deg"
 CONVERGED = 0.1  # deg
@@ -84,6 +86,15 @@ class Result(Plottable):
     exchanges       steps of the coupling taken
     smallest_step   of those [s]; shorter than the communication step under an adaptive step, and where a component
                     with a rate of its own is due between two communication points
+
+        >>> import sprain_cosim as sc
+        >>> result = sc.load_scenario("incline30_brace").run(halve=True)  # with the doubt of its step
+        >>> round(result.metrics["peak_subtalar_angle_deg"], 1), result.coupling_doubt < 0.1
+        (29.8, True)
+        >>> result.labelled_signals["plant.subtalar_angle [rad]"].idxmax()
+        0.093
+        >>> result.to_xarray()["plant.subtalar_angle"].attrs["units"]
+        'rad'
     """
 
     time: np.ndarray
@@ -122,6 +133,27 @@ class Result(Plottable):
     def labelled_signals(self) -> pd.DataFrame:
         """The signals with their units in the names of the columns, as signals.csv has them."""
         return self.signals.set_axis(self.headings, axis=1)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The signals as an xarray.Dataset over `time` [s], each with `units` and `long_name`; its attributes say how
+        the run ended and what is known of its doubt. Raises EnvironmentProblem where xarray is not installed."""
+        units = [u.name if u else "?" for u in self.units]
+        several = zip(self.names, self.values.T, units, strict=True)
+        about = {
+            "status": self.status,
+            "message": self.message,
+            "scheme": self.scheme,
+            "coupling_error": self.coupling_error,
+            "coupling_doubt_deg": self.coupling_doubt,
+        }
+        return dataset(
+            [Variable(name, ("time",), column, unit, in_words(name)) for name, column, unit in several],
+            [Variable("time", ("time",), self.time, "s", "time after contact")],
+            about,
+        )
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self.names)
 
     def csv(self) -> str:
         """The record as signals.csv has it: `time [s]`, then `component.variable [unit]`, ten digits; of the first

@@ -29,6 +29,13 @@ class System(Card):
     derived      {"owner.name": what may be set besides} of no component: its owner makes parameters of it
     links        {target: (factor, offset)} from the number at the source to that at the target, where the units of the
                  two do not say it
+
+        >>> import sprain_cosim as sc
+        >>> system = sc.load_scenario("incline30_brace").system()
+        >>> system.connections["brace.rotation_x_angle"]
+        'plant.rotation_x_angle'
+        >>> system.find("plant.drop_height").unit.name
+        'm'
     """
 
     components: tuple[Element, ...]

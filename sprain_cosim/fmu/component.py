@@ -13,7 +13,13 @@ from .sums import Summed, part_name
 
 @dataclass(frozen=True, repr=False)
 class Component(Description):
-    """An FMU given a name, frozen and picklable. `read` describes it without running its code, `open` runs it."""
+    """An FMU given a name, frozen and picklable. `read` describes it without running its code, `open` runs it.
+
+    >>> import sprain_cosim as sc
+    >>> brace = sc.Component.read("brace", "my_brace.fmu")
+    >>> [connector.labelled for connector in brace.inputs.values()]
+    ['rotation_x_angle [rad]', 'rotation_y_angle [rad]', 'rotation_z_angle [rad]']
+    """
 
     def library_problem(self) -> str:
         """Why the library cannot be used, by its file alone: not of this machine, cut off, functions of FMI that it

@@ -26,10 +26,13 @@ def own_step(element: Element) -> float:
 class Driver:
     """Opens an element and drives it.
 
-        with Driver(component) as driver:
-            driver.start({"stiffness": 50.0}, {"subtalar_angle": 0.1})
-            driver.step(1e-3, {"subtalar_angle": 0.2})
-            driver["subtalar_torque"]
+        >>> import sprain_cosim as sc
+        >>> with sc.Driver(sc.Component.read("brace", "my_brace.fmu")) as driver:
+        ...     driver.start({"angle_scale": 1.5})
+        ...     driver.step("1 ms", {"rotation_x_angle": "10 deg"})
+        ...     pushes_back = driver["rotation_x_torque"] < 0.0
+        >>> pushes_back
+        True
 
     element        what is driven
     inputs         names of the inputs that are fed

@@ -3,7 +3,7 @@ signals that were kept."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +13,7 @@ from ..cosim.result import Result
 from ..errors import InputError
 from ..files import read_toml
 from ..notebook import Plottable, Rows
+from ..study.arrays import about_study, trials_dataset
 from ..study.folder import read_trials
 from ..study.manifest import FILE as MANIFEST
 from ..study.manifest import Manifest, read_manifest
@@ -21,6 +22,7 @@ from ..study.trajectories import read_trajectory, trajectory_paths
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray
 
 SAMPLES = ("monte-carlo", "lhs", "sobol", "table")  # methods that draw their trials from the marginals
 PUBLISHED_WITH = {"plant.fmu", "reflex_controller.fmu", "brace_bushing.fmu"}
@@ -79,6 +81,10 @@ class StudyFolder(Plottable):
     def card(self) -> tuple[str, Rows]:
         heading, rows = self.summary.card()
         return heading, [*rows, ("folder", str(self.path))]
+
+    def to_xarray(self, signals: Sequence[str] = ()) -> xarray.Dataset:
+        """See `Campaign.to_xarray`."""
+        return trials_dataset(self.trials, self.path, signals, about_study(self.summary))
 
     @property
     def pose(self) -> str:

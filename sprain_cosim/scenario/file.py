@@ -154,7 +154,12 @@ FILE = keys.File(
 
 
 def load_scenario(name: str | Path) -> Scenario:
-    """A scenario from a file or the name of one that ships. Raises InputError."""
+    """A scenario from a file or the name of one that ships. Raises InputError.
+
+    >>> import sprain_cosim as sc
+    >>> sc.load_scenario("incline30_brace").heading
+    '30° slope, 240 % brace, ankle muscles off'
+    """
     path = _find(str(name))
     # of this file: that of a base would not know what this one changes
     title = "" if is_package(path) else _read(path).get("title", "")

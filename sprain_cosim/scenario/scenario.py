@@ -6,7 +6,7 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from ..contract import PLANT
 from ..cosim.assembly import Assembly
@@ -33,8 +33,12 @@ from .apart import Apart
 from .body import is_of_subject, plant_values, subject_connectors, with_measures
 from .isolation import Isolation, isolation
 from .package import device, is_package, parameter_set_values
+from .settable import settable_table, settables
 from .title import Ran, heading
 from .wiring import Wiring
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 ROLES = ("plant", "controller", "brace")
 ADAPTIVE = 1e-3
@@ -60,6 +64,17 @@ class Scenario(Card):
     changes      what was changed since the file was read, such as "plant.drop_height = 0.35 m"
     subject      who lands; None: the person with whom the plant was made
     wiring       of a system that others described; None: connections are as the files and the contract say
+
+        >>> import sprain_cosim as sc
+        >>> braced = sc.load_scenario("incline30_brace").with_parameters(brace={"angle_scale": 1.5})
+        >>> braced.heading
+        '30° slope, 150 % brace, ankle muscles off'
+        >>> braced.parameter_table.loc["plant.drop_height", ["unit", "maximum", "value"]].tolist()
+        ['m', 5.0, '0.30 m']
+        >>> with braced.open() as session:  # the FMUs stay open
+        ...     peaks = [session.run({"plant.drop_height": h}).metrics["peak_subtalar_angle_deg"] for h in (0.2, "40 cm")]
+        >>> peaks[0] < peaks[1]
+        True
     """
 
     title: str
@@ -146,6 +161,13 @@ class Scenario(Card):
         for name, value in self.in_words(values, of_component).items():
             changed = changed.override(name, value)
         return changed
+
+    @property
+    def parameter_table(self) -> pd.DataFrame:
+        """All that may be set, a row for each "component.parameter": its `unit`, in which are `minimum`, `maximum` and
+        `default`; the scenario's `value`, as it was written; `meaning`; the `choices` of an enumeration; `kind`;
+        `input`, whether it is an input that nothing feeds, and no parameter."""
+        return settable_table(settables(self.system(), self.values()))
 
     def in_words(
         self, values: Mapping[str, float | str] | None, of_component: Mapping[str, Mapping[str, float | str]]

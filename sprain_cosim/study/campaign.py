@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..notebook import Plottable, Rows
+from .arrays import about_study, trials_dataset
 from .plan import Plan
 from .summary import StudySummary
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray
 
 Tables = tuple["pd.DataFrame", "pd.DataFrame"]  # trials, timing
 
@@ -41,13 +43,21 @@ class Campaign(Plottable):
 
     @property
     def trials(self) -> pd.DataFrame:
-        """One row for each trial, the columns of trials.csv."""
+        """One row for each trial, the columns of trials.csv: `trial`, `status`, `message`, inputs such as
+        "plant.drop_height [m]", responses with their unit in the name; `attrs["units"]` has the units of both."""
         return self._tables[0]
 
     @property
     def timing(self) -> pd.DataFrame:
-        """One row for each trial: what depends on the machine, the columns of timing.csv."""
+        """One row for each trial: what depends on the machine, the columns of timing.csv; `wall_s` in
+        seconds."""
         return self._tables[1]
+
+    def to_xarray(self, signals: Sequence[str] = ()) -> xarray.Dataset:
+        """Inputs and responses as an xarray.Dataset over `trial`, each with `units` and `long_name`; `signals` of the
+        recorded trials, such as ["plant.subtalar_angle"], over `trial` and `time` [s], NaN where there are none. Raises
+        InputError, and EnvironmentProblem where xarray is not installed."""
+        return trials_dataset(self.trials, self.out, signals, about_study(self.summary))
 
     def card(self) -> tuple[str, Rows]:
         heading, rows = self.summary.card()

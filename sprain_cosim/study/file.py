@@ -245,7 +245,13 @@ FILE = keys.File(
 
 
 def load_study(name: str | Path) -> Study:
-    """A study from a file or the name of one that ships. Raises InputError with all problems."""
+    """A study from a file or the name of one that ships. Raises InputError with all problems.
+
+    >>> import sprain_cosim as sc
+    >>> study = sc.load_study("study6")
+    >>> study.method, study.trials, study.units["plant.drop_height"]
+    ('monte-carlo', 1000, 'm')
+    """
     path = Path(name)
     if not is_file(path):
         path = scenario_folder() / "studies" / f"{name}.toml"

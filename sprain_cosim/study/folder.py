@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import EnvironmentProblem, InputError
 from ..files import read_frame, sweep, whole_file, write, write_json
 from ..fmu.messages import Messages
+from .arrays import name_and_unit
 from .codec import decode
 from .identity import changes
 from .ledger import FILE, LOCK, RESUME, Ledger
@@ -115,7 +116,7 @@ def trial_tables(study: Plan, ledger: Ledger, chosen: np.ndarray | None) -> tupl
         | dict(zip(study.headings, inputs.T, strict=True))
         | metrics
     )
-    return pd.DataFrame(columns), pd.DataFrame(
+    return with_units(pd.DataFrame(columns)), pd.DataFrame(
         {"trial": numbers, "wall_s": wall, "worker": worker, "attempts": attempts}
     )
 
@@ -188,7 +189,14 @@ def read_trials(folder: Path, as_text: bool = False) -> pd.DataFrame:
         wrong = "" if column in WORDS else _no_numbers(table[column], column == "trial")
         if wrong:
             raise InputError(f"{path}: column {column}: {wrong}")
-    return table
+    return with_units(table)
+
+
+def with_units(trials: pd.DataFrame) -> pd.DataFrame:
+    """The same table, whose `attrs["units"]` has the unit of each column that has one."""
+    found = {str(column): name_and_unit(str(column))[1] for column in trials.columns}
+    trials.attrs["units"] = {column: unit for column, unit in found.items() if unit}
+    return trials
 
 
 def _no_numbers(column: pd.Series, whole: bool) -> str:

@@ -17,7 +17,15 @@ from .trajectories import FIRST
 
 @dataclass(frozen=True, repr=False)
 class Study(Plan):
-    """A plan that runs: `load_study("study6").run(trials=200)`."""
+    """A plan that runs.
+
+    >>> import sprain_cosim as sc
+    >>> campaign = sc.load_study("study6").run(trials=8, seed=7, workers=1, out="runs/s6")
+    >>> campaign.summary.n_completed
+    8
+    >>> campaign.trials["plant.drop_height [m]"].between(0.1, 0.6).all()
+    np.True_
+    """
 
     def run(
         self,
