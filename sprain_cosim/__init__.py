@@ -3,7 +3,7 @@
 >>> import sprain_cosim as sc
 >>> result = sc.load_scenario("incline30_brace").with_parameters(plant={"drop_height": "35 cm"}).run()
 >>> round(result.metrics["peak_subtalar_angle_deg"], 1)
-30.7
+30.4
 """
 
 from __future__ import annotations

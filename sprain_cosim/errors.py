@@ -52,9 +52,9 @@ class InputError(SprainError):
     """Something the user gave cannot be used.
 
     >>> import sprain_cosim as sc
-    >>> sc.load_scenario("incline30").override("plant.drop_height", "30 kg")
+    >>> sc.load_scenario("incline30").override("plant.drop_height", 0.35)
     Traceback (most recent call last):
-    sprain_cosim.errors.InputError: plant.drop_height = '30 kg': kg has the dimension kg, expected m, for example "30 m"
+    sprain_cosim.errors.InputError: plant.drop_height = 0.35: needs a unit, for example "0.35 m"
     """
 
     exit_code = 2
@@ -87,7 +87,7 @@ class EnvironmentProblem(SprainError):
 
     >>> import sprain_cosim as sc
     >>> try:
-    ...     table = sc.load_scenario("level").run().to_xarray()
+    ...     table = sc.open_folder("runs/s6").to_xarray()
     ... except sc.EnvironmentProblem as problem:  # to_xarray: needs xarray: pip install 'sprain-cosim[xarray]'
     ...     table = None
     """

@@ -12,10 +12,11 @@ import click
 from latex2mathml.converter import convert
 
 from sprain_cosim import mapping
-from sprain_cosim.catalogue import Settable, catalogue, parameters_of
+from sprain_cosim.catalogue import catalogue, parameters_of
 from sprain_cosim.cli import cli
 from sprain_cosim.scenario import Scenario, load_scenario
 from sprain_cosim.scenario import file as scenario
+from sprain_cosim.scenario.settable import Settable
 from sprain_cosim.study import file as study
 from sprain_cosim.validation.checks import user_files
 

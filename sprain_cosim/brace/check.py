@@ -53,10 +53,10 @@ def check_brace(
     Raises InputError when it is not a usable FMU (archive, description, library, or it cannot be instantiated even
     once), and for settings that it does not take.
 
-        >>> import sprain_cosim as sc
-        >>> report = sc.check_brace("my_brace.fmu", settings={"angle_scale": 1.5})
-        >>> report.fits, report.profile
-        (True, 'bushing')
+    >>> import sprain_cosim as sc
+    >>> report = sc.check_brace("my_brace.fmu", settings={"angle_scale": 1.5})
+    >>> report.fits, report.profile
+    (True, 'bushing')
     """
     settings = dict(settings or {})
     component = _with_settings(Component.read("brace", fmu), settings)

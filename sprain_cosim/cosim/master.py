@@ -47,12 +47,12 @@ class Master:
     adaptive  the communication steps are divided where the residual energy exceeds this share of the energy exchanged;
               0: never. The record stays on the regular grid
 
-        >>> import sprain_cosim as sc
-        >>> assembly = sc.load_scenario("incline30").system().open()
-        >>> result = sc.Master(stop="20 ms").run(assembly, {"plant.platform_incline": "20 deg"})
-        >>> result.status, len(result.time)
-        ('completed', 41)
-        >>> assembly.close()
+    >>> import sprain_cosim as sc
+    >>> assembly = sc.load_scenario("incline30").system().open()
+    >>> result = sc.Master(stop="20 ms").run(assembly, {"plant.platform_incline": "20 deg"})
+    >>> result.status, len(result.time)
+    ('completed', 41)
+    >>> assembly.close()
     """
 
     communication_step: float = 5e-4

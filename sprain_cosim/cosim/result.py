@@ -87,14 +87,14 @@ class Result(Plottable):
     smallest_step   of those [s]; shorter than the communication step under an adaptive step, and where a component
                     with a rate of its own is due between two communication points
 
-        >>> import sprain_cosim as sc
-        >>> result = sc.load_scenario("incline30_brace").run(halve=True)  # with the doubt of its step
-        >>> round(result.metrics["peak_subtalar_angle_deg"], 1), result.coupling_doubt < 0.1
-        (29.8, True)
-        >>> result.labelled_signals["plant.subtalar_angle [rad]"].idxmax()
-        0.093
-        >>> result.to_xarray()["plant.subtalar_angle"].attrs["units"]
-        'rad'
+    >>> import sprain_cosim as sc
+    >>> result = sc.load_scenario("incline30_brace").run(halve=True)  # with the doubt of its step
+    >>> round(result.metrics["peak_subtalar_angle_deg"], 1), result.coupling_doubt < 0.1
+    (29.8, True)
+    >>> float(result.labelled_signals["plant.subtalar_angle [rad]"].idxmax())  # s
+    0.093
+    >>> result.to_xarray()["plant.subtalar_angle"].attrs["units"]
+    'rad'
     """
 
     time: np.ndarray

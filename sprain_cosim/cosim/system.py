@@ -30,12 +30,12 @@ class System(Card):
     links        {target: (factor, offset)} from the number at the source to that at the target, where the units of the
                  two do not say it
 
-        >>> import sprain_cosim as sc
-        >>> system = sc.load_scenario("incline30_brace").system()
-        >>> system.connections["brace.rotation_x_angle"]
-        'plant.rotation_x_angle'
-        >>> system.find("plant.drop_height").unit.name
-        'm'
+    >>> import sprain_cosim as sc
+    >>> system = sc.load_scenario("incline30_brace").system()
+    >>> system.connections["brace.rotation_x_angle"]
+    'plant.rotation_x_angle'
+    >>> system.find("plant.drop_height").unit.name
+    'm'
     """
 
     components: tuple[Element, ...]

@@ -121,10 +121,10 @@ def to_salib(folder: str | Path) -> SalibSample:
     """The sample of a study's folder as SALib takes it. Raises InputError for a folder of no finished study, for a
     method that chooses its trials one after another, and for a sobol-indices study with failed trials.
 
-        >>> import sprain_cosim as sc
-        >>> sample = sc.to_salib("runs/s6")
-        >>> sample.X.shape, sample.problem["names"][0]
-        ((8, 10), 'plant.drop_height [m]')
+    >>> import sprain_cosim as sc
+    >>> sample = sc.to_salib("runs/s6")
+    >>> sample.X.shape, sample.problem["names"][0]
+    ((8, 10), 'plant.drop_height [m]')
     """
     sample = _Sample.read(Path(folder))
     names, notes = list(sample.names), list(sample.notes)
@@ -163,9 +163,9 @@ def to_openturns(folder: str | Path) -> OpenturnsSample:
     """The sample of a study's folder as OpenTURNS takes it. Raises InputError as `to_salib`, EnvironmentProblem when
     OpenTURNS is not installed.
 
-        >>> import sprain_cosim as sc
-        >>> sc.to_openturns("runs/s6").inputs.getSize()
-        8
+    >>> import sprain_cosim as sc
+    >>> sc.to_openturns("runs/s6").inputs.getSize()
+    8
     """
     sample = _Sample.read(Path(folder))
     try:

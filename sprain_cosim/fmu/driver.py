@@ -26,13 +26,13 @@ def own_step(element: Element) -> float:
 class Driver:
     """Opens an element and drives it.
 
-        >>> import sprain_cosim as sc
-        >>> with sc.Driver(sc.Component.read("brace", "my_brace.fmu")) as driver:
-        ...     driver.start({"angle_scale": 1.5})
-        ...     driver.step("1 ms", {"rotation_x_angle": "10 deg"})
-        ...     pushes_back = driver["rotation_x_torque"] < 0.0
-        >>> pushes_back
-        True
+    >>> import sprain_cosim as sc
+    >>> with sc.Driver(sc.Component.read("brace", "my_brace.fmu")) as driver:
+    ...     driver.start({"angle_scale": 1.5})
+    ...     driver.step("1 ms", {"rotation_x_angle": "10 deg"})
+    ...     pushes_back = driver["rotation_x_torque"] < 0.0
+    >>> pushes_back
+    True
 
     element        what is driven
     inputs         names of the inputs that are fed

@@ -52,19 +52,19 @@ class PythonComponent(Element):
     functions are those of a module. Failure policy: an exception of a function ends the run as a SimulationError that
     names the function.
 
-        >>> import sprain_cosim as sc
-        >>> spring = sc.PythonComponent.define(
-        ...     "brace",
-        ...     inputs={"subtalar_angle": "rad"},
-        ...     outputs={"subtalar_torque": "N.m"},
-        ...     parameters={"stiffness": "40 N.m/rad"},
-        ...     output=lambda state, values: {"subtalar_torque": -values["stiffness"] * values["subtalar_angle"]},
-        ... )
-        >>> with sc.Driver(spring) as driver:
-        ...     driver.start()
-        ...     driver.step("1 ms", {"subtalar_angle": 0.5})
-        ...     driver["subtalar_torque"]
-        -20.0
+    >>> import sprain_cosim as sc
+    >>> spring = sc.PythonComponent.define(
+    ...     "brace",
+    ...     inputs={"subtalar_angle": "rad"},
+    ...     outputs={"subtalar_torque": "N.m"},
+    ...     parameters={"stiffness": "40 N.m/rad"},
+    ...     output=lambda state, values: {"subtalar_torque": -values["stiffness"] * values["subtalar_angle"]},
+    ... )
+    >>> with sc.Driver(spring) as driver:
+    ...     driver.start()
+    ...     driver.step("1 ms", {"subtalar_angle": 0.5})
+    ...     driver["subtalar_torque"]
+    -20.0
     """
 
     capabilities: Capabilities = CAPABILITIES

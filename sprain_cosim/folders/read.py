@@ -41,9 +41,9 @@ def open_folder(path: Path | str) -> Folder:
     - a study: `summary`, `trials`, `trajectory(number)`
     - a comparison: `summary`, `members` {brace: a run or a study}
 
-        >>> import sprain_cosim as sc
-        >>> sc.open_folder("runs/s6").summary.method
-        'monte-carlo'
+    >>> import sprain_cosim as sc
+    >>> sc.open_folder("runs/s6").summary.method
+    'monte-carlo'
     """
     return read_folder(Path(path).expanduser())
 

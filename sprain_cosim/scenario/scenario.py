@@ -65,16 +65,16 @@ class Scenario(Card):
     subject      who lands; None: the person with whom the plant was made
     wiring       of a system that others described; None: connections are as the files and the contract say
 
-        >>> import sprain_cosim as sc
-        >>> braced = sc.load_scenario("incline30_brace").with_parameters(brace={"angle_scale": 1.5})
-        >>> braced.heading
-        '30° slope, 150 % brace, ankle muscles off'
-        >>> braced.parameter_table.loc["plant.drop_height", ["unit", "maximum", "value"]].tolist()
-        ['m', 5.0, '0.30 m']
-        >>> with braced.open() as session:  # the FMUs stay open
-        ...     peaks = [session.run({"plant.drop_height": h}).metrics["peak_subtalar_angle_deg"] for h in (0.2, "40 cm")]
-        >>> peaks[0] < peaks[1]
-        True
+    >>> import sprain_cosim as sc
+    >>> braced = sc.load_scenario("incline30_brace").with_parameters(brace={"angle_scale": 1.5})
+    >>> braced.heading
+    '30° slope, 150 % brace, ankle muscles off'
+    >>> braced.parameter_table.loc["plant.drop_height", ["unit", "maximum", "value"]].tolist()
+    ['m', 5.0, '0.30 m']
+    >>> with braced.open() as session:  # the FMUs stay open
+    ...     low, high = (session.run({"plant.drop_height": height}) for height in (0.2, "40 cm"))  # SI, or a unit
+    >>> high.metrics["peak_subtalar_angle_deg"] > low.metrics["peak_subtalar_angle_deg"]
+    True
     """
 
     title: str

@@ -89,6 +89,49 @@ def test_state_parameters_and_start() -> None:
         assert driver.get_outputs() == {"x": ahead[-1], "gap": 7.0 - ahead[-1]}
 
 
+def test_values_and_times_with_units() -> None:
+    """A text has its unit, a number is in the variable's own; in a run of a system as well."""
+    spring = PythonComponent.define(
+        "brace",
+        inputs={"u": "rad"},
+        outputs={"y": "N.m"},
+        parameters={"stiffness": "4 N.m/deg", "bare": "3"},
+        output=lambda state, values: {"y": -values["stiffness"] * values["u"]},
+    )
+    assert (spring.parameters["stiffness"].start, spring.parameters["bare"].start) == (4.0, 3.0)
+    with Driver(spring) as driver:
+        for stiffness, angle, step in ((2.0, np.float32(0.5), 1e-3), ("2 N.m/deg", "0.5 rad", "1 ms")):
+            driver.start({"stiffness": stiffness}, time="2 s", stop=3)
+            driver.step(step, {"u": angle})
+            assert (driver.time, driver["y"]) == (2.001, -1.0)
+        driver.start({"stiffness": "2 N.m/rad"}, {"u": "180 deg"})
+        assert driver["y"] == pytest.approx(-2.0 * np.pi * np.pi / 180.0)
+        for call, words in (
+            (lambda: driver.start({"stiffness": "2 kg"}), "brace.stiffness = '2 kg': kg has the dimension"),
+            (lambda: driver.step("1 kg"), "step = '1 kg': kg has the dimension"),
+            (lambda: driver.step("1"), 'needs a unit, for example "1 ms"'),
+            (lambda: driver.step(1e-3, {"u": "1 m"}), "brace.u = '1 m': m has the dimension"),
+            (lambda: driver.step(1e-3, {"u": None}), "brace.u = None: expected a number in rad"),  # type: ignore[dict-item]
+        ):
+            with pytest.raises(sc.InputError, match=words):
+                call()
+    with pytest.raises(sc.InputError, match="'stiff': expected a number with its unit"):
+        PythonComponent.define("brace", inputs={}, outputs={"y": "1"}, parameters={"k": "stiff"}, output=level)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("lga.rate", "no component 'lga'"), ("lag.rat", "did you mean rate"), ("lag.x", "is an output, not a parameter")],
+)
+def test_a_run_refuses_what_cannot_be_set(name: str, words: str) -> None:
+    assembly = sc.System((LAG,), {}).open()
+    master = sc.Master(stop="2 ms")  # type: ignore[arg-type]
+    assert master.run(assembly, {"lag.level": "20 cm"})["lag.x"][0] == 0.2
+    with pytest.raises(sc.InputError, match=words):
+        master.run(assembly, {name: 1.0})
+    assembly.close()
+
+
 @pytest.mark.parametrize(
     ("laws", "message"),
     [
