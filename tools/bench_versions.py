@@ -170,14 +170,14 @@ ROWS: tuple[tuple[str, Callable[[Mapping[str, float]], float], str, str], ...] =
 
 
 def table(old: Mapping[str, float] | None, new: Mapping[str, float]) -> str:
-    lines = ["| | old | new | old / new | asked |", "|---|---|---|---|---|"]
-    for label, value, unit, asked in ROWS:
+    lines = ["| | old | new | old / new | bound |", "|---|---|---|---|---|"]
+    for label, value, unit, bound in ROWS:
         now = value(new)
         before = value(old) if old else None
         ratio = "" if before is None or not unit else f"{before / now:.2f}"
         shown = "–" if before is None else f"{before:.3g} {unit}".strip()
-        missed = "" if not asked or not ratio or float(ratio) >= float(asked) else ", missed"
-        lines.append(f"| {label} | {shown} | {f'{now:.3g} {unit}'.strip()} | {ratio} | {asked}{missed} |")
+        missed = "" if not bound or not ratio or float(ratio) >= float(bound) else ", missed"
+        lines.append(f"| {label} | {shown} | {f'{now:.3g} {unit}'.strip()} | {ratio} | {bound}{missed} |")
     return "\n".join(lines)
 
 

@@ -69,7 +69,7 @@ def published_inputs(out: Path, workers: int) -> Iterator[str]:
     yield ""
     yield (
         "The 500 trials of each study whose inputs are at hand, run with `--inputs`, minus the records of the same "
-        "trials. Required: mean and SD within"
+        "trials. Bounds: mean and SD within"
     )
     yield "0.05°, every percentile within 0.15°, every Pearson r within 0.02."
     yield ""
@@ -112,7 +112,7 @@ def fresh(campaigns: dict[int, Any]) -> Iterator[str]:
         "Seed 20211208 in every study file, fixed before the first run. `z` is the difference over its standard "
         "error, both samples counted (1000"
     )
-    yield "published trials each). Required: |z| ≤ 3 everywhere; one in 370 would miss that by chance."
+    yield "published trials each). Bounds: |z| ≤ 3 everywhere; one in 370 would miss that by chance."
     yield ""
     yield "| Study | | mean [deg] | SD [deg] | 5 % [deg] | 50 % [deg] | 95 % [deg] |"
     yield "|---|---|---|---|---|---|---|"
@@ -171,7 +171,7 @@ def table3(campaigns: dict[int, Any]) -> Iterator[str]:
     yield ""
     yield (
         "Mean ± SD of 1000 fresh trials, here / published (which is rounded to the digits shown). JCS angles are "
-        "raw, as in the paper's table. Required:"
+        "raw, as in the paper's table. Bounds:"
     )
     yield "the mean within a tenth of the published SD; cells outside are marked and listed."
     yield ""

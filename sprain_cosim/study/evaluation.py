@@ -75,7 +75,7 @@ CURVE = 41  # thresholds of a curve
 REWEIGHTED = 4_000  # rows that specimens behind inputs are judged from
 UNCHECKED = (
     "the levels were not tested on random landings: slopes, curvature and order alone have called levels right that "
-    "are off by ten percent points; leave --no-check out"
+    "are off by ten percentage points; leave --no-check out"
 )
 GIVEN_DATA = (
     "a Monte Carlo sample of a few hundred trials gives these indices too (Sobol first total in its table), more "
@@ -670,7 +670,7 @@ def _worse(one: Status, other: Status) -> Status:
 
 
 def _level_test(check: LevelCheck) -> LevelTest:
-    """In percent points."""
+    """In percentage points."""
     return LevelTest(
         check.n,
         {f"{100 * p:g}": finite(100 * e.value) for p, e in check.off.items()},

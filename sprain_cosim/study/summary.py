@@ -269,7 +269,7 @@ class LevelTest(Record):
     """What random landings of the same inputs say of the levels of a search.
 
     n        landings
-    off      {"5": by how many percent points the share below the level's value is more than its own 5 %}
+    off      {"5": by how many percentage points the share below the level's value is more than its own 5 %}
     ci       {"5": its 95 % interval}
     verdict  {"5": ok, suspect, or undecided}
     """

@@ -1,4 +1,4 @@
-"""The gate of AMV, AMV+, HMV and mean value: random rows say by how many percent points each level is off.
+"""The gate of AMV, AMV+, HMV and mean value: random rows say by how many percentage points each level is off.
 
 Thirty functions, odd constants so that nothing looks rounded; what share really lies below each level comes from 2¹⁶
 rows of a Sobol' sequence.

@@ -209,7 +209,7 @@ def test_levels_are_tested_on_random_landings(study6) -> None:
     assert 100 <= test.n <= 400
     assert test.verdict["5"] == "suspect"
     assert test.ci["5"][0] < test.off["5"] < test.ci["5"][1]
-    assert "percent points" in checked.amv.reasons[-1]
+    assert "percentage points" in checked.amv.reasons[-1]
     assert StudySummary.from_json(checked.to_json(), "") == checked
     assert f"tested on {test.n} random landings" in study_listing(study, checked)
     q = checked.questions[asked.name]

@@ -1,8 +1,8 @@
-"""Levels of the mean value family tested on random evaluations: by how many percent points is each of them off?
+"""Levels of the mean value family tested on random evaluations: by how many percentage points is each of them off?
 
 A method says z_p: a share p of the responses lies below. Of n random rows k lie below; that alone is known to ±10
-percent points for n = 100. The method's own surrogate narrows it: by its importance vector α it says *which* rows lie
-below, those with α·u ≤ β, and a share p of all rows is known to be among them. So only the disagreement has to be
+percentage points for n = 100. The method's own surrogate narrows it: by its importance vector α it says *which* rows
+lie below, those with α·u ≤ β, and a share p of all rows is known to be among them. So only the disagreement has to be
 estimated, a share a of those said to lie below and b of those said to lie above:
 
     off = P(z ≤ z_p) − p = (1 − p)·b − p·a
@@ -69,8 +69,8 @@ def check_levels(
     """Test the levels of `mean_value`, `amv`, `amv_plus` or `hmv` on random rows of the same inputs.
 
     n rows, then twice as many while a level is undecided, `most` at last. A level is suspect when its error is shown to
-    be above 1.5 percent points, or at the end estimated at five or more; it is ok when its interval lies within ±5
-    percent points and ±0.8 of the smaller of p and 1 − p.
+    be above 1.5 percentage points, or at the end estimated at five or more; it is ok when its interval lies within ±5
+    percentage points and ±0.8 of the smaller of p and 1 − p.
 
     Raises ValueError for fewer than 20 rows.
     """
@@ -93,7 +93,7 @@ def check_levels(
             verdict[p] = "suspect"
     reasons = tuple(
         f"level {p:g}: {len(y)} random rows put {100 * (p + e.value):.3g} % below {found.value[p]:.6g}, not "
-        f"{100 * p:g} % (off by {100 * e.value:+.2g}, {100 * e.low:+.2g} ... {100 * e.high:+.2g} percent points)"
+        f"{100 * p:g} % (off by {100 * e.value:+.2g}, {100 * e.low:+.2g} ... {100 * e.high:+.2g} percentage points)"
         for p, e in sorted(off.items())
         if verdict[p] == "suspect"
     )

@@ -62,7 +62,7 @@ CHECKS = (
     Check(
         "plant-24",
         "Subtalar trajectories and ground reactions of scaled persons",
-        WHY + "; ground reaction: the required 1 %",
+        WHY + "; ground reaction: the bound of 1 %",
         SCALED,
         person_trajectories,
         quick=False,
