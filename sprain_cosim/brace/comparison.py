@@ -9,25 +9,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from ..folders.comparison import NONE, BraceSummary, ComparisonSummary, Decisions, Estimates, MeanEstimate, Persons
 from ..literature import INJURY_INVERSION_TEXT
-from ..records import finite
 from ..scenario import Scenario
 from ..scenario.postures import POSTURES
 from ..study.questions import QUESTIONS
 from ..study.study import Study
-from ..uq import statistics
 from ..uq.sequential import spent
+from .estimates import INJURY, INVERSION, THRESHOLD, injury_estimate, injury_of_other_shapes, mean_estimate
 from .persons import persons_listing, persons_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
-INVERSION = "peak_inversion_from_neutral_deg"
 PEAKS = ("peak_subtalar_angle_deg", INVERSION, "peak_jcs_inversion_deg")
-INJURY, SHARE = "probability_of_injury", "anatomy_share"
+SHARE = "anatomy_share"
 MOMENTS = ("anatomy_subtalar_moment_Nm", "brace_subtalar_moment_Nm")  # at the peak
 KEYS = (
     *PEAKS,
@@ -90,7 +87,7 @@ def with_derived(landings: pd.DataFrame) -> pd.DataFrame:
     the inversion exceeds the injury threshold, itself uncertain, in that landing."""
     more = {}
     if INVERSION in landings:
-        more[INJURY] = ndtr(QUESTIONS[INVERSION][1].to_standard(landings[INVERSION].to_numpy(float)))
+        more[INJURY] = THRESHOLD.cdf(landings[INVERSION].to_numpy(float))
     if MOMENTS[1] in landings:
         anatomy, brace = (landings[key] for key in MOMENTS)
         more[SHARE] = (anatomy / (anatomy + brace)).where(anatomy + brace > 0)
@@ -101,8 +98,9 @@ def summarise_comparison(
     source: Source, entries: Sequence[Entry], looks: Sequence[int] = (), decisions: Decisions | None = None
 ) -> ComparisonSummary:
     """Every estimate is the landing's value, or the mean over the landings that completed, with Student's 95 % interval
-    where they are a random sample. Differences are over the landings that completed with both. Where braces stopped at
-    one of several `looks` (numbers of landings), an interval is at the level of that look, so that it holds for all."""
+    (the probability of injury with that of a study's question) where they are a random sample. Differences are over
+    the landings that completed with both. Where braces stopped at one of several `looks` (numbers of landings), an
+    interval is at the level of that look, so that it holds for all."""
     study = source if isinstance(source, Study) else None
     scenario = source.scenario if isinstance(source, Study) else source
     landed = _Landed(
@@ -148,6 +146,7 @@ class _Landed:
 
     def summary(self, entry: Entry) -> BraceSummary:
         rows = self.completed.get(entry.name)
+        failed = None if rows is None or entry.landings is None else len(entry.landings) - len(rows)
         return BraceSummary(
             fmu=entry.fmu,
             status=entry.status,
@@ -155,11 +154,12 @@ class _Landed:
             warnings=entry.warnings,
             folder=entry.name,
             n_completed=0 if rows is None else len(rows),
-            n_failed=None if rows is None or entry.landings is None else len(entry.landings) - len(rows),
-            metrics={}
-            if rows is None
-            else {k: self._estimate(rows[k].to_numpy(float), entry.name) for k in KEYS if k in rows},
+            n_failed=failed,
+            metrics={} if rows is None else self._metrics(entry.name, rows, failed or 0),
             difference_to_none=self.difference(entry.name, NONE),
+            injury_shapes=None
+            if rows is None or INVERSION not in rows
+            else injury_of_other_shapes(rows[INVERSION].to_numpy(float)),
             resistance_Nm=None if entry.resistance is None else dict(entry.resistance),
         )
 
@@ -172,14 +172,18 @@ class _Landed:
         keys = [k for k in KEYS if k in one and k in other]
         return {k: self._estimate((one.loc[both, k] - other.loc[both, k]).to_numpy(float), a, b) for k in keys}
 
+    def _metrics(self, name: str, rows: pd.DataFrame, failed: int) -> Estimates:
+        found = {k: self._estimate(rows[k].to_numpy(float), name) for k in KEYS if k in rows}
+        if INJURY in found:
+            found[INJURY] = injury_estimate(rows[INVERSION].to_numpy(float), self.random, self._error(name), failed)
+        return found
+
     def _estimate(self, y: NDArray[np.float64], *names: str) -> MeanEstimate:
-        y = y[np.isfinite(y)]
-        if not len(y):
-            return MeanEstimate()
-        if not self.random or len(y) < 2:
-            return MeanEstimate(float(np.mean(y)), n=len(y))
-        e = statistics.mean(y, 1.0 - max(self.levels.get(name, 0.05) for name in names))  # they share the fewer
-        return MeanEstimate(finite(e.value), finite(e.low), finite(e.high), len(y))
+        return mean_estimate(y, self.random, self._error(*names))
+
+    def _error(self, *names: str) -> float:
+        """Of an interval over the landings that these braces share: they share the fewer."""
+        return max(self.levels.get(name, 0.05) for name in names)
 
 
 def postures() -> list[str]:
@@ -190,15 +194,21 @@ def postures() -> list[str]:
 def comparison_listing(summary: ComparisonSummary) -> str:
     """The table that `compare` prints: one column a brace."""
     braces = summary.braces
-    width = max(16, *(len(n) + 2 for n in braces))
+    width = max(18, *(len(n) + 2 for n in braces))
     lines = [*_heading(summary), "", f"{'':44}" + "".join(f"{n:>{width}}" for n in braces)]
+    doubts = {
+        "    as far as the landings know it": [_between(_ends_of(b)) for b in braces.values()],
+        "    for a threshold of another shape": [_between(b.injury_doubt) for b in braces.values()],
+    }
 
     def row(label: str, cells: Sequence[str]) -> None:
         if any(cells):
             lines.append(f"{label:44}" + "".join(f"{c:>{width}}" for c in cells).rstrip())
 
     for label, key, factor in LINES:
-        row(label, [_cell(b.metrics.get(key), factor) for b in braces.values()])
+        row(label, [_cell(b.metrics.get(key), factor, half=key != INJURY) for b in braces.values()])
+        for words, cells in doubts.items() if key == INJURY else ():
+            row(words, cells)
         if key in CHANGED:
             changes = [b.difference_to_none.get(key) for b in braces.values()]
             row("    change against none", [_cell(change, factor, sign=True) for change in changes])
@@ -253,11 +263,23 @@ def _heading(summary: ComparisonSummary) -> list[str]:
     return lines
 
 
-def _cell(estimate: MeanEstimate | None, factor: float, sign: bool = False) -> str:
+def _cell(estimate: MeanEstimate | None, factor: float, sign: bool = False, half: bool = True) -> str:
+    """`half`: with half of its interval."""
     if estimate is None or estimate.value is None:
         return ""
-    half = "" if estimate.half_width is None else f" ± {factor * estimate.half_width:.2f}"
-    return f"{factor * estimate.value:{'+' if sign else ''}.2f}{half}"
+    after = "" if estimate.half_width is None or not half else f" ± {factor * estimate.half_width:.2f}"
+    return f"{factor * estimate.value:{'+' if sign else ''}.2f}{after}"
+
+
+def _ends_of(brace: BraceSummary) -> tuple[float, float] | None:
+    """The interval of its probability of injury."""
+    e = brace.metrics.get(INJURY)
+    return None if e is None or e.ci_low is None or e.ci_high is None else (e.ci_low, e.ci_high)
+
+
+def _between(shares: tuple[float, float] | None) -> str:
+    """In percent."""
+    return "" if shares is None else " ... ".join(f"{100.0 * share:.2g}" for share in shares)
 
 
 def _number(value: float | None) -> str:

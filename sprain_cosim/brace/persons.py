@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..folders.comparison import Estimates, MeanEstimate, PersonBand, Persons, WorstInput, WorstTenth
-from ..records import finite
 from ..scenario.body import OWNER, is_of_subject
 from ..subject.anthropometry import MASS
 from ..subject.person import STATURE
-from ..uq import statistics
+from .estimates import INJURY, INVERSION, injury_estimate, mean_estimate
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -74,15 +73,10 @@ def _bands(
 
 
 def _means(rows: pd.DataFrame, keys: Sequence[str], random: bool) -> Estimates:
-    return {key: _mean(rows[key].to_numpy(float), random) for key in keys if key in rows}
-
-
-def _mean(y: Array, random: bool) -> MeanEstimate:
-    y = y[np.isfinite(y)]
-    if len(y) < 2 or not random:
-        return MeanEstimate(float(np.mean(y)) if len(y) else None, n=len(y))
-    e = statistics.mean(y)
-    return MeanEstimate(finite(e.value), finite(e.low), finite(e.high), len(y))
+    found = {key: mean_estimate(rows[key].to_numpy(float), random) for key in keys if key in rows}
+    if INJURY in found:
+        found[INJURY] = injury_estimate(rows[INVERSION].to_numpy(float), random)
+    return found
 
 
 def _worst(rows: pd.DataFrame, headings: Sequence[str], keys: Sequence[str], response: str, random: bool) -> WorstTenth:

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.markers import CARETLEFT
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
@@ -158,19 +159,23 @@ def paired(summary: ComparisonSummary, doubts: Mapping[str, Doubt], look: Mappin
 def _risks(
     axis: Axes, risks: Mapping[str, MeanEstimate], doubts: Mapping[str, Doubt], look: Mapping[str, Look]
 ) -> None:
-    """Probabilities on a logarithmic axis: thick what the landings leave open, thin what the threshold does."""
+    """Probabilities on a logarithmic axis: thick what the landings leave open, thin what the threshold does;
+    what lies below the floor of the axis points beyond it."""
     at: Any = dict(transform=axis.get_yaxis_transform(), ha="left", va="center", fontsize=small())
     for place, (name, e) in enumerate(risks.items()):
         colour = look[name][0]
         if name in doubts:
             low, high = (100 * max(FLOOR, d) for d in doubts[name])
             axis.plot([low, high], [place] * 2, color=colour, linewidth=1.0, marker="|", markersize=5)
+            if doubts[name][0] < FLOOR:
+                axis.plot(low, place, marker=CARETLEFT, color=colour, markersize=5)
         if e.ci_low is not None and e.ci_high is not None:
             low, high = (100 * max(FLOOR, d) for d in (e.ci_low, e.ci_high))
             axis.plot([low, high], [place] * 2, color=colour, linewidth=5.5, alpha=0.45, solid_capstyle="butt")
-        value = 100 * max(FLOOR, e.value or 0.0)
-        axis.plot(value, place, "o", color=colour)
-        axis.text(1.02, place, f"{value:.2g} %", color=letters(colour), **at)
+        share = e.value or 0.0
+        axis.plot(100 * max(FLOOR, share), place, "o" if share >= FLOOR else CARETLEFT, color=colour)
+        words = f"{100 * share:.2g} %" if share >= FLOOR else f"< {100 * FLOOR:g} %"
+        axis.text(1.02, place, words, color=letters(colour), **at)
     _named(axis, list(risks), 0.75)
     axis.set_xscale("log")
     axis.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))

@@ -183,7 +183,9 @@ def threshold_doubts(folder: ComparisonFolder) -> dict[str, tuple[float, float]]
     found = {}
     for brace, member in folder.members.items():
         question = member.summary.questions.get(INVERSION) if isinstance(member, StudyFolder) else None
-        ends = question and (_both(question.threshold_ci) or _least_and_most(question.shapes))
+        brace_summary = folder.summary.braces.get(brace)
+        ends = (_both(question.threshold_ci) or _least_and_most(question.shapes)) if question else None
+        ends = ends or (brace_summary.injury_doubt if brace_summary else None)
         if ends:
             found[brace] = ends
     return found

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.markers import CARETLEFT
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
@@ -117,9 +118,11 @@ def _draw_answer(axis: Axes, answer: Answer, above: float, below: float) -> None
         ends = np.maximum([min(answer.shapes.values()), max(answer.shapes.values())], FLOOR)
         axis.plot(ends, [below, below], color=INK, linewidth=0.6)
     for law, value in answer.shapes.items():
-        axis.plot(max(value, FLOOR), below, MARKERS[law], color="white", markeredgecolor=INK, markersize=4)
+        mark = MARKERS[law] if value >= FLOOR else CARETLEFT  # points beyond the axis
+        axis.plot(max(value, FLOOR), below, mark, color="white", markeredgecolor=INK, markersize=4)
     if answer.value is not None:
-        axis.plot(max(answer.value, FLOOR), above, "|", color=INK, markersize=8, markeredgewidth=1.4)
+        mark = "|" if answer.value >= FLOOR else CARETLEFT
+        axis.plot(max(answer.value, FLOOR), above, mark, color=INK, markersize=8, markeredgewidth=1.4)
 
 
 def _draw_curve(axis: Axes, curve: Exceeded) -> None:

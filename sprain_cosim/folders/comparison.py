@@ -23,8 +23,9 @@ class MeanEstimate(Record):
     """The value of one landing, or the mean over several.
 
     value            in the unit of the metric's name
-    ci_low, ci_high  Student's 95 % interval, wider where pairs stopped when they were decided: it holds however often
-                     one looked; None where the landings are no random sample
+    ci_low, ci_high  Student's 95 % interval, of probability_of_injury that of the studies' questions; wider where
+                     pairs stopped when they were decided: it holds however often one looked; None where the landings
+                     are no random sample
     n                landings that it is the mean of
     """
 
@@ -53,6 +54,8 @@ class BraceSummary(Record):
     n_completed, n_failed   landings
     metrics                 over the completed landings
     difference_to_none      over the landings that completed both with it and without a brace: with minus without
+    injury_shapes           the metric probability_of_injury for thresholds of the same mean and SD in other laws,
+                            {"normal": ..., "lognormal": ..., "weibull": ...}; absent where no landing completed
     resistance_Nm           {posture: moment that resists it [N·m]}; None where it was not measured
     """
 
@@ -65,11 +68,17 @@ class BraceSummary(Record):
     n_failed: int | None = None
     metrics: Estimates = field(default_factory=dict)
     difference_to_none: Estimates = field(default_factory=dict)
+    injury_shapes: Mapping[str, float] | None = optional()
     resistance_Nm: Mapping[str, float] | None = None
 
     @property
     def completed(self) -> bool:
         return self.status == "completed"
+
+    @property
+    def injury_doubt(self) -> tuple[float, float] | None:
+        """The least and the greatest probability of injury that a threshold of another law gives."""
+        return (min(self.injury_shapes.values()), max(self.injury_shapes.values())) if self.injury_shapes else None
 
 
 @dataclass(frozen=True)

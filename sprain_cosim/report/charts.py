@@ -12,7 +12,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from .. import figures as plots
-from ..brace.comparison import INVERSION
+from ..brace.estimates import INVERSION
 from ..figures.samples import drawn_ranks
 from ..figures.selection import FEWEST, Named, response_label, sample_of
 from ..figures.style import LINES, MOST_DRAWN

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ..brace.comparison import INJURY
+from ..brace.estimates import INJURY
 from ..figures.style import PARAMETERS, label
 from ..folders.comparison import NONE, MeanEstimate, Persons
 from ..folders.run import RunFolder

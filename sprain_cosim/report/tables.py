@@ -9,7 +9,8 @@ from typing import Any
 
 from .. import __version__
 from .. import figures as plots
-from ..brace.comparison import CHANGED, INJURY, LINES, postures
+from ..brace.comparison import CHANGED, LINES, postures
+from ..brace.estimates import INJURY
 from ..figures.selection import Named, response_label
 from ..figures.style import PARAMETERS
 from ..folders.comparison import NONE, BraceSummary, ComparisonFolder, MeanEstimate
@@ -22,7 +23,7 @@ from ..study.summary import FormSearch, LevelSearch, Percentile, Probability, Re
 from .blocks import Block, Cell, Folded, Heading, PageTable, Paragraph, Row
 from .design import design_blocks
 from .persons import groups_table, persons_tables, who_landed
-from .words import ends, fine_ends, percent, percentage, percentage_ends, rounded, signed
+from .words import ends, fine_ends, percent, percentage, rounded, signed
 
 FAILURES = 20  # rows of the table of failed trials
 SOURCES = (
@@ -124,7 +125,10 @@ def _comparison(folder: ComparisonFolder) -> PageTable:
     for label, key, factor in LINES:
         found = [b.metrics.get(key) for b in braces.values()]
         if any(e and e.value is not None for e in found):
-            cells = (_share(e) if key == INJURY else _estimate(e, factor) for e in found)
+            cells = (
+                _share(e, b.injury_doubt) if key == INJURY else _estimate(e, factor)
+                for e, b in zip(found, braces.values(), strict=True)
+            )
             rows.append([label.strip(), *cells])
         changes = [b.difference_to_none.get(key) for b in braces.values()]
         if key in CHANGED and any(changes):
@@ -144,11 +148,13 @@ def _estimate(e: MeanEstimate | None, factor: float, sign: bool = False) -> str 
     return Cell(signed(value, 2) if sign else rounded(value), ends(e.ci_low, e.ci_high, factor))
 
 
-def _share(e: MeanEstimate | None) -> str | Cell:
-    """A probability in percent."""
+def _share(e: MeanEstimate | None, shapes: tuple[float, float] | None) -> str | Cell:
+    """A probability in percent, with what the landings leave open and what the shape of its threshold does."""
     if e is None or e.value is None:
         return ""
-    return Cell(percentage(e.value), percentage_ends(e.ci_low, e.ci_high))
+    doubts = [f"landings {line}" for line in fine_ends(e.ci_low, e.ci_high)]
+    doubts += [f"threshold's shape {line}" for line in fine_ends(*(shapes or (None, None)))]
+    return Cell(percentage(e.value), tuple(doubts))
 
 
 def _held(brace: BraceSummary, motion: str) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from .. import figures as plots
-from ..brace.comparison import INJURY, INVERSION
+from ..brace.estimates import INJURY, INVERSION
 from ..figures.gallery import threshold_doubts
 from ..figures.selection import Named, response_label, same_question
 from ..folders.comparison import NONE, ComparisonFolder, Decisions, PairLook

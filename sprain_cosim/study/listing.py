@@ -141,8 +141,14 @@ def _sample(study: Plan, summary: StudySummary) -> list[str]:
     for key, r in summary.responses.items():
         pair = published.get("metrics", {}).get(key)
         beside = f"{pair[0]:g} ± {pair[1]:g}" if pair else ""
-        lines.append(f"  {key:46}{_number(r.mean, '.1f'):>11} ± {_number(r.sd, '.1f'):<6}{beside:>16}")
+        places = _places(r.sd)
+        lines.append(f"  {key:46}{_number(r.mean, places):>11} ± {_number(r.sd, places):<6}{beside:>16}")
     return lines
+
+
+def _places(sd: float | None) -> str:
+    """One decimal, or as many as show two figures of a spread below one."""
+    return f".{1 - math.floor(math.log10(sd)) if sd and 0.0 < sd < 1.0 else 1}f"
 
 
 def _without_failed(summary: StudySummary) -> str:

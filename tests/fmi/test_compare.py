@@ -24,6 +24,8 @@ from sprain_cosim.folders.read import read_folder
 from sprain_cosim.process import Limits
 from sprain_cosim.report.verdict import verdicts
 from sprain_cosim.study.reproduce import reproduce
+from sprain_cosim.uq.distributions import Normal
+from sprain_cosim.uq.exceedance import doubted_exceedance
 from sprain_cosim.uq.sequential import planned_looks, spent
 from tests.docs_commands import ROOT
 from tests.native import compile_fmu
@@ -217,6 +219,23 @@ def test_differences_of_a_study_are_paired(study) -> None:
     risk = study.summary["braces"]["none"]["metrics"]["probability_of_injury"]["value"]
     inversion = pd.read_csv(study.out / "none" / "trials.csv")["peak_inversion_from_neutral_deg"]
     assert risk == pytest.approx(stats.norm(35, 6).cdf(inversion).mean(), rel=1e-9)
+
+
+def test_a_probability_has_both_doubts_of_its_study(study) -> None:
+    """The interval that a study states for its question, and the other shapes of the threshold."""
+    for name in ("none", "paper", "linear"):
+        inversion = pd.read_csv(study.out / name / "trials.csv")["peak_inversion_from_neutral_deg"]
+        own = doubted_exceedance(inversion, Normal(35, 6))
+        brace = study.summary["braces"][name]
+        risk = brace["metrics"]["probability_of_injury"]
+        assert (risk["ci_low"], risk["ci_high"]) == pytest.approx((own.sampling.low, own.sampling.high), rel=1e-9)
+        assert brace["injury_shapes"] == pytest.approx(own.shapes, rel=1e-9)
+    printed = comparison_listing(study.summary).splitlines()
+    at = next(k for k, line in enumerate(printed) if line.startswith("P(inversion"))
+    assert printed[at].count("±") == 1, "that of the threshold, in the label"
+    shapes = sorted(own.shapes.values())
+    for line, ends in ((printed[at + 1], (own.sampling.low, own.sampling.high)), (printed[at + 2], shapes[::2])):
+        assert line.endswith(" ... ".join(f"{100 * end:.2g}" for end in ends))
 
 
 def test_held_at_the_value_that_was_set(study) -> None:

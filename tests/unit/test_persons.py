@@ -6,13 +6,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sprain_cosim.brace.comparison import INJURY, INVERSION
+from sprain_cosim.brace.estimates import INJURY, INVERSION
 from sprain_cosim.brace.persons import persons_listing, persons_of
 from sprain_cosim.figures.persons import persons_figure
 from sprain_cosim.folders.comparison import BraceSummary, ComparisonSummary
+from sprain_cosim.literature import INJURY_INVERSION
 from sprain_cosim.report.persons import groups_table, persons_sentence, persons_tables
 from sprain_cosim.study.groups import group_of_input, groups_listing, input_groups
 from sprain_cosim.study.summary import VarianceShare
+from sprain_cosim.uq import statistics
+from sprain_cosim.uq.distributions import Normal
 from sprain_cosim.uq.groups import group_share
 
 HEADINGS = ["subject.sex", "subject.stature [m]", "subject.mass [kg]", "plant.subtalar_angle_at_contact [rad]"]
@@ -52,6 +55,9 @@ def test_bands_show_for_whom_a_brace_works(summary: ComparisonSummary) -> None:
     assert means[0] == pytest.approx(lightest[INVERSION].mean(), rel=1e-12)
     assert bands[0].low == rows["subject.mass [kg]"].min()
     assert bands[0].metrics["none"][INVERSION].half_width is not None
+    found = bands[0].metrics["none"][INJURY]
+    asked = statistics.exceedance(lightest[INVERSION], Normal(*INJURY_INVERSION))
+    assert (found.value, found.ci_low, found.ci_high) == (asked.value, asked.low, asked.high)
 
 
 def test_the_worst_tenth_are_the_heavy(summary: ComparisonSummary) -> None:

@@ -1,0 +1,43 @@
+"""Means over landings, and the probability that they exceed the injury threshold with the interval that a study of the
+same landings states."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..folders.comparison import MeanEstimate
+from ..records import finite
+from ..study.questions import QUESTIONS
+from ..uq import statistics
+from ..uq.exceedance import of_shapes
+
+INVERSION, INJURY = "peak_inversion_from_neutral_deg", "probability_of_injury"
+THRESHOLD = QUESTIONS[INVERSION][1]
+
+
+def mean_estimate(values: NDArray[np.float64], random: bool, error: float = 0.05) -> MeanEstimate:
+    """Of finite values; Student's interval, which misses with probability `error`, where they are `random` draws."""
+    y = values[np.isfinite(values)]
+    if len(y) < 2 or not random:
+        return MeanEstimate(float(np.mean(y)) if len(y) else None, n=len(y))
+    return _estimate(statistics.mean(y, 1.0 - error), len(y))
+
+
+def injury_estimate(inversion: NDArray[np.float64], random: bool, error: float = 0.05, failed: int = 0) -> MeanEstimate:
+    """The probability that the inversion from neutral (landings,) [deg] exceeds the injury threshold, as
+    `statistics.exceedance` finds it."""
+    y = inversion[np.isfinite(inversion)]
+    if len(y) < 2 or not random:
+        return MeanEstimate(float(np.mean(THRESHOLD.cdf(y))) if len(y) else None, n=len(y))
+    return _estimate(statistics.exceedance(y, THRESHOLD, 1.0 - error, failed), len(y))
+
+
+def injury_of_other_shapes(inversion: NDArray[np.float64]) -> dict[str, float] | None:
+    """That probability for thresholds of the same mean and SD in other laws: {law: ...}; None without landings."""
+    y = inversion[np.isfinite(inversion)]
+    return of_shapes(y, THRESHOLD) if len(y) else None
+
+
+def _estimate(found: statistics.Estimate, n: int) -> MeanEstimate:
+    return MeanEstimate(finite(found.value), finite(found.low), finite(found.high), n)
