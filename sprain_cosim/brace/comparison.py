@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -196,28 +196,9 @@ def comparison_listing(summary: ComparisonSummary) -> str:
     braces = summary.braces
     width = max(18, *(len(n) + 2 for n in braces))
     lines = [*_heading(summary), "", f"{'':44}" + "".join(f"{n:>{width}}" for n in braces)]
-    doubts = {
-        "    as far as the landings know it": [_between(_ends_of(b)) for b in braces.values()],
-        "    for a threshold of another shape": [_between(b.injury_doubt) for b in braces.values()],
-    }
-
-    def row(label: str, cells: Sequence[str]) -> None:
+    for label, cells in _rows(summary):
         if any(cells):
             lines.append(f"{label:44}" + "".join(f"{c:>{width}}" for c in cells).rstrip())
-
-    for label, key, factor in LINES:
-        row(label, [_cell(b.metrics.get(key), factor, half=key != INJURY) for b in braces.values()])
-        for words, cells in doubts.items() if key == INJURY else ():
-            row(words, cells)
-        if key in CHANGED:
-            changes = [b.difference_to_none.get(key) for b in braces.values()]
-            row("    change against none", [_cell(change, factor, sign=True) for change in changes])
-    for motion in postures():
-        row(f"resists {motion} of 5 / 10 deg [N·m]", [_held(b, motion) for b in braces.values()])
-    row(
-        "landings completed",
-        [summary.completion(b) for b in braces.values()],
-    )
     if summary.decisions is not None:
         lines += ["", *_decided(summary.decisions)]
     elif 0 < len(summary.pairs) <= PAIRED:
@@ -229,6 +210,24 @@ def comparison_listing(summary: ComparisonSummary) -> str:
         lines += persons_listing(summary.persons, INVERSION, "peak inversion [deg]", 1.0)
     lines += [f"\n{n}: failed: {b.message}" for n, b in summary.failed.items()]
     return "\n".join(lines)
+
+
+def _rows(summary: ComparisonSummary) -> Iterator[tuple[str, list[str]]]:
+    """Label and cells, one a brace; empty cells where nothing is known."""
+    braces = summary.braces.values()
+    for label, key, factor in LINES:
+        yield label, [_cell(b.metrics.get(key), factor, half=key != INJURY) for b in braces]
+        if key == INJURY:
+            yield "    as far as the landings know it", [_between(_ends_of(b)) for b in braces]
+            yield "    for a threshold of another shape", [_between(b.injury_doubt) for b in braces]
+        if key in CHANGED:
+            yield (
+                "    change against none",
+                [_cell(b.difference_to_none.get(key), factor, sign=True) for b in braces],
+            )
+    for motion in postures():
+        yield f"resists {motion} of 5 / 10 deg [N·m]", [_held(b, motion) for b in braces]
+    yield "landings completed", [summary.completion(b) for b in braces]
 
 
 def _decided(found: Decisions) -> list[str]:
