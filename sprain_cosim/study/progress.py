@@ -76,7 +76,8 @@ def _display() -> Callable[..., Any] | None:
         return None
     from IPython.display import display
 
-    return display  # type: ignore[no-any-return]
+    shown: Callable[..., Any] = display
+    return shown
 
 
 class _Cell:
