@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from ..contract import PLANT, plain
+from ..cosim.master import Master
 from ..errors import InputError, problems_to_error
 from ..fmu import cache
 from ..fmu.component import Component
 from ..ssp.flat import Feed, Flat
 from ..ssp.package import Package
-from ..ssp.values import parameter_set, set_name
+from ..ssp.values import finite_number, parameter_set, set_name
 from ..units import SECOND, quantity
 from .wiring import Wiring
 
@@ -48,6 +49,8 @@ def package_content(flat: Flat) -> dict[str, Any]:
         raise InputError(f"{path}: the default experiment starts at {described.start:g} s; a landing starts at 0")
     if described.stop is not None:
         master["stop"] = described.stop
+    else:
+        notes.append(f"states no stop; the landing ends at {1e3 * Master.stop:g} ms")
     connections = {_named(t, names): _named(f.source, names) for t, f in flat.feeds.items()}
     connections |= {_named(h.target, names): _named(h.source, names) for h in flat.hand_over}
     links = {target: feed.link for target, feed in flat.feeds.items()} | {h.target: h.link for h in flat.hand_over}
@@ -91,6 +94,7 @@ def device(flat: Flat, name: str, plant: Component) -> PackagedDevice:
     names = {c: name if c == first else f"{name}_{c}" for c in flat.components}
     feeds = {_named(target, names): _seen(feed, names) for target, feed in flat.feeds.items()}
     met, problems = _meetings(flat, names, plant)
+    problems += ["annotation HandOver belongs to a landing, not to a device"] * bool(flat.hand_over)
     problems_to_error(str(flat.path), problems)
     feeds |= met
     found = _components(flat, names)
@@ -202,7 +206,9 @@ def _line(key: str, text: str) -> str:
 def _setting(key: str, text: str, path: Path) -> float | int | str:
     if key == "scheme":
         return text
-    try:
-        return int(text) if key == "identify" else float(text)
-    except ValueError:
-        raise InputError(f"{path}: annotation Master: {key} = {text!r} is no number") from None
+    number = finite_number(text, f"{path}: annotation Master: {key}")
+    if key != "identify":
+        return number
+    if number != int(number):
+        raise InputError(f"{path}: annotation Master: {key} = {text!r} is no whole number")
+    return int(number)

@@ -35,7 +35,7 @@ from .isolation import Isolation, isolation
 from .package import device, is_package, parameter_set_values
 from .settable import settable_table, settables
 from .title import Ran, heading
-from .wiring import Wiring
+from .wiring import AS_IT_IS, Wiring
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -437,13 +437,15 @@ class Scenario(Card):
         mapping that another replaces, a change that has no effect; and what foreign FMUs may do beyond the sandbox."""
         components = self.components()
         connections, _ = self._connected(components)
+        links = {} if self.wiring is None else self.wiring.links
+        said = [target for target in connections if links.get(target, AS_IT_IS) != AS_IT_IS]
         found = self.without_effect([change.partition(" = ")[0] for change in self.changes])
         for component in components:
             ends = {
                 end.partition(".")[2]: None
                 for pair in connections.items()
                 for end in pair
-                if end.partition(".")[0] == component.name
+                if end.partition(".")[0] == component.name and pair[0] not in said
             }
             connectors = [component.connectors[n] for n in ends if n in component.connectors]
             silent = [c.name for c in connectors if c.unit is None and c.kind == "real"]

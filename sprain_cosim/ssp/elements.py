@@ -3,6 +3,8 @@ XML, fits the standard's schema and holds nothing that would be left out in sile
 
 from __future__ import annotations
 
+import re
+from copy import deepcopy
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,16 +16,26 @@ from ..errors import InputError, problems_to_error
 
 SPACE = "http://ssp-standard.org/SSP1/SystemStructure"
 SSC, SSD, SSV, SSM = (f"{SPACE}{name}" for name in ("Common", "Description", "ParameterValues", "ParameterMapping"))
+VERSIONS = ("1.0", "2.0")
 OWN = "urn:sprain-cosim:ssp:1"  # of our annotations
+ANNOTATIONS: dict[str, tuple[str, bool, tuple[str, ...], tuple[str, ...] | None]] = {
+    # of our own: the element that each belongs to, whether there may be several, attributes that it must have, and may
+    "Master": ("SystemStructureDescription", False, ("communicationStep", "scheme", "identify", "adaptive"), ()),
+    "HandOver": ("SystemStructureDescription", True, ("source", "target"), ("factor", "offset")),
+    "Device": ("Component", False, (), None),  # its reader judges them
+}
 SCHEMAS = {
     f"{{{SSD}}}SystemStructureDescription": "SystemStructureDescription.xsd",
     f"{{{SSV}}}ParameterSet": "SystemStructureParameterValues.xsd",
     f"{{{SSM}}}ParameterMapping": "SystemStructureParameterMapping.xsd",
 }
+LATER_KINDS = ("structuralParameter", "constant", "local", "unspecified")  # of connectors, since 2.0
 LARGEST = 64 * 2**20  # B of one document
 DEEPEST = 64
 
 READ, SKIPPED = "read", "skipped"
+REALS = ("Real", "Float64", "Float32")
+NUMERALS = ("Integer", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)))
 SUPPORT: dict[str, tuple[str, str]] = {  # element: (treatment, why; empty where it is read)
     **dict.fromkeys(
         (
@@ -33,8 +45,7 @@ SUPPORT: dict[str, tuple[str, str]] = {  # element: (treatment, why; empty where
             *("ParameterBindings", "ParameterBinding", "ParameterValues", "ParameterMapping", "ParameterSet"),
             *("Parameters", "Parameter", "MappingEntry", "MapEntry"),
             *("BooleanMappingTransformation", "IntegerMappingTransformation", "EnumerationMappingTransformation"),
-            *("Real", "Integer", "Boolean", "String", "Binary", "Float64", "Float32"),
-            *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)),
+            *(*REALS, *NUMERALS, "Boolean", "String", "Binary"),
         ),
         (READ, ""),
     ),
@@ -47,6 +58,7 @@ SUPPORT: dict[str, tuple[str, str]] = {  # element: (treatment, why; empty where
         ("SignalDictionaries", "SignalDictionary", "SignalDictionaryReference", "DictionaryEntry"),
         ("refused", "signals of a dictionary; connect the components with each other"),
     ),
+    "Value": ("refused", "an array of texts"),
     "Dimension": ("refused", "an array connector; export scalars"),
     "Clock": ("refused", "a clock connector; our clocks tick by the FMU's own description"),
     "Signature": ("refused", "a signature, which is not verified here; remove it if you trust the file"),
@@ -79,11 +91,11 @@ def document(data: bytes, place: str, root: str) -> Any:
 def fitting(tree: Any, place: str) -> Any:
     """The element, of which the whole fits; also one that stands inline in another document. Raises InputError."""
     version = tree.get("version", "")
-    if version.partition(".")[0] not in ("1", "2"):
-        raise InputError(f"{place}: version {version!r} of SSP; 1.0 and 2.0 are read")
+    if version not in VERSIONS:
+        raise InputError(f"{place}: version {version!r} of SSP; {' and '.join(VERSIONS)} are read")
     problems = _refused(tree)
     schema = _schema(SCHEMAS[tree.tag])
-    if not problems and version.startswith("1") and not schema.validate(tree):
+    if not problems and not schema.validate(tree if version == "1.0" else _in_older_words(tree)):
         problems = [f"line {error.line}: {_words(error.message)}" for error in list(schema.error_log)[:3]]
     problems_to_error(place, problems)
     return tree
@@ -122,9 +134,65 @@ def _refused(tree: Any) -> list[str]:
             found.setdefault(name, f"line {element.sourceline}: {name}: of another namespace than SSP's; not supported")
         elif treatment not in (READ, SKIPPED):
             found.setdefault(name, f"line {element.sourceline}: {name}: {why}; not supported")
-        elif treatment == READ and name != "Annotations":
+        elif name == "Annotations":
+            for problem in _wrong_annotations(element):
+                found.setdefault(problem, problem)
+        elif treatment == READ:
             waiting += [(child, depth + 1) for child in reversed(element) if isinstance(child.tag, str)]
     return list(found.values())
+
+
+def _wrong_annotations(element: Any) -> list[str]:
+    """What is wrong with those of our own in an element Annotations, one line each: else a name with a slip in it
+    would stand for nothing."""
+    problems, met = list[str](), set[str]()
+    around = local(element.getparent())
+    for own in (a for annotation in element for a in annotation if str(a.tag).startswith(f"{{{OWN}}}")):
+        name, line = local(own), f"line {own.sourceline}: annotation {local(own)}"
+        place, several, needed, more = ANNOTATIONS.get(name, ("", False, (), None))
+        if not place:
+            problems.append(f"{line}: none of ours; they are {', '.join(ANNOTATIONS)}")
+        elif place != around:
+            problems.append(f"{line}: belongs to {place}, not to {around}")
+        elif name in met and not several:
+            problems.append(f"{line}: there are two; keep one")
+        elif len(own):
+            problems.append(f"{line}: {local(own[0])}: it holds no elements")
+        strange = [key for key in own.attrib if more is not None and key not in (*needed, *more)]
+        problems += [f"{line}: {key}: its attributes are {', '.join((*needed, *(more or ())))}" for key in strange]
+        problems += [f"{line}: has no {key}" for key in needed if own.get(key) is None]
+        met.add(name)
+    return problems
+
+
+def _in_older_words(tree: Any) -> Any:
+    """A document of version 2.0 as one of 1.0, of which the standard's schema is at hand: all that is read of 2.0 has
+    its like there. Source: the changes of the schemas from 1.0 to 2.0."""
+    older = deepcopy(tree)
+    older.set("version", "1.0")
+    for element in list(older.iter(*(f"{{{space}}}*" for space in (SSC, SSD, SSV, SSM)))):
+        name, space = local(element), element.tag.rpartition("}")[0]
+        if name == "MetaData":
+            element.getparent().remove(element)
+        elif name in (*REALS, *NUMERALS):
+            element.tag = f"{space}}}{'Real' if name in REALS else 'Integer'}"
+        elif name == "Connector" and element.get("kind") in LATER_KINDS:
+            element.set("kind", "parameter")
+        elif name == "Annotation":
+            element.text = None
+        elif name == "ConnectorGeometry":
+            for side in ("systemInnerX", "systemInnerY"):
+                element.attrib.pop(side, None)
+        for key in ("value", "source", "target") if name in (*NUMERALS, "Item", "MapEntry") else ():
+            if _is_long(element.get(key, "")):
+                element.set(key, "0")
+        if name in (*REALS, *NUMERALS) and len(element.get("value", "").split()) > 1:
+            element.set("value", "0")  # several: their reader refuses them
+    return older
+
+
+def _is_long(text: str) -> bool:
+    return re.fullmatch(r"\s*[-+]?\d{1,20}\s*", text) is not None and -(2**63) <= int(text) < 2**64
 
 
 @lru_cache(maxsize=4)

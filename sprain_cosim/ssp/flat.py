@@ -4,20 +4,30 @@ transformation, and what is set."""
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from ..errors import InputError, problems_to_error
+from ..errors import InputError, nearest, problems_to_error
 from ..fmu.component import Component
 from ..fmu.element import Connector
 from ..units import Unit
+from .elements import NUMERALS, REALS
 from .package import Package
 from .structure import Handed, Part, Port, Structure, Wire, structure
 from .values import Assigned
 
 Node = tuple[tuple[str, ...], str]  # names of the systems and the element, from the outermost; connector
 Affine = tuple[float, float]  # factor * value + offset arrives
+SETTABLE = ("parameter", "structuralParameter")
+KINDS = {  # of a connector of an FMU, by the type that a document states
+    **dict.fromkeys(REALS, ("real",)),
+    **dict.fromkeys(NUMERALS, ("integer", "enumeration")),
+    "Boolean": ("boolean",),
+    "Enumeration": ("enumeration", "integer"),
+    "String": ("string",),
+    "Binary": ("binary",),
+}
 
 
 @dataclass(frozen=True)
@@ -97,7 +107,8 @@ class _Flattening:
             for port in self.described.system.ports.values()
             if port.kind == "output" and (feed := self._feed(((), port.name))) is not None
         }
-        parameters, hand_over = self._parameters(feeds), self._handed()
+        parameters, hand_over = self._parameters(feeds), self._handed(feeds)
+        self._say_what_is_silent([*feeds, *(t for fed in inputs.values() for t in fed), *parameters], hand_over)
         problems_to_error(str(self.package.path), self.problems)
         return Flat(
             self.package.path,
@@ -134,23 +145,14 @@ class _Flattening:
         """What the document states and the FMU does not; a contradiction is a problem."""
         found: dict[str, Unit] = {}
         for path, part in self.fmus.items():
-            connectors = self.components[path].connectors
+            component = self.components[path]
             for port in part.ports.values():
-                place, connector = f"connector {'.'.join(path)}.{port.name}", connectors.get(port.name)
-                if connector is None:
-                    self.problems.append(f"{place}: {self.components[path].fmu.name} has no such variable")
-                elif port.kind not in ("", connector.causality):
-                    self.problems.append(
-                        f"{place}: is of kind {port.kind} in the document and {connector.causality} in the FMU"
-                    )
-                elif connector.kind != "real" or port.unit is None:
-                    continue
-                elif connector.unit is None:
+                connector = component.connectors.get(port.name)
+                wrong = _contradiction(port, connector, component.fmu.name)
+                if wrong:
+                    self.problems.append(f"connector {'.'.join(path)}.{port.name}: {wrong}")
+                elif connector is not None and port.unit is not None and connector.unit is None:
                     found[f"{self.names[path]}.{port.name}"] = port.unit
-                elif not port.unit.equivalent(connector.unit):
-                    self.problems.append(
-                        f"{place}: its unit is {port.unit.name} in the document and {connector.unit.name} in the FMU"
-                    )
         self.units = found
         return found
 
@@ -186,6 +188,9 @@ class _Flattening:
             self.problems.append(f"{wire.words}: joins two that {'give' if gives[0] else 'take'}")
             return
         source, target = nodes if gives[0] else reversed(nodes)
+        if self._kind(target) in SETTABLE and self._kind(source) not in SETTABLE:
+            self.problems.append(f"{wire.words}: a parameter can be fed by a parameter of the system around it only")
+            return
         if target in self.origin:
             self.problems.append(f"{wire.words}: {'.'.join((*target[0], target[1]))} is fed twice")
         self.origin[target] = source, wire
@@ -225,8 +230,8 @@ class _Flattening:
             chain.append((node, wire))
             node = source
         path, name = node
-        if not chain or (path and path not in self.components):
-            return None  # an input of a system that nothing feeds
+        if not chain or (path and path not in self.components) or self._kind(node) in SETTABLE:
+            return None  # an input of a system that nothing feeds, or a parameter, whose value is set
         link = self._linked(node, chain[::-1])
         return Feed(f"{self.names[path]}.{name}" if path else name, link, not path)
 
@@ -252,7 +257,7 @@ class _Flattening:
             unit = own if own is not None else unit
         return None if plain else (factor, offset)
 
-    def _handed(self) -> list[Handed]:
+    def _handed(self, feeds: Mapping[str, Feed]) -> list[Handed]:
         """Under the components' names here."""
         found = list[Handed]()
         for path, part in self.parts.items():
@@ -266,8 +271,27 @@ class _Flattening:
                         continue
                     ends.append(f"{self.names[at]}.{name}")
                 if len(ends) == 2:
+                    if ends[1] in feeds or ends[1] in [other.target for other in found]:
+                        self.problems.append(f"annotation HandOver: {handed.target} is fed twice")
                     found.append(Handed(ends[0], ends[1], handed.link))
         return found
+
+    def _say_what_is_silent(self, reached: Collection[str], hand_over: Sequence[Handed]) -> None:
+        """Notes inputs that the document states and nothing feeds or sets, and connectors that it uses without stating
+        them: a connection that was forgotten looks like these."""
+        reached = {*reached, *(handed.target for handed in hand_over)}
+        used = {end: None for target, (source, _) in self.origin.items() for end in (source, target)}
+        for path, part in self.fmus.items():
+            own = [n for n, port in part.ports.items() if self._kind((path, n)) == "input"]
+            unfed = [n for n in own if f"{self.names[path]}.{n}" not in reached]
+            unstated = [n for at, n in used if at == path and n not in part.ports]
+            for names, what in (
+                (unfed, "stated as inputs and fed by nothing; their start values hold"),
+                (unstated, "connected and not stated among the connectors; the FMU's own count"),
+            ):
+                if names:
+                    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+                    self.notes.append(f"{self.names[path]}: {', '.join(names[:3])}{more}: {what}")
 
     # ---- values
 
@@ -278,7 +302,8 @@ class _Flattening:
             for value in self.parts[path].values:
                 nodes = self._targets(path, value.name)
                 if not nodes:
-                    self.notes.append(f"{value.place}: {value.name}: there is no such parameter; left out")
+                    hint = nearest(value.name, self.components[path].parameters) if path in self.components else ""
+                    self.notes.append(f"{value.place}: {value.name}: there is no such parameter{hint}; left out")
                 assigned |= dict.fromkeys(nodes, value)
         return self._written(assigned, feeds)
 
@@ -330,6 +355,19 @@ class _Flattening:
                 )
             found += [target] if target[0] in self.components else self._fed_by(target)
         return found
+
+
+def _contradiction(port: Port, connector: Connector | None, fmu: str) -> str:
+    """How a connector of the document is not that of the FMU; empty where it is."""
+    if connector is None:
+        return f"{fmu} has no such variable"
+    if port.kind not in ("", connector.causality):
+        return f"is of kind {port.kind} in the document and {connector.causality} in the FMU"
+    if port.type and connector.kind not in (*KINDS[port.type], "array", "clock"):
+        return f"is of type {port.type} in the document and {connector.kind} in the FMU"
+    if port.unit is not None and connector.unit is not None and not port.unit.equivalent(connector.unit):
+        return f"its unit is {port.unit.name} in the document and {connector.unit.name} in the FMU"
+    return ""
 
 
 def _component(part: Part, name: str) -> Component:

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..errors import InputError, problems_to_error
 from ..units import Unit
-from .elements import SSD, SSM, SSV, children, document, fitting, local, own_annotation
+from .elements import NUMERALS, REALS, SSD, SSM, SSV, children, document, fitting, local, own_annotation
 from .package import DEFINITION_TYPE, FMU_TYPE, PACKAGE_TYPE, STRUCTURE, Package, PackageFile
 from .values import (
     Assigned,
@@ -24,7 +24,9 @@ from .values import (
     values_of,
 )
 
-FLOWS = ("input", "output", "parameter", "calculatedParameter")
+FLOWS = ("input", "output", "parameter", "structuralParameter", "calculatedParameter")
+SET_TYPE, MAPPING_TYPE = "application/x-ssp-parameter-set", "application/x-ssp-parameter-mapping"
+TYPES = (*REALS, *NUMERALS, "Boolean", "String", "Enumeration", "Binary")
 DEEPEST = 8  # documents in each other
 MOST = 1000  # elements of all systems together
 
@@ -35,11 +37,13 @@ class Port:
 
     kind  input, output, parameter or another of the standard; "" where it is left to the FMU
     unit  as the document defines it; None where it states none
+    type  element of SSP, such as Real; "" where it states none
     """
 
     name: str
     kind: str
     unit: Unit | None = None
+    type: str = ""
 
 
 @dataclass(frozen=True)
@@ -126,6 +130,7 @@ def structure(package: Package) -> Structure:
             key: finite_number(experiment.get(key), reader.place) if experiment.get(key) else None for key in times
         }
     problems_to_error(reader.place, reader.found.problems)
+    reader.found.notes += reader.found.idle(package)
     return Structure(
         str(tree.get("name")),
         system,
@@ -143,6 +148,16 @@ class _Gathered:
     problems: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     elements: int = 0
+    used: set[PackageFile] = field(default_factory=set)
+
+    def idle(self, package: Package) -> Iterator[str]:
+        """The files of a package that nothing names."""
+        for name in package.names:
+            kind = name.lower().rpartition(".")[2]
+            if kind == "ssd" and "/" not in name and name != STRUCTURE:
+                yield f"{name} is another variant; {STRUCTURE} is read"
+            elif kind in ("fmu", "ssv", "ssm", "ssp") and PackageFile(package, name) not in self.used:
+                yield f"{name} is in the package, and nothing in {STRUCTURE} uses it"
 
 
 class _Reader:
@@ -224,21 +239,25 @@ class _Reader:
 
     def resolved(self, source: str, place: str) -> PackageFile:
         """The file that a path in this document names. Raises InputError."""
-        return PackageFile(self.package, self.package.resolved(source, place, self.document.name))
+        found = PackageFile(self.package, self.package.resolved(source, place, self.document.name))
+        self.found.used.add(found)
+        return found
 
     def ports(self, element: Any) -> list[Port]:
         found = []
         for connector in children(element, "Connectors", "Connector"):
             name, kind = str(connector.get("name")), connector.get("kind", "")
-            typed = next((c for c in connector if isinstance(c.tag, str) and c.get("unit")), None)
+            typed = next((c for c in connector if isinstance(c.tag, str) and local(c) in TYPES), None)
             if kind == "inout":
                 self.found.problems.append(f"connector {element.get('name')}.{name}: kind inout is not supported")
             try:
-                unit = unit_named(typed.get("unit") if typed is not None else None, self.units, f"connector {name}")
+                unit = unit_named(None if typed is None else typed.get("unit"), self.units, f"connector {name}")
             except InputError as problem:
                 self.found.problems.append(str(problem))
                 unit = None
-            found.append(Port(name, kind if kind in FLOWS else "", unit))
+            found.append(Port(name, kind if kind in FLOWS else "", unit, "" if typed is None else local(typed)))
+        for name in {port.name: None for k, port in enumerate(found) if port.name in [p.name for p in found[:k]]}:
+            self.found.problems.append(f"{element.get('name')}: two connectors are named {name}; keep one")
         return found
 
     def wire(self, element: Any) -> Wire:
@@ -270,18 +289,20 @@ class _Reader:
         return found
 
     def binding(self, binding: Any, place: str, file: PackageFile | None) -> list[Assigned]:
-        kind = binding.get("type", "application/x-ssp-parameter-set")
-        if kind != "application/x-ssp-parameter-set":
+        kind = binding.get("type", SET_TYPE)
+        if kind != SET_TYPE:
             raise InputError(f"{place}: parameters of type {kind} are not supported")
-        inline = next(iter(children(binding, "ParameterValues")), None)
+        inside = [c for c in next(iter(children(binding, "ParameterValues")), ()) if isinstance(c.tag, str)]
         source = binding.get("source")
+        if bool(source) == bool(inside) or len(inside) > 1:
+            raise InputError(f"{place}: needs a source, or one ParameterSet in it, and not both")
         if source:
             where = self.located(binding, place, file)
             values = parameter_set(where.content(), where.label)
-        elif inline is not None and len(inline) and inline[0].tag == f"{{{SSV}}}ParameterSet":
-            values = values_of(fitting(inline[0], place), place)
+        elif inside[0].tag == f"{{{SSV}}}ParameterSet":
+            values = values_of(fitting(inside[0], place), place)
         else:
-            raise InputError(f"{place}: has neither a source nor a ParameterSet")
+            raise InputError(f"{place}: holds {local(inside[0])}, expected ParameterSet of SSV")
         prefix = binding.get("prefix", "")
         values = [value if not prefix else _renamed(value, prefix + value.name) for value in values]
         mapping = next(iter(children(binding, "ParameterMapping")), None)
@@ -293,13 +314,16 @@ class _Reader:
         return values
 
     def mapping(self, element: Any, place: str, file: PackageFile | None) -> Any:
-        if element.get("source"):
-            where = self.located(element, place, file)
-            return document(where.content(), where.label, f"{{{SSM}}}ParameterMapping")
-        inline = next((child for child in element if isinstance(child.tag, str)), None)
-        if inline is None:
-            raise InputError(f"{place}: ParameterMapping has neither a source nor a mapping")
-        return parameter_mapping(inline, place)
+        inside = [child for child in element if isinstance(child.tag, str)]
+        if bool(element.get("source")) == bool(inside) or len(inside) > 1:
+            raise InputError(f"{place}: ParameterMapping needs a source, or one mapping in it, and not both")
+        kind = element.get("type", MAPPING_TYPE)
+        if kind != MAPPING_TYPE:
+            raise InputError(f"{place}: mappings of type {kind} are not supported")
+        if inside:
+            return parameter_mapping(inside[0], place)
+        where = self.located(element, place, file)
+        return document(where.content(), where.label, f"{{{SSM}}}ParameterMapping")
 
     def located(self, element: Any, place: str, file: PackageFile | None) -> PackageFile:
         """The file that a binding or a mapping names, in the package or in the component."""
@@ -316,11 +340,10 @@ class _Reader:
 
 def _handed(element: Any, place: str) -> Handed:
     ends = str(element.get("source")), str(element.get("target"))
-    if element.get("factor") is None:
+    if element.get("factor") is None and element.get("offset") is None:
         return Handed(*ends)
-    return Handed(
-        *ends, (finite_number(element.get("factor"), place), finite_number(element.get("offset", "0"), place))
-    )
+    factor, offset = (finite_number(element.get(k, d), place) for k, d in (("factor", "1"), ("offset", "0")))
+    return Handed(*ends, (factor, offset))
 
 
 def _renamed(value: Assigned, name: str) -> Assigned:

@@ -4,17 +4,17 @@ parameters of an FMU."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..errors import InputError, nearest
 from ..fmu.element import Connector
-from ..units import BASE, Unit
-from .elements import SSM, SSV, children, document, fitting, local
+from ..units import BASE, Unit, unit
+from .elements import NUMERALS, REALS, SSM, SSV, children, document, fitting, local
 
-REALS = ("Real", "Float64", "Float32")
-NUMERALS = ("Integer", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)))
+NUMBERS = (*REALS, *NUMERALS, "Boolean")
 TRANSFORMATIONS = (
     "LinearTransformation",
     "BooleanMappingTransformation",
@@ -141,10 +141,13 @@ def values_of(tree: Any, place: str) -> list[Assigned]:
         typed = next((c for c in parameter if isinstance(c.tag, str) and local(c) != "Annotations"), None)
         if typed is None:
             raise InputError(f"{place}: {name}: has no value")
-        if typed.get("value") is None:
+        if typed.get("value") is None or (local(typed) in NUMBERS and len(typed.get("value").split()) > 1):
             raise InputError(f"{place}: {name}: needs one value; arrays are not supported")
         given = unit_named(typed.get("unit"), units, f"{place}: {name}")
         found.append(Assigned(name, local(typed), str(typed.get("value")).strip(), given, place=place))
+    twice = _twice(value.name for value in found)
+    if twice:
+        raise InputError(f"{place}: {', '.join(twice)}: two values in one parameter set; keep one")
     return found
 
 
@@ -186,7 +189,10 @@ def transformation_of(element: Any, place: str) -> Transformation | None:
         factor, offset = finite_number(found.get("factor", "1"), place), finite_number(found.get("offset", "0"), place)
         return Transformation("LinearTransformation", factor, offset)
     read = truth if local(found) == "BooleanMappingTransformation" else str.strip
-    table = {read(str(e.get("source"))): read(str(e.get("target"))) for e in children(found, "MapEntry")}
+    entries = [(read(str(e.get("source"))), read(str(e.get("target")))) for e in children(found, "MapEntry")]
+    table = dict(entries)
+    if len(table) < len(entries):
+        raise InputError(f"{place}: {local(found)} has two entries for {', '.join(_twice(s for s, _ in entries))}")
     return Transformation(local(found), table=table)
 
 
@@ -203,13 +209,36 @@ def units_of(tree: Any, place: str) -> dict[str, Unit]:
         factor, offset = finite_number(base.get("factor", "1"), what), finite_number(base.get("offset", "0"), what)
         if not factor > 0:
             raise InputError(f"{what}: its factor {factor:g} must be positive")
+        if name in found:
+            raise InputError(f"{what}: is defined twice; keep one")
         found[name] = Unit(name, exponents, factor, offset)
+        usual = _usual(name)
+        if usual is not None and usual.exponents[:-1] == exponents[:-1] and not _same_scale(usual, found[name]):
+            raise InputError(
+                f"{what}: is defined with the factor {factor:g} and the offset {offset:g}, but {name} is "
+                f"{usual.factor:g} {usual.dimension()}{f' + {usual.offset:g}' if usual.offset else ''}; correct the "
+                "definition, or give the unit another name"
+            )
     return found
+
+
+def _usual(name: str) -> Unit | None:
+    """What a unit of that name is everywhere else; None for a name that says nothing."""
+    try:
+        return unit(name)
+    except InputError:
+        return None
+
+
+def _same_scale(one: Unit, other: Unit) -> bool:
+    return math.isclose(one.factor, other.factor, rel_tol=1e-6) and math.isclose(
+        one.offset, other.offset, rel_tol=1e-6, abs_tol=1e-12
+    )
 
 
 def unit_named(name: str | None, units: Mapping[str, Unit], place: str) -> Unit | None:
     """Raises InputError for a unit that the document does not define."""
-    if not name:
+    if name is None:
         return None
     if name not in units:
         raise InputError(f"{place}: unit {name!r} is not defined in this document's Units{nearest(name, units)}")
@@ -222,6 +251,8 @@ def finite_number(text: str, place: str) -> float:
         number = float(text)
     except ValueError:
         raise InputError(f"{place}: {text!r} is no number") from None
+    if "_" in text or not text.isascii():  # which Python reads, and XML does not
+        raise InputError(f"{place}: {text!r} is no number")
     if not math.isfinite(number):
         raise InputError(f"{place}: {text!r} must be finite")
     return number
@@ -230,6 +261,10 @@ def finite_number(text: str, place: str) -> float:
 def truth(text: str) -> str:
     """XML's four spellings of a truth value as true or false."""
     return {"1": "true", "0": "false"}.get(text.strip(), text.strip())
+
+
+def _twice(names: Iterable[str]) -> list[str]:
+    return [name for name, count in Counter(names).items() if count > 1]
 
 
 def _mapped(change: Transformation, text: str, what: str) -> str:
