@@ -20,6 +20,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -380,5 +381,8 @@ def picture(figure: Figure, kind: str = "svg") -> bytes:
         options["metadata"] = undated[kind]
     buffer = io.BytesIO()
     with rc_context(_style()):  # ticks are made while drawing
-        figure.savefig(buffer, format=kind, dpi=600 if kind == "tiff" else 300, **options)
+        if kind == "svg":  # the same bytes as by savefig, which draws twice
+            FigureCanvasSVG(figure).print_svg(buffer, **options)  # type: ignore[no-untyped-call]
+        else:
+            figure.savefig(buffer, format=kind, dpi=600 if kind == "tiff" else 300, **options)
     return buffer.getvalue()
