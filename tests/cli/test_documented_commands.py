@@ -12,6 +12,7 @@ from pathlib import Path
 import click
 import pytest
 
+from sprain_cosim import __version__
 from sprain_cosim.cli import cli
 from tests.docs_commands import ROOT, blocks
 
@@ -62,3 +63,7 @@ def test_a_word_that_is_not_understood_is_seen() -> None:
         with pytest.raises(click.ClickException):
             parsed(words)
     parsed(["brace", "new", "my_brace", "--lang", "c"])
+
+
+def test_the_citation_names_this_version() -> None:
+    assert f"\nversion: {__version__}\n" in (ROOT / "CITATION.cff").read_text("utf-8")
