@@ -1,6 +1,7 @@
 """Hooks of the documentation site (mkdocs.yml): the command reference is written from the program's own options, the
 reference of files from the tables of keys, that of parameters and responses from the FMUs and the code; equations
-become MathML when the site is built, so that a page needs no script and no network."""
+become MathML when the site is built, so that a page needs no script and no network. Examples in docstrings become
+blocks of code; long names in tables may break at their underscores."""
 
 from __future__ import annotations
 
@@ -10,6 +11,9 @@ from typing import Any
 
 import click
 from latex2mathml.converter import convert
+from markdown import Markdown
+from markdown.extensions import Extension
+from markdown.preprocessors import Preprocessor
 
 from sprain_cosim import mapping
 from sprain_cosim.catalogue import catalogue, parameters_of
@@ -23,6 +27,8 @@ from sprain_cosim.validation.checks import user_files
 COMMANDS = "<!-- commands -->"
 FILES = "<!-- files -->"
 NAMES = "<!-- names -->"
+EXAMPLE = re.compile(r"^>>> .*(?:\n(?!\s*$).*)*", re.MULTILINE)  # a prompt and all up to the next empty line
+IN_TABLE = re.compile(r"(?<=<td><code>)[\w.]+(?=</code>)")
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\s*\\([(\[])(.*?)\\[)\]]\s*</\1>', re.DOTALL)
 
 
@@ -37,11 +43,28 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
     return markdown
 
 
+def on_config(config: Any) -> None:
+    config.markdown_extensions.append(Examples())
+
+
 def on_page_content(content: str, **_: Any) -> str:
-    """`$...$` and `$$...$$`, as arithmatex leaves them, as MathML."""
+    """`$...$` and `$$...$$`, as arithmatex leaves them, as MathML; names in tables with places to break."""
+    content = IN_TABLE.sub(lambda m: m[0].replace("_", "_<wbr>").replace(".", ".<wbr>"), content)
     return FORMULA.sub(
         lambda m: convert(html.unescape(m[3].strip()), display="block" if m[2] == "[" else "inline"), content
     )
+
+
+class _Fence(Preprocessor):
+    def run(self, lines: list[str]) -> list[str]:
+        return EXAMPLE.sub(lambda m: f"```pycon\n{m[0]}\n```", "\n".join(lines)).split("\n")
+
+
+class Examples(Extension):
+    """`>>>` begins a block of code, before anything reads its brackets as links."""
+
+    def extendMarkdown(self, md: Markdown) -> None:
+        md.preprocessors.register(_Fence(md), "examples", 35)
 
 
 def _names() -> list[str]:

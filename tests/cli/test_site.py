@@ -75,7 +75,7 @@ def test_public_names_are_in_the_reference(site: Path) -> None:
 
 
 def test_every_key_of_a_file_is_in_the_reference(site: Path) -> None:
-    text = (site / "reference" / "files.html").read_text("utf-8")
+    text = (site / "reference" / "files.html").read_text("utf-8").replace("<wbr>", "")
     assert "<!-- files -->" not in text
     for file in FILES:
         for key in file.table.names:
@@ -83,7 +83,7 @@ def test_every_key_of_a_file_is_in_the_reference(site: Path) -> None:
 
 
 def test_every_parameter_and_response_is_in_the_reference(site: Path) -> None:
-    text = (site / "reference" / "names.html").read_text("utf-8")
+    text = (site / "reference" / "names.html").read_text("utf-8").replace("<wbr>", "")
     bare = load_scenario("incline30")
     braced = [bare.replace_fmu("brace", record["name"]) for record in catalogue("braces")]
     for chosen in (bare.with_subject("female, 1.63 m, 62 kg"), *braced):
