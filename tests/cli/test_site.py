@@ -1,8 +1,10 @@
 """The documentation site builds without a warning (links and anchors included), asks no other server for anything,
-holds every command, parameter, response and equation, and can be searched when it is opened from the disk."""
+holds every command, parameter, response and equation, can be searched when it is opened from the disk, and fits a
+phone."""
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -21,6 +23,18 @@ from tools.schemas import FILES
 pytest.importorskip("mkdocs", reason="the extra [docs] is not installed")
 CHROMIUM = next((p for n in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(n))), None)
 BESIDE = sorted([*ROOT.glob("*.md"), *(ROOT / "fmus").rglob("*.md")])  # pages that are not part of the site
+# shows every page in a frame of a phone's width
+LOOK = """<!doctype html><iframe style="width:390px;height:900px;border:0"></iframe><pre id="found"></pre><script>
+const frame = document.querySelector("iframe"), wide = [];
+(async () => {
+  for (const page of %s) {
+    await new Promise((done) => { frame.onload = done; frame.src = page; });
+    const shown = frame.contentDocument, of = shown.documentElement;
+    if (!shown.querySelector("h1") || of.scrollWidth > frame.clientWidth) wide.push(page);
+  }
+  document.getElementById("found").textContent = "wide: " + wide.join(" ");
+})();
+</script>"""
 
 
 @pytest.fixture(scope="module")
@@ -110,14 +124,28 @@ def test_links_of_a_page_beside_the_site(page: Path, site: Path) -> None:
 def test_search_from_the_disk(site: Path, tmp_path: Path) -> None:
     """A page that was opened as a file finds pages: no server, no worker, no other address."""
     page = (site / "theory" / "jcs.html").as_uri() + "?q=supination"
-    options = ["--headless", "--no-sandbox", "--disable-dev-shm-usage", f"--user-data-dir={tmp_path}"]
-    shown = subprocess.run(
-        [str(CHROMIUM), *options, "--virtual-time-budget=8000", "--dump-dom", page],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    ).stdout
+    shown = _shown(page, tmp_path, "--virtual-time-budget=8000")
     found = re.search(r"(\d+) matching documents", shown)
     assert found
     assert int(found[1]) >= 5
+
+
+@pytest.mark.long
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine; `make browser` installs it")
+def test_no_page_scrolls_sideways_on_a_phone(site: Path, tmp_path: Path) -> None:
+    pages = [path.relative_to(site).as_posix() for path in sorted(site.rglob("*.html"))]
+    look = site / "look.html"
+    look.write_text(LOOK % json.dumps(pages), "utf-8")
+    shown = _shown(look.as_uri(), tmp_path, "--allow-file-access-from-files", "--virtual-time-budget=60000")
+    look.unlink()
+    found = re.search(r"wide: ([^<]*)<", shown)
+    assert found
+    assert not found[1]
+
+
+def _shown(page: str, folder: Path, *options: str) -> str:
+    """The page as Chromium leaves it."""
+    command = [str(CHROMIUM), "--headless", "--no-sandbox", "--disable-dev-shm-usage", f"--user-data-dir={folder}"]
+    return subprocess.run(
+        [*command, *options, "--dump-dom", page], capture_output=True, text=True, timeout=300, check=False
+    ).stdout
