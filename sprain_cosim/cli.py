@@ -7,7 +7,6 @@ import functools
 import json
 import logging
 import os
-import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -18,6 +17,7 @@ import click
 
 from . import __version__, guidance, signals, terminal
 from .errors import InputError, SimulationError, SprainError, visible
+from .machine.here import SYSTEM
 
 if TYPE_CHECKING:
     from .cosim.result import Result
@@ -336,7 +336,7 @@ def campaign_options(failures: str, out: str) -> Callable[[Command], Command]:
 
 def _again() -> str:
     """The command that was typed, without --resume."""
-    return f"sprain-cosim {' '.join(shlex.quote(a) for a in sys.argv[1:] if a != '--resume')}"
+    return f"sprain-cosim {' '.join(SYSTEM.quoted(a) for a in sys.argv[1:] if a != '--resume')}"
 
 
 @cli.command("study")
@@ -600,8 +600,8 @@ def check_command(fmu: Path, mapping: Path | None, settings: tuple[str, ...], as
         try:
             proposed.write_text(report.proposal, "utf-8")
             report.next_step = (
-                f"look at the lines marked review in {proposed}, then sprain-cosim check {shlex.quote(str(fmu))} --map "
-                f"{shlex.quote(str(proposed))}{set_options(values)}"
+                f"look at the lines marked review in {proposed}, then sprain-cosim check {SYSTEM.quoted(str(fmu))} "
+                f"--map {SYSTEM.quoted(str(proposed))}{set_options(values)}"
             )
         except OSError as problem:
             report.next_step = (

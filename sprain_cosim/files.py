@@ -35,13 +35,20 @@ LARGEST_RECORD = 256 << 20  # B of the signals of one landing, unpacked
 LONGEST_LINE = 1 << 20  # B of a table
 DEEPEST = 64  # parts of a dotted key
 DOTTED = re.compile(r"(?:\.[^.,=\[\]{}#\n]*+)++")
+INSIDE = 80  # characters of the longest path in a folder of ours, while the file is written
 ENOUGH = 5  # wrong rows of a table, after which the rest is not read
 PARTIAL = re.compile(r"\..*\.[0-9a-f]{8}\.partial(\..*)?")
 
 
 def check_path(path: Path) -> None:
-    """Raises InputError for a path that no file or folder of this system can have."""
+    """Raises InputError for a path that no file of this system can have."""
     if why := SYSTEM.refusal(path):
+        raise InputError(f"{path}: {why}")
+
+
+def check_folder(path: Path) -> None:
+    """The same for a folder that files are to be put into."""
+    if why := SYSTEM.refusal(path, inside=INSIDE):
         raise InputError(f"{path}: {why}")
 
 
@@ -52,8 +59,9 @@ def whole_file(path: Path, advice: str = "", parents: bool = False) -> Iterator[
 
     `advice` follows the cause in the message of an EnvironmentProblem ("; continue with --resume"); with `parents`
     missing folders are made. Any OSError of the block is taken for one of writing."""
-    check_path(path)
     partial = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.partial{path.suffix}")
+    check_path(path)
+    check_path(partial)
     try:
         if parents:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -66,7 +74,7 @@ def whole_file(path: Path, advice: str = "", parents: bool = False) -> Iterator[
         raise EnvironmentProblem(f"{path}: cannot be written: {problem.strerror or problem}{advice}") from None
     finally:
         with contextlib.suppress(OSError):
-            partial.unlink(missing_ok=True)
+            SYSTEM.remove(partial)
 
 
 def write(path: Path, content: str | bytes, advice: str = "", parents: bool = False) -> None:
@@ -85,7 +93,7 @@ def sweep(folder: Path) -> None:
     for path in folder.iterdir():
         if is_partial(path):
             with contextlib.suppress(OSError):
-                path.unlink()
+                SYSTEM.remove(path)
 
 
 def is_partial(path: Path) -> bool:

@@ -59,11 +59,16 @@ def is_file(path: Path) -> bool:
         return False
 
 
+def names_a_place(name: str) -> bool:
+    """With a folder in it, as Linux or as Windows writes it."""
+    return "/" in name or "\\" in name
+
+
 def fmu_path(name: str, beside: Path, what: str) -> Path:
     """The file of a shipped FMU's name, or of a path relative to `beside`; `what` begins the message.
 
     Raises InputError where there is none, EnvironmentProblem for a shipped one that is not built."""
-    if "/" not in name and "\\" not in name and not name.endswith(".fmu"):
+    if not names_a_place(name) and not name.endswith(".fmu"):
         built = FMUS / f"{name}.fmu"
         if is_file(built):
             return built

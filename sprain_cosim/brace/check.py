@@ -9,7 +9,6 @@ import contextlib
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from shlex import quote
 
 from ..contract import INPUTS, plain
 from ..errors import InputError, SprainError, nearest
@@ -17,6 +16,7 @@ from ..fmu import archive, cache
 from ..fmu.component import Component
 from ..fmu.confine import confinement
 from ..fmu.driver import own_step
+from ..machine.here import SYSTEM
 from ..mapping import carried, load_mapping, parse
 from ..process import Child, Limits, ProcessEnded
 from ..sandbox.confinement import Confinement
@@ -202,18 +202,18 @@ def _next_step(
     options = set_options(settings)
     if report.proposal:
         other = f"; or {report.next_step}" if report.next_step else ""
-        return f"review the mapping file, then sprain-cosim check {quote(str(fmu))} --map FILE{options}{other}"
+        return f"review the mapping file, then sprain-cosim check {SYSTEM.quoted(str(fmu))} --map FILE{options}{other}"
     if report.fits:
-        mapped = f" --map {quote(f'brace={mapping}')}" if mapping is not None else ""
+        mapped = f" --map {SYSTEM.quoted(f'brace={mapping}')}" if mapping is not None else ""
         options = set_options({f"brace.{name}": value for name, value in settings.items()})
-        return f"sprain-cosim run incline30 --fmu {quote(f'brace={fmu}')}{mapped}{options}"
-    mapped = f" --map {quote(str(mapping))}" if mapping is not None else ""
-    return report.next_step or f"correct it, then sprain-cosim check {quote(str(fmu))}{mapped}{options}"
+        return f"sprain-cosim run incline30 --fmu {SYSTEM.quoted(f'brace={fmu}')}{mapped}{options}"
+    mapped = f" --map {SYSTEM.quoted(str(mapping))}" if mapping is not None else ""
+    return report.next_step or f"correct it, then sprain-cosim check {SYSTEM.quoted(str(fmu))}{mapped}{options}"
 
 
 def set_options(settings: Mapping[str, float | str | bool]) -> str:
     """As they are typed, with a space before each."""
-    return "".join(f" --set {quote(f'{name}={value}')}" for name, value in settings.items())
+    return "".join(f" --set {SYSTEM.quoted(f'{name}={value}')}" for name, value in settings.items())
 
 
 DOING = {  # by probe, in the order in which they run; a reset that nothing uses comes last

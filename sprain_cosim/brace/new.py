@@ -12,10 +12,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import EnvironmentProblem, InputError
-from ..files import check_path, write
+from ..files import check_folder, write
 from ..fmu.build import build_fmu, headers, pack
 from ..fmu.build.link import COMPILERS, PLATFORMS, compiler_for, has_compiler, joined, library_command
 from ..fmu.build.models import known_platforms, own_platform, usual_platforms
+from ..machine.here import SYSTEM
 from ..process import run_program
 from ..shipped import template
 
@@ -35,7 +36,7 @@ def new_brace(folder: Path, language: str) -> list[Path]:
         )
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: {'is not empty' if folder.is_dir() else 'is a file'}; name a new folder")
-    check_path(folder)
+    check_folder(folder)
     source = template(language, f"brace_template_{language}")
     written = []
     try:
@@ -102,7 +103,7 @@ def _by_cmake(folder: Path, name: str) -> bytes:
     cmake = shutil.which("cmake", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', os.defpath)}")
     if cmake is None:
         raise EnvironmentProblem(
-            f"no C compiler: none of {', '.join(COMPILERS)} nor cmake on the PATH; install one, or name it in CC"
+            f"no C compiler: none of {', '.join(COMPILERS)} nor cmake on the PATH; {SYSTEM.compiler}, or name it in CC"
         )
     with tempfile.TemporaryDirectory() as work:
         _call([cmake, "-S", ".", "-B", work], folder)
@@ -116,9 +117,7 @@ def _call(command: list[str], folder: Path) -> None:
         return
     output = [line.strip() for line in (ended.stderr + ended.stdout).splitlines() if line.strip()]
     if any("CMAKE_C_COMPILER" in line or "CMAKE_MAKE_PROGRAM" in line for line in output):
-        raise EnvironmentProblem(
-            f"CMake finds no C compiler or build tool; install one of {', '.join(COMPILERS)} and make or ninja"
-        )
+        raise EnvironmentProblem(f"CMake finds no C compiler or build tool; {SYSTEM.compiler}")
     worst = next(
         (line for line in output if "error" in line.lower()), output[-1] if output else f"exit code {ended.returncode}"
     )

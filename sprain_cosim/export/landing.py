@@ -125,7 +125,7 @@ def write_landing(
                 table.to_parquet(partial)
             except ImportError:
                 raise EnvironmentProblem(
-                    "Parquet needs the extra [parquet]: pip install 'sprain-cosim[parquet]'"
+                    'Parquet needs the extra [parquet]: pip install "sprain-cosim[parquet]"'
                 ) from None
         else:
             in_degrees = kind == "mot" and content == "coordinates"

@@ -172,7 +172,7 @@ def to_openturns(folder: str | Path) -> OpenturnsSample:
         import openturns as ot
     except ImportError:
         raise EnvironmentProblem(
-            "OpenTURNS needs the extra [reliability]: pip install 'sprain-cosim[reliability]'"
+            'OpenTURNS needs the extra [reliability]: pip install "sprain-cosim[reliability]"'
         ) from None
     inputs, outputs = ot.Sample(sample.x), ot.Sample(np.column_stack(list(sample.y.values())))
     inputs.setDescription(sample.names)

@@ -8,10 +8,10 @@ import struct
 import sys
 from collections.abc import Collection
 from pathlib import Path
-from shlex import quote
 from typing import Any
 
 from ..errors import InputError
+from ..machine.here import SYSTEM
 
 MACHINES = {
     "x86_64": 62,
@@ -48,7 +48,7 @@ def find(fmu: Path, identifier: str, version: str, names: Collection[str], sourc
             "export it with the library in that place, under that name"
         )
     if any(n.startswith("sources/") and n.lower().endswith(SOURCES) for n in names):
-        build = f"fmpy compile {quote(str(fmu))} (needs CMake and a C compiler)"
+        build = f"fmpy compile {SYSTEM.quoted(str(fmu))} (needs CMake and a C compiler)"
         build = build if sources_listed else f"it does not list them, so by hand: {FROM_SOURCES}"
         raise InputError(f"{looked_for}, but it has only its C sources; build the library from them: {build}")
     there = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") >= 2})

@@ -18,7 +18,7 @@ from ..fmu.component import Component
 from ..fmu.element import Connector
 from ..scenario import Scenario
 from ..scenario.body import is_of_subject
-from ..shipped import fmu_path
+from ..shipped import fmu_path, names_a_place
 from ..study.folder import TRIALS, load_study_plan, read_trials
 from ..study.ledger import FILE as LEDGER
 from ..study.ledger import Ledger
@@ -106,7 +106,7 @@ def load_landing(folder: Path, trial: str | None = None) -> Landing:
         owner, _, parameter = name.partition(".")
         if owner == "plant" and parameter in described.parameters:
             parameters[name] = described.connectors[parameter].value(value, name)
-    return Landing(str(folder), run.title, run.summary.initial_pose, run.result, parameters, plant)
+    return Landing(folder.as_posix(), run.title, run.summary.initial_pose, run.result, parameters, plant)
 
 
 def choose_trial(trials: pd.DataFrame, response: str, which: str, place: str) -> tuple[int, str]:
@@ -147,7 +147,9 @@ def _of_study(folder: Path, which: str) -> Landing:
     if result is None or "plant.pelvis_tx" not in result.index:
         result = _again(study, values, row, place)
     plant = study.scenario.fmus["plant"]
-    return Landing(f"{folder}, {choice}", study.heading, study.scenario.initial_pose(), result, values, plant)
+    return Landing(
+        f"{folder.as_posix()}, {choice}", study.heading, study.scenario.initial_pose(), result, values, plant
+    )
 
 
 def _inputs(scenario: Scenario, row: pd.Series) -> dict[str, float]:
@@ -198,7 +200,7 @@ def _again(study: Plan, values: dict[str, float], row: pd.Series, place: str) ->
 def _plant(summary: RunSummary) -> Path:
     name = summary.fmus.get("plant") or ""
     try:
-        return fmu_path(Path(name).stem if "/" not in name else name, Path.cwd(), f"plant = {name!r}")
+        return fmu_path(Path(name).stem if not names_a_place(name) else name, Path.cwd(), f"plant = {name!r}")
     except (InputError, EnvironmentProblem):
         raise InputError(
             f"plant {name!r}: this run's plant is not one that ships, so its landing cannot be drawn or exported as a "

@@ -12,6 +12,7 @@ from .. import __version__, files
 from ..cosim.result import PEAK, Result
 from ..errors import EnvironmentProblem, InputError
 from ..fmu.messages import Messages
+from ..machine.here import SYSTEM
 from ..notebook import Card, Plottable, Rows, coupling_share, with_doubt
 from ..records import FORMAT, Record, Summary, finite, known_format, optional
 from ..scenario import Scenario
@@ -166,7 +167,7 @@ class RunFolder(Plottable):
 
 def check_run_folder(folder: Path) -> None:
     """Raises InputError when the folder holds something else than an earlier run, or cannot be there at all."""
-    files.check_path(folder)
+    files.check_folder(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file; name a folder")
     if folder.is_dir():
@@ -185,7 +186,7 @@ def write_run(folder: Path, result: Result, picture: bytes, summary: RunSummary)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         files.sweep(folder)
-        (folder / FILE).unlink(missing_ok=True)
+        SYSTEM.remove(folder / FILE)
     except OSError as problem:
         raise EnvironmentProblem(f"{folder}: cannot be written: {problem.strerror or problem}") from None
     files.write(folder / SIGNALS, result.csv())

@@ -37,6 +37,14 @@ class OperatingSystem(Protocol):
     def patience(self) -> float | None:
         """How long [s] a wait of the main thread may last before it looks for signals; None: they interrupt it."""
 
+    @property
+    def compiler(self) -> str:
+        """How a compiler of C is got here, as an advice."""
+
+    @property
+    def mingw(self) -> str:
+        """The same of mingw-w64."""
+
     # ---- processes, from outside
 
     def options(self, passed: Sequence[int] = ()) -> dict[str, Any]:
@@ -81,19 +89,24 @@ class OperatingSystem(Protocol):
     def cores(self) -> int:
         """That this process may use."""
 
+    # ---- what people type
+
+    def quoted(self, word: str) -> str:
+        """As one word at a prompt of this system."""
+
     # ---- files
 
     def lock(self, descriptor: int) -> bool:
         """Locks a file until it is closed or this process ends; whether nobody else has."""
 
-    def refusal(self, path: Path) -> str:
-        """Why no file can have this path; empty when one can."""
+    def refusal(self, path: Path, inside: int = 0) -> str:
+        """Why no file can have this path, nor one with a path of `inside` characters in it; empty when they can."""
 
     def rename(self, source: Path, target: Path) -> None:
         """One step; a file that is there is replaced. Raises OSError."""
 
     def remove(self, file: Path) -> None:
-        """Also one that is protected from writing. Raises OSError."""
+        """Also one that is protected from writing; where there is none, nothing. Raises OSError."""
 
     def remove_tree(self, folder: Path | str) -> None:
         """As much of it as can be."""

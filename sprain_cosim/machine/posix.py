@@ -6,6 +6,7 @@ import contextlib
 import math
 import os
 import select
+import shlex
 import shutil
 import signal
 import subprocess
@@ -24,6 +25,8 @@ class Posix:
 
     stops = ("SIGINT", "SIGTERM")
     patience = None
+    compiler = "install gcc or clang, and make or ninja"
+    mingw = "on Debian install gcc-mingw-w64-x86-64"
 
     def options(self, passed: Sequence[int] = ()) -> dict[str, Any]:
         return {"pass_fds": tuple(passed), "start_new_session": True}
@@ -97,6 +100,9 @@ class Posix:
     def cores(self) -> int:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
+    def quoted(self, word: str) -> str:
+        return shlex.quote(word)
+
     def lock(self, descriptor: int) -> bool:
         import fcntl
 
@@ -106,14 +112,14 @@ class Posix:
             return False
         return True
 
-    def refusal(self, path: Path) -> str:
+    def refusal(self, path: Path, inside: int = 0) -> str:
         return ""
 
     def rename(self, source: Path, target: Path) -> None:
         os.replace(source, target)
 
     def remove(self, file: Path) -> None:
-        file.unlink()
+        file.unlink(missing_ok=True)
 
     def remove_tree(self, folder: Path | str) -> None:
         shutil.rmtree(folder, ignore_errors=True)

@@ -11,6 +11,7 @@ import math
 import msvcrt
 import os
 import queue
+import re
 import shutil
 import stat
 import subprocess
@@ -64,6 +65,8 @@ DEVICES = {
 }
 FORBIDDEN = '<>:"|?*'
 LONGEST = 259  # characters of a path, unless long paths are switched on
+EXTENDED = "\\\\?\\"  # before a path: as it is
+PLAIN = re.compile(r"[\w.:/\\@+=-]+")  # a word that needs no quotation marks
 SLICE = 0.1  # s
 
 
@@ -122,6 +125,8 @@ class Windows:
 
     stops = ("SIGINT", "SIGTERM", "SIGBREAK")
     patience = SLICE  # a lock that the main thread waits for is not left for a Ctrl-C
+    compiler = "install the Build Tools for Visual Studio with C++, or mingw-w64 with its folder bin on the PATH"
+    mingw = "install it and put its folder bin on the PATH (MSYS2: pacman -S mingw-w64-ucrt-x86_64-gcc)"
 
     def __init__(self) -> None:
         self._kernel = _kernel()
@@ -209,6 +214,9 @@ class Windows:
     def cores(self) -> int:
         return os.cpu_count() or 1
 
+    def quoted(self, word: str) -> str:
+        return word if word and PLAIN.fullmatch(word) else f'"{word}"'
+
     def lock(self, descriptor: int) -> bool:
         os.lseek(descriptor, LOCKED, os.SEEK_SET)
         try:
@@ -219,7 +227,7 @@ class Windows:
             os.lseek(descriptor, 0, os.SEEK_SET)
         return True
 
-    def refusal(self, path: Path) -> str:
+    def refusal(self, path: Path, inside: int = 0) -> str:
         for part in path.parts[1:] if path.anchor else path.parts:
             if part.partition(".")[0].rstrip(" ").lower() in DEVICES:
                 return f"{part!r} is the name of a device on Windows; choose another"
@@ -227,9 +235,10 @@ class Windows:
                 return f"{part!r} holds a character that Windows has in no name ({' '.join(FORBIDDEN)}); choose another"
             if part not in (".", "..") and part.endswith((".", " ")):
                 return f"{part!r} ends with a point or a blank, which Windows drops; choose another name"
-        length = len(str(path.absolute()))
-        if length > LONGEST and not _long_paths():
-            return f"{length} characters, more than the {LONGEST} that Windows accepts; choose a shorter folder"
+        length = len(str(path.absolute())) + inside
+        if length > LONGEST and not str(path).startswith(EXTENDED) and not _long_paths():
+            files = " with the files in it" if inside else ""
+            return f"{length} characters{files}, more than the {LONGEST} that Windows accepts; choose a shorter folder"
         return ""
 
     def rename(self, source: Path, target: Path) -> None:
@@ -246,7 +255,7 @@ class Windows:
     def remove(self, file: Path) -> None:
         for last in _attempts():
             try:
-                file.unlink()
+                file.unlink(missing_ok=True)
                 return
             except PermissionError:
                 if last:

@@ -12,7 +12,7 @@ from ..cosim.coupling import SCHEMES, check_scheme
 from ..cosim.master import Master
 from ..errors import InputError, nearest, problems_to_error
 from ..files import read_toml
-from ..shipped import fmu_path, is_file, scenario_folder, shipped_scenarios, shipped_studies
+from ..shipped import fmu_path, is_file, names_a_place, scenario_folder, shipped_scenarios, shipped_studies
 from ..ssp.flat import Flat, flattened
 from ..subject.words import SUBJECT, subject_of
 from ..units import SECOND
@@ -195,11 +195,11 @@ def _find(name: str, beside: Path | None = None) -> Path:
     for place in places:
         if is_file(place):
             return place
-    if NAME.fullmatch(name) or "/" not in name:
+    if NAME.fullmatch(name) or not names_a_place(name):
         inside = scenario_folder() / f"{name}.toml"
         if is_file(inside):
             return inside
-    if name.endswith((".toml", *SUFFIXES)) or "/" in name:
+    if name.endswith((".toml", *SUFFIXES)) or names_a_place(name):
         raise InputError(f"{name}: no such scenario file")
     if name in shipped_studies():
         raise InputError(f"{name}: is a study, many landings; `sprain-cosim study {name}` runs it")

@@ -4,7 +4,6 @@ failed, ledger.sqlite, trajectories/. All but the ledger and the trajectories ar
 from __future__ import annotations
 
 import json
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 from ..errors import EnvironmentProblem, InputError
 from ..files import read_frame, sweep, whole_file, write, write_json
 from ..fmu.messages import Messages
+from ..machine.here import SYSTEM
 from .arrays import name_and_unit
 from .codec import decode
 from .identity import changes
@@ -149,7 +149,7 @@ def write_failures(folder: Path, study: Plan, ledger: Ledger) -> None:
             "attempts": row.outcome.attempts,
             "inputs": dict(zip(study.headings, row.inputs.tolist(), strict=True)),
             "log": row.outcome.log,
-            "replay": f"sprain-cosim trial {shlex.quote(str(folder))} {row.trial}",
+            "replay": f"sprain-cosim trial {SYSTEM.quoted(str(folder))} {row.trial}",
         }
         for row in ledger.failed()
     ]

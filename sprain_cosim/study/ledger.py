@@ -23,7 +23,7 @@ from typing import Any, Self
 import numpy as np
 
 from ..errors import EnvironmentProblem, InputError
-from ..files import check_path, whole_file
+from ..files import check_folder, whole_file
 from ..fmu.messages import Messages
 from ..machine.here import SYSTEM
 from ..uq.distributions import Array
@@ -85,7 +85,7 @@ class Ledger:
         self.facts: Mapping[str, str] = facts
         try:
             if folder is not None:
-                check_path(folder)
+                check_folder(folder)
                 folder.mkdir(parents=True, exist_ok=True)
                 self._hold(folder)
             self._connect(":memory:" if folder is None else folder / FILE)
@@ -174,7 +174,7 @@ class Ledger:
             fresh._database.backup(target)
         fresh.close()
         for left in (f"{FILE}-wal", f"{FILE}-shm"):
-            (folder / left).unlink(missing_ok=True)
+            SYSTEM.remove(folder / left)
         self._connect(folder / FILE)
         self.dropped, self.mended = sorted(number for number in bad - good.keys() if number >= 0), True
 

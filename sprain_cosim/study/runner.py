@@ -156,7 +156,7 @@ def _check_options(study: Plan, folder: Path | None, resume: bool, shard: Shard 
     if shard is not None and study.watched:
         raise InputError("--shard: a study that stops when it knows enough has no parts; leave until out")
     if parquet and find_spec("pyarrow") is None:
-        raise EnvironmentProblem("--parquet: needs pyarrow: pip install 'sprain-cosim[parquet]'")
+        raise EnvironmentProblem('--parquet: needs pyarrow: pip install "sprain-cosim[parquet]"')
     if folder is not None:
         check_study_folder(folder, resume)
 

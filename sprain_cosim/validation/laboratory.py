@@ -161,7 +161,7 @@ def _plant_mujoco(_: Laboratory) -> str:
 
 def _module(name: str, extra: str) -> Callable[[Laboratory], str]:
     return lambda _: (
-        "" if importlib.util.find_spec(name) else f"{name} is not installed; pip install 'sprain-cosim[{extra}]'"
+        "" if importlib.util.find_spec(name) else f'{name} is not installed; pip install "sprain-cosim[{extra}]"'
     )
 
 

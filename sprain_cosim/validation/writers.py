@@ -32,6 +32,8 @@ TITLES: Mapping[str, str] = {  # of the groups of checks
 def check_targets(out: Path | None, junit: Path | None) -> None:
     """Before anything runs: the folder `out` is there, `junit` can become a file. Raises InputError,
     EnvironmentProblem."""
+    if out is not None:
+        files.check_folder(out)
     if out is not None and out.exists() and not out.is_dir():
         raise InputError(f"{out}: is a file; name a folder with --out")
     if junit is not None and junit.is_dir():

@@ -43,7 +43,7 @@ ENVIRONMENT = {
     "PYTHONHASHSEED": "0",
     "PYTHONDONTWRITEBYTECODE": "1",
 }
-NEEDED = "the extra [build]: pip install 'sprain-cosim[build]'; in a clone: pip install -e '.[build]'"
+NEEDED = 'the extra [build]: pip install "sprain-cosim[build]"; in a clone: pip install -e ".[build]"'
 COMPILING = ("numba", "llvmlite", "mujoco")
 MATH = {
     *("acos", "acosh", "asin", "asinh", "atan", "atan2", "atanh", "cbrt", "ceil", "copysign", "cos", "cosh", "exp"),

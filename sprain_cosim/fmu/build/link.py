@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import EnvironmentProblem, InputError
+from ...machine.here import SYSTEM
 from ...process import run_program
 from ...shipped import template
 from .compile import TARGETS, Compiled, prefix
@@ -79,9 +80,7 @@ def compiler_for(platform: str) -> list[str]:
     if platform == "win64":
         found = shutil.which(f"{MINGW}gcc")
         if found is None:
-            raise EnvironmentProblem(
-                f"no compiler for win64: {MINGW}gcc is not on the PATH; on Debian install gcc-mingw-w64-x86-64"
-            )
+            raise EnvironmentProblem(f"no compiler for win64: {MINGW}gcc is not on the PATH; {SYSTEM.mingw}")
         return [found]
     if platform in ZIG:
         if importlib.util.find_spec("ziglang") is None:
@@ -96,7 +95,7 @@ def compiler_for(platform: str) -> list[str]:
     found = next((c for c in map(shutil.which, COMPILERS) if c), None)
     if found is None:
         raise EnvironmentProblem(
-            f"no C compiler: none of {', '.join(COMPILERS)} on the PATH; install one, or name it in CC"
+            f"no C compiler: none of {', '.join(COMPILERS)} on the PATH; {SYSTEM.compiler}, or name it in CC"
         )
     return [found]
 
@@ -171,7 +170,8 @@ def library_command(part: str, library: Path, arguments: Sequence[str]) -> list[
 
 def _math_of_windows(folder: Path) -> str:
     (folder / "math.def").write_text("LIBRARY msvcrt.dll\nEXPORTS\n" + "\n".join(MATH_OF_WINDOWS) + "\n")
-    tool = compiler_for("win64")[0].removesuffix("gcc") + "dlltool"
+    beside = str(Path(compiler_for("win64")[0]).parent)
+    tool = next((t for n in (f"{MINGW}dlltool", "dlltool") if (t := shutil.which(n, path=beside))), f"{MINGW}dlltool")
     _run("msvcrt", [tool, "--deterministic-libraries", "-d", "math.def", "-l", "libmsmath.a"], folder)
     return "libmsmath.a"
 

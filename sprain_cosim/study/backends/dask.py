@@ -59,7 +59,7 @@ class Dask:
         try:
             dask, distributed = (importlib.import_module(name) for name in ("dask", "distributed"))
         except ImportError:
-            raise EnvironmentProblem("--scheduler: needs Dask: pip install 'sprain-cosim[distributed]'") from None
+            raise EnvironmentProblem('--scheduler: needs Dask: pip install "sprain-cosim[distributed]"') from None
         self._expected, self._now, self._asked = workers or 1, 0, -PATIENCE
         self._alone_since, self._said = monotonic(), False
         self._wait = _wait()
