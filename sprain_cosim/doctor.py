@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.metadata
-import os
 import platform
 
 from . import processor
@@ -11,6 +10,7 @@ from .errors import EnvironmentProblem, SprainError
 from .fmu import cache
 from .fmu.build.built import PACKAGES, version
 from .fmu.build.link import PLATFORMS, has_compiler
+from .machine.here import SYSTEM
 from .sandbox.kernel import offered
 
 FOR_LINUX = ("plant_mujoco",)  # MuJoCo's library is part of it
@@ -22,7 +22,7 @@ Finding = tuple[bool, str, str]
 def findings() -> list[Finding]:
     """(ok, what, detail) rows."""
     found: list[Finding] = [
-        (True, "python", f"{platform.python_version()} on {platform.platform()}, {os.cpu_count()} cores"),
+        (True, "python", f"{platform.python_version()} on {platform.platform()}, {SYSTEM.cores()} cores"),
         (True, "processor", f"the FMUs run code for {processor.level() or 'a processor that is not known'}"),
     ]
     for name in REQUIRED:

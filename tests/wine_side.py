@@ -3,8 +3,10 @@ leaves its answer in FOLDER/WHAT.json."""
 
 from __future__ import annotations
 
+import ctypes
 import json
 import random
+import signal
 import sqlite3
 import subprocess
 import sys
@@ -13,12 +15,14 @@ from pathlib import Path
 from typing import Any
 
 from sprain_cosim import load_scenario, load_study
+from sprain_cosim.machine.here import SYSTEM
 from sprain_cosim.process import Limits
 from sprain_cosim.shipped import shipped_scenarios
 from sprain_cosim.study.worker import Worker
 
 TRIALS = 50
 KILLS, MANY = 10, 400  # of a driver, trials of its study
+COMMAND = (sys.executable, "-m", "sprain_cosim")
 PATIENT = Limits(trial=300.0)  # a Python takes its time to start there
 
 
@@ -51,7 +55,7 @@ def kills(folder: Path) -> Any:
     were committed and are gone or changed, rows kept after each kill."""
     out = folder / "killed"
     options = ["--trials", str(MANY), "--workers", "2", "--resume", "--progress", "json", "--trial-limit", "300 s"]
-    command = [sys.executable, "-m", "sprain_cosim", "study", "study6", *options, "--out", str(out)]
+    command = [*COMMAND, "study", "study6", *options, "--out", str(out)]
     moments, kept, lost, counts = random.Random(3), dict[int, bytes](), 0, []
     for _ in range(KILLS):
         with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as driver:
@@ -71,6 +75,67 @@ def kills(folder: Path) -> Any:
     return {"lost": lost, "kept": counts, "finished": len(after), "code": ended.returncode}
 
 
+def stops(folder: Path) -> Any:
+    """{event: [exit code, last words, rows kept, rows after --resume, exit code of that]} of a study that is asked to
+    stop at the console, and of a run whose device hangs."""
+    console = ctypes.WinDLL("kernel32")  # type: ignore[attr-defined]
+    console.FreeConsole()
+    console.AllocConsole()
+    signal.signal(signal.SIGINT, lambda *_: None)  # Ctrl-C goes to all processes of the console
+    hanging = ["run", "incline30", "--fmu", f"brace={folder / 'hanging.fmu'}"]
+    found = {}
+    for event in ("CTRL_C_EVENT", "CTRL_BREAK_EVENT"):
+        out = folder / event
+        options = ["--trials", str(MANY), "--workers", "2", "--progress", "none", "--trial-limit", "300 s"]
+        study = ["study", "study6", *options, "--out", str(out)]
+        with _typed(event, study) as driver:
+            while len(_rows(out)) < 5:
+                assert driver.poll() is None, driver.communicate()
+                time.sleep(0.05)
+            code, words = _stopped(driver, event)
+        kept = len(_rows(out))
+        again = subprocess.run([*COMMAND, *study, "--resume"], capture_output=True)
+        found[event] = [code, words, kept, len(_rows(out)), again.returncode]
+        with _typed(event, hanging) as driver:
+            time.sleep(20.0)
+            found[f"{event} of a run"] = list(_stopped(driver, event))
+    return found
+
+
+def _typed(event: str, arguments: list[str]) -> subprocess.Popen[str]:
+    """Ctrl-Break can be sent to a group of its own, Ctrl-C is not taken there."""
+    flags = {"creationflags": 0x200} if event == "CTRL_BREAK_EVENT" else {}  # CREATE_NEW_PROCESS_GROUP
+    return subprocess.Popen(
+        [*COMMAND, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, **flags
+    )  # type: ignore[call-overload, no-any-return]
+
+
+def _stopped(driver: subprocess.Popen[str], event: str) -> tuple[int, str]:
+    """Exit code and last words within a minute."""
+    kernel = ctypes.WinDLL("kernel32")  # type: ignore[attr-defined]
+    number = getattr(signal, event)
+    assert kernel.GenerateConsoleCtrlEvent(number, driver.pid if event == "CTRL_BREAK_EVENT" else 0)
+    words = driver.communicate(timeout=60.0)[1].strip().splitlines()
+    return driver.returncode, " / ".join(words[-3:])
+
+
+def limits(folder: Path) -> Any:
+    """How a device ends that spins for longer than its processor time, and one that asks for more memory than it
+    may have; of the second also the exit code of a Python that does."""
+    scenario = load_scenario("incline30").replace_fmu("brace", folder / "greedy.fmu")
+    found = []
+    with Worker(scenario, ("brace.fault",), Limits(trial=200.0, cpu=3.0, memory=2 << 30)) as worker:
+        for fault in json.loads((folder / "greedy.txt").read_text()):
+            outcome = worker.run([fault])
+            found.append([outcome.status, outcome.message])
+    code = "import time; time.sleep(2); b = bytearray(1 << 30); print(len(b))"
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    end = SYSTEM.group(process, 256 << 20)
+    said = process.communicate()[0].decode("cp1252").strip().splitlines()
+    end()
+    return [*found, [process.returncode, said[-1] if said else ""]]
+
+
 def _rows(folder: Path) -> dict[int, bytes]:
     """{trial: metrics} of what is committed."""
     try:
@@ -85,5 +150,5 @@ def _rows(folder: Path) -> dict[int, bytes]:
 
 if __name__ == "__main__":
     what, place = sys.argv[1], Path(sys.argv[2])
-    answer = {f.__name__: f for f in (scenarios, studies, faults, kills)}[what](place)
+    answer = {f.__name__: f for f in (scenarios, studies, faults, kills, stops, limits)}[what](place)
     (place / f"{what}.json").write_text(json.dumps(answer))

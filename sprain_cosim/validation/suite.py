@@ -6,7 +6,6 @@ and stand in every output with their reason; `strict` lets them fail it too."""
 from __future__ import annotations
 
 import fnmatch
-import os
 import platform
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
@@ -17,6 +16,7 @@ from typing import Any
 
 from .. import __version__
 from ..errors import InputError, SprainError, nearest
+from ..machine.here import SYSTEM
 from .check import FAIL, GAP, NOT_RUN, PASS, STATUSES, Check, CheckOutcome, judge
 from .checks import coupling, fmi, paper, persons, plant, populations, report_page, uncertainty, user_files
 from .laboratory import Laboratory
@@ -156,7 +156,7 @@ def environment() -> dict[str, str]:
         "numpy": numpy.__version__,
         "scipy": scipy.__version__,
         "platform": platform.platform(),
-        "cores": str(os.cpu_count()),
+        "cores": str(SYSTEM.cores()),
     }
 
 

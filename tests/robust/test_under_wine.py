@@ -15,6 +15,7 @@ import pandas as pd
 import pytest
 
 import sprain_cosim as sc
+from sprain_cosim.folders.landing import load_landing
 from sprain_cosim.shipped import shipped_scenarios
 from tests import native
 from tests.wine_side import KILLS, MANY, TRIALS
@@ -52,12 +53,9 @@ def answer(what: str, work: Path, limit: float = 1500.0) -> Any:
     return json.loads((work / f"{what}.json").read_text())
 
 
-def prompt(line: str, work: Path, limit: float = 400.0) -> tuple[int, str]:
+def prompt(line: str, work: Path, limit: float = 600.0) -> tuple[int, str]:
     """What a user types at the prompt of Windows, in the folder."""
-    place = "/" + str(work.relative_to(FOLDER))
-    (FOLDER / "python/sprain-cosim.bat").write_text("@Z:\\python\\python.exe -m sprain_cosim %*\r\n")
-    line = line.replace("sprain-cosim", "Z:\\python\\sprain-cosim.bat", 1)
-    return windows.run(FOLDER, "cmd", "/c", line, place=place, limit=limit)
+    return windows.run(FOLDER, "cmd", "/c", line, place="/" + str(work.relative_to(FOLDER)), limit=limit)
 
 
 def cross_compiled(fmu: Path, source: str, *options: str) -> Path:
@@ -137,48 +135,174 @@ def test_a_vendor_s_brace_is_that_of_this_machine(desk: Path) -> None:
     assert near(dict(own.metrics), found["metrics"])
 
 
-COMMANDS = [  # those of the README and of the first pages, as the prompt of Windows has them
+@pytest.mark.parametrize("event", ["CTRL_C_EVENT", "CTRL_BREAK_EVENT"])
+def test_a_study_that_is_stopped_at_the_console_goes_on(stopped: dict[str, Any], event: str) -> None:
+    code, words, kept, finished, again = stopped[event]
+    assert (code, again, finished) == (130, 0, MANY)
+    assert 5 <= kept < MANY
+    assert "--resume" in words
+
+
+@pytest.mark.parametrize("event", ["CTRL_C_EVENT", "CTRL_BREAK_EVENT"])
+def test_a_run_whose_device_hangs_is_stopped_at_the_console(stopped: dict[str, Any], event: str) -> None:
+    code, words = stopped[f"{event} of a run"]
+    assert (code, words) == (130, "error: interrupted")
+
+
+@pytest.fixture(scope="module")
+def stopped(work: Path) -> dict[str, Any]:
+    fault = f"-DFAULT_AT_START={native.FAULTS.index('hang_step')}"
+    cross_compiled(native.compile_fmu(work / "hanging.fmu", fault="hang_step"), "faulty", fault)
+    return dict(answer("stops", work))
+
+
+def test_a_device_keeps_to_its_processor_time(work: Path) -> None:
+    """Its memory is limited as well, by a job object, which wine takes and does not keep."""
+    cross_compiled(native.compile_fmu(work / "greedy.fmu"), "faulty", "-DFAULT_AT_START=0")
+    (work / "greedy.txt").write_text(json.dumps([native.FAULTS.index("spin"), 0]))
+    spun, clean, _ = answer("limits", work)
+    assert spun == ["timeout", "overran its limit of processor time and was ended"]
+    assert clean[0] == "completed"
+
+
+FIRST = [  # the first commands of the README and of docs/platforms.md, as the prompt of Windows has them
     ("sprain-cosim doctor", 0, "landing"),
-    ("sprain-cosim scenarios", 0, "incline30"),
     (r"sprain-cosim run incline30 --out out\incline30", 0, "49.60"),
     (r"sprain-cosim run incline30_brace --out out\incline30_brace", 0, "29.84"),
     (r"sprain-cosim plot out\incline30 out\incline30_brace --out out", 0, r"out\figures"),
     ("sprain-cosim run incline30 --fmu brace=my_brace.fmu", 0, "subtalar moment of the brace"),
     (r"sprain-cosim compare incline30 --brace mine=my_brace.fmu --brace paper=brace_bushing --out out\swap", 0, "mine"),
     (r"sprain-cosim report out\swap", 0, "report.html"),
+    (r"sprain-cosim animate out\incline30 out\incline30_brace --slow 2 --out out\landing.webp", 0, "landing.webp"),
+    ('sprain-cosim run incline30_brace --set brace.angle_scale=1.5 --set plant.drop_height="0.35 m"', 0, "subtalar"),
+    ("sprain-cosim list", 0, "incline30"),
+    ("sprain-cosim list parameters incline30_brace", 0, "angle_scale"),
     ("sprain-cosim check my_brace.fmu", 0, "fits"),
-    (r"sprain-cosim export out\incline30 -o out\landing.mot", 0, "landing.mot"),
-    (r"sprain-cosim animate out\incline30 --slow 2 --out out\landing.webp", 0, "landing.webp"),
-    ("sprain-cosim brace new my_device --lang c", 0, "my_device"),
+]
+MORE = [
+    (r"sprain-cosim export out\incline30 --speeds -o out\landing.mot", 0, "landing.mot"),
+    (r"sprain-cosim motion out\landing.mot -o again.toml", 0, "again.toml"),
+    ("sprain-cosim run again.toml", 0, "49.60"),
+    ("sprain-cosim ssp export incline30_brace -o landing.ssp", 0, "landing.ssp"),
+    ("sprain-cosim ssp check landing.ssp", 0, "landing.ssp"),
+    ("sprain-cosim run landing.ssp", 0, "29.84"),
     ("sprain-cosim brace from-csv table.csv -o table.fmu", 0, "table.fmu"),
-    ('sprain-cosim run incline30 --set plant.drop_height="0.35 m"', 0, "subtalar"),
+    ("sprain-cosim anatomy from-csv table.csv -o my_ankle.toml", 0, "my_ankle.toml"),
+    (r"sprain-cosim design study6 --vary brace.angle_scale=0.5..3 --trials 24 --out out\design "
+     '--goal "P(peak_subtalar_angle_deg > 40) <= 50 %"', 0, "angle_scale"),
+    ("sprain-cosim brace new my_device --lang c", 0, "next: sprain-cosim brace build my_device"),
+    ("sprain-cosim brace build my_device", 4, "install the Build Tools for Visual Studio"),
+    ("sprain-cosim brace new my_spring --lang python", 0, "my_spring"),
+    ("sprain-cosim brace build my_spring", 4, 'pip install "sprain-cosim[build]"'),
+    ("sprain-cosim validate --quick", 0, "0 failed"),
+]  # fmt: skip
+WRONG = [
     ("sprain-cosim run incline30 --set plant.drop_height=0.35", 2, "error: "),
     ("sprain-cosim run incline30 --out aux", 2, "the name of a device on Windows"),
+    ("sprain-cosim run incline30 --out NUL", 2, "the name of a device on Windows"),
+    ("sprain-cosim run aux.toml", 2, "aux.toml: "),
+    ("sprain-cosim run CON", 2, "CON"),
+    ("sprain-cosim check NUL", 2, "NUL: no such "),
+    (r"sprain-cosim run incline30 --out Q:\nowhere\out", 4, "Q:"),
+    (r"sprain-cosim run sub\nothing", 2, "no such scenario file"),
     (
         "sprain-cosim check linux.fmu",
         2,
         'made for Linux only (linux64); ask its maker: "Please export this FMU as FMI 2.0 co-simulation for win64',
     ),
+    ("sprain-cosim run incline30 --fmu brace=linux.fmu", 2, "made for Linux only (linux64); ask its maker"),
 ]
 
 
 @pytest.fixture(scope="module")
 def desk(work: Path) -> Path:
     """A user's folder with an FMU for Windows, one for Linux, and a table."""
-    place = work / "desk"
+    place = work / "My désk"
     place.mkdir()
     native.device(place / "linux.fmu")
     options = ("-DFMI=2", "-DSIGN=1.0", "-DANGLE_UNIT=1.0", "-DTORQUE_UNIT=1.0")
     cross_compiled(native.device(place / "my_brace.fmu"), "device stubs", *options)
-    (place / "table.csv").write_text(
-        "angle [deg],subtalar_resistance [N.m]\n-30,-20\n0,0\n30,20\n", encoding="utf-8", newline="\r\n"
-    )
+    angles = range(-30, 45, 5)
+    rows = "".join(f"{angle},{angle / 1.5 + (angle / 20.0) ** 3:.2f}\n" for angle in angles)
+    (place / "table.csv").write_text(f"angle [deg],subtalar_resistance [N.m]\n{rows}", encoding="utf-8", newline="\r\n")
     return place
 
 
-@pytest.mark.parametrize(("line", "code", "words"), COMMANDS, ids=[line[13:60] for line, _, _ in COMMANDS])
+@pytest.mark.parametrize(
+    ("line", "code", "words"), [*FIRST, *MORE, *WRONG], ids=[line[13:60] for line, *_ in (*FIRST, *MORE, *WRONG)]
+)
 def test_a_line_at_the_prompt(desk: Path, line: str, code: int, words: str) -> None:
     ended, said = prompt(line, desk)
     assert ended == code, said[-1500:]
     assert words in said, said[-1500:]
     assert "Traceback" not in said
+    if code:
+        assert [one for one in said.splitlines() if one.startswith("error: ")] == [said.splitlines()[-1]]
+
+
+def test_a_folder_from_windows_is_read_here(desk: Path) -> None:
+    """What was simulated there is drawn and filmed here."""
+    folder = desk / "out" / "incline30"
+    assert sc.open_folder(folder).plot().axes
+    assert load_landing(folder).label.endswith("out/incline30")
+
+
+@pytest.mark.parametrize("page", ["cp437", "cp1252"])
+def test_a_console_of_a_code_page_reads_words(desk: Path, page: str) -> None:
+    """No sign of another alphabet, and no question mark in the place of one."""
+    ended, said = prompt(f"set PYTHONIOENCODING={page}&& sprain-cosim run incline30_brace", desk)
+    assert ended == 0, said
+    assert "?" not in said
+    assert ("30° slope" if page == "cp1252" else "30\xf8 slope") in said  # the byte of ° in cp437, as cp1252 reads it
+
+
+def test_a_file_that_another_program_holds_open(desk: Path) -> None:
+    """As Excel does: the line says so, and the next try is good."""
+    held = desk / "out" / "incline30" / "signals.csv"
+    before = held.read_bytes()
+    arguments = ["run", "level", "--out", there(held.parent), "--force"]
+    code = f"f = open({there(held)!r}); from sprain_cosim.cli import main; main({arguments!r})"
+    ended, said = windows.python(FOLDER, "-c", code)
+    assert ended == 4, said
+    assert "signals.csv: cannot be written: " in said.splitlines()[-1]
+    assert held.read_bytes() == before
+    assert prompt(r"sprain-cosim run incline30 --out out\incline30 --force", desk)[0] == 0
+    assert held.read_bytes() == before
+
+
+def test_a_folder_that_cannot_be_written(desk: Path) -> None:
+    closed = desk / "closed"
+    closed.mkdir()
+    subprocess.run(["chattr", "+i", str(closed)], check=True)
+    try:
+        for line in ("run incline30 --out closed", "study study6 --trials 2 --out closed"):
+            ended, said = prompt(f"sprain-cosim {line}", desk)
+            assert ended == 4, said
+            assert "cannot be written: " in said.splitlines()[-1], said
+    finally:
+        subprocess.run(["chattr", "-i", str(closed)], check=True)
+
+
+def test_long_paths(desk: Path) -> None:
+    """Refused as long as Windows has them switched off, used when it has not."""
+    deep = "\\".join(["a folder of many letters"] * 9)
+    ended, said = prompt(rf'sprain-cosim run incline30 --out "{deep}"', desk)
+    assert ended == 2, said
+    assert "characters with the files in it, more than the 259 that Windows accepts" in said.splitlines()[-1]
+    key = [r"HKLM\SYSTEM\CurrentControlSet\Control\FileSystem", "/v", "LongPathsEnabled"]
+    windows.run(FOLDER, "reg", "add", *key, "/t", "REG_DWORD", "/d", "1", "/f")
+    try:
+        ended, said = prompt(rf'sprain-cosim run incline30 --out "{deep}\\{deep}"', desk)
+        assert ended == 0, said
+    finally:
+        windows.run(FOLDER, "reg", "delete", *key, "/f")
+
+
+def test_a_user_whose_name_is_not_english(desk: Path) -> None:
+    """Foreign FMUs are unpacked below the user's folder, and their children work among the temporary files."""
+    user = desk / "Jörg Müller λ"
+    (user / "Temp").mkdir(parents=True)
+    variables = "".join(f"set {name}={there(user / 'Temp')}&& " for name in ("TEMP", "TMP", "LOCALAPPDATA"))
+    ended, said = prompt(f"{variables}sprain-cosim run incline30 --fmu brace=my_brace.fmu --json", desk)
+    assert ended == 0, said[-1500:]
+    assert list((user / "Temp" / "sprain-cosim").rglob("*.dll"))

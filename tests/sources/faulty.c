@@ -113,7 +113,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean
         case CHANGE_FOLDER: if (chdir("/")) return fmi2Error; break;
         case CHANGE_LOCALE: setlocale(LC_ALL, "de_DE.UTF-8"); break;
         case SPIN: for (volatile long i = 0;; i++) { }
-        case GORGE: memset(malloc(64ul << 30), 1, 64ul << 30); break; /* more than there is: a null pointer under a limit of memory */
+        case GORGE: memset(malloc(64ull << 30), 1, 64ull << 30); break; /* more than there is: a null pointer under a limit of memory */
         case FORK: if (fork() == 0) { for (;;) pause(); } break;
         default: break;
     }
