@@ -21,6 +21,7 @@ _HOME = {
     "load_study": "study.file",
     "open_folder": "folders.read",
     "Study": "study.study",
+    "brace_from_csv": "brace.from_csv",
     "check_brace": "brace.check",
     "compare_braces": "brace.compare",
     "to_salib": "export.sample",
@@ -41,6 +42,7 @@ __all__ = ["__version__", *sorted(_HOME)]
 if TYPE_CHECKING:
     from .brace.check import check_brace as check_brace
     from .brace.compare import compare_braces as compare_braces
+    from .brace.from_csv import brace_from_csv as brace_from_csv
     from .cosim.master import Master as Master
     from .cosim.result import Result as Result
     from .cosim.system import System as System

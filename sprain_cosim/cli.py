@@ -762,14 +762,13 @@ def brace_build(folder: Path, out: Path | None, platforms: tuple[str, ...]) -> N
 @brace_group.command("from-csv")
 @click.argument("table", type=click.Path(path_type=Path))
 @out_option("FMU to write (default: TABLE with the ending .fmu).")
-def brace_from_csv(table: Path, out: Path | None) -> None:
+def from_csv_command(table: Path, out: Path | None) -> None:
     """Turn a torque-angle TABLE (CSV: angle [deg], subtalar_resistance [N.m], ...) into an FMU; no compiler needed."""
-    from .brace.from_csv import from_csv
-    from .shipped import fmu_path
+    from .brace.from_csv import brace_from_csv
 
-    target = out or table.with_suffix(".fmu")
-    _show_spans(from_csv(table, target, fmu_path("brace_table", Path.cwd(), "brace_table")))
-    _show(f"written: {target}\nnext: sprain-cosim check {target}")
+    made = brace_from_csv(table, out)
+    _show_spans(made.spans)
+    _show(f"written: {made.fmu}\nnext: sprain-cosim check {made.fmu}")
 
 
 @brace_group.command("calibrate")
@@ -866,11 +865,10 @@ def anatomy_from_csv(
 
 def _show_spans(spans: Mapping[str, tuple[float, float]]) -> None:
     """Where the data of a table's brace end."""
+    from .brace.from_csv import measured_span
+
     for axis, (low, high) in spans.items():
-        _show(
-            f"{axis}: {57.29577951308232 * low:.4g} ... {57.29577951308232 * high:.4g} deg; outside, the torque goes "
-            "straight on with the end slope"
-        )
+        _show(f"{axis}: {measured_span(low, high)}")
 
 
 @cli.command("plot")

@@ -32,7 +32,7 @@ from ..study.methods import SAMPLED
 from ..study.progress import Progress, shown_to
 from ..study.study import Study
 from .bench import Bench
-from .comparison import PEAKS, Entry, Source, summarise_comparison, with_derived
+from .comparison import PEAKS, Entry, Source, comparison_listing, summarise_comparison, with_derived
 from .decision import check_decidable, land_until_decided
 from .doubts import device_doubts
 
@@ -60,6 +60,10 @@ class Comparison(Plottable):
     @property
     def failed(self) -> list[Entry]:
         return [e for e in self.entries if e.status != "completed"]
+
+    def text(self) -> str:
+        """The table that `sprain-cosim compare` prints."""
+        return comparison_listing(self.summary)
 
     def plot(self, kind: str = "") -> Figure:
         return read_folder(self.out).plot(kind)

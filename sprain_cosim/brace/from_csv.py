@@ -13,9 +13,11 @@ from __future__ import annotations
 import difflib
 import hashlib
 import io
+import math
 import re
 import zipfile
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from posixpath import dirname
 
@@ -28,6 +30,8 @@ from ..files import read_csv, write
 from ..fmu.archive import read
 from ..fmu.build import CONSTANTS, EPOCH, constants_file
 from ..fmu.reference import MANIFEST
+from ..notebook import Card, Rows
+from ..shipped import fmu_path
 from ..units import Unit, unit
 
 AXES = ("talocrural", "subtalar")
@@ -50,6 +54,43 @@ def from_csv(table: Path, target: Path, template: Path) -> dict[str, tuple[float
 
     Raises InputError naming row and column, EnvironmentProblem where `target` cannot be written."""
     return curves_to_fmu(table, read_curves(table), target, template)
+
+
+@dataclass(frozen=True, repr=False)
+class CurveBrace(Card):
+    """A brace made from a measured table.
+
+    fmu    the file
+    spans  {axis: the range of angles [rad] that was measured}
+    """
+
+    fmu: Path
+    spans: Mapping[str, tuple[float, float]]
+
+    def card(self) -> tuple[str, Rows]:
+        return self.fmu.name, [(axis, measured_span(*span)) for axis, span in self.spans.items()]
+
+
+def measured_span(low: float, high: float) -> str:
+    """Where the data of a table end, whose angles are in rad."""
+    ends = f"{math.degrees(low):.4g} ... {math.degrees(high):.4g} deg"
+    return f"{ends}; outside, the torque goes straight on with the end slope"
+
+
+def brace_from_csv(table: Path | str, out: Path | str | None = None) -> CurveBrace:
+    """Makes an FMU of a measured table, whose columns are "angle [deg]" and "subtalar_resistance [N.m]", or others that
+    the vendor tutorial shows; `out`: the file, None: the table's name with the ending .fmu. Nothing is compiled. Raises
+    InputError naming row and column, EnvironmentProblem where it cannot be written.
+
+    >>> import sprain_cosim as sc
+    >>> rows = ["angle [deg], subtalar_resistance [N.m]", "0, 0", "10, 2", "20, 5", "30, 9"]
+    >>> with open("cuff.csv", "w") as table:
+    ...     print(*rows, sep="\\n", file=table)
+    >>> sc.brace_from_csv("cuff.csv")
+    CurveBrace(cuff.fmu: subtalar 0 ... 30 deg; outside, the torque goes straight on with the end slope)
+    """
+    target = Path(out) if out is not None else Path(table).with_suffix(".fmu")
+    return CurveBrace(target, from_csv(Path(table), target, fmu_path("brace_table", Path.cwd(), "brace_table")))
 
 
 def curves_to_fmu(table: Path, curves: Curves, target: Path, template: Path) -> dict[str, tuple[float, float]]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from ..notebook import Plottable, Rows
 from .arrays import about_study, trials_dataset
+from .listing import study_listing
 from .plan import Plan
 from .summary import StudySummary
 
@@ -52,6 +53,10 @@ class Campaign(Plottable):
         """One row for each trial: what depends on the machine, the columns of timing.csv; `wall_s` in
         seconds."""
         return self._tables[1]
+
+    def text(self) -> str:
+        """The tables that `sprain-cosim study` prints."""
+        return study_listing(self.study, self.summary)
 
     def to_xarray(self, signals: Sequence[str] = ()) -> xarray.Dataset:
         """Inputs and responses as an xarray.Dataset over `trial`, each with `units` and `long_name`; `signals` of the

@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Callable
 from html import escape
+from importlib import import_module
 from typing import Any
 
 from .. import terminal
@@ -74,10 +75,8 @@ def _display() -> Callable[..., Any] | None:
     shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
     if getattr(shell, "kernel", None) is None:
         return None
-    from IPython.display import display
-
-    shown: Callable[..., Any] = display
-    return shown
+    display: Callable[..., Any] = import_module("IPython.display").display
+    return display
 
 
 class _Cell:

@@ -202,8 +202,8 @@ class Curve(Record):
     high: tuple[float | None, ...]
 
 
-@dataclass(frozen=True)
-class Probability(Record):
+@dataclass(frozen=True, repr=False)
+class Probability(Card, Record):
     """The probability of an event, 0 ... 1, with what is not known of it: of the sample and of the threshold, apart.
 
     event            in words, such as "above 35 ± 6 deg"
@@ -237,6 +237,26 @@ class Probability(Record):
     inputs_ci: PAIR | None = optional()
     trials: int | None = optional()
     failed: int | None = optional()
+
+    @property
+    def asked(self) -> str:
+        """ "P(peak_subtalar_angle_deg above 35 deg)"."""
+        return f"P({self.response or 'the response'} {self.event})"
+
+    @property
+    def doubted(self) -> str:
+        """The probability with its doubts, apart."""
+        value = "between" if self.probability is None else f"{self.probability:.3g}"
+        doubts = (("sample", self.sampling_ci), ("threshold", self.threshold_ci), ("measured inputs", self.inputs_ci))
+        known = [f"{name} {pair[0]:.3g} ... {pair[1]:.3g}" for name, pair in doubts if pair is not None]
+        return f"{value} (95 %: {', '.join(known)})" if known else f"{value} (no interval)"
+
+    def card(self) -> tuple[str, Rows]:
+        rows = [("probability", self.doubted)]
+        if self.shapes:
+            rows.append(("threshold of another law", ", ".join(f"{law} {p:.3g}" for law, p in self.shapes.items())))
+        rows += [("trials", f"{self.trials}{f', {self.failed} failed' if self.failed else ''}")] if self.trials else []
+        return self.asked, [*rows, *([("so", self.sentence)] if self.sentence else [])]
 
 
 def _percents(levels: Iterable[str], place: str) -> None:
@@ -527,15 +547,20 @@ class DesignSearch(Record):
 
     def rows(self) -> Rows:
         """What is shown in brief."""
-        found = [
-            (
-                f"{self.find} {self.parameter}",
-                f"{with_interval(p.value, p.ci_low, p.ci_high, self.unit)}, goal {p.status}",
-            )
-            for p in self.points[:2]
-        ]
+        found = [(f"{self.find} {self.parameter}", self._in_brief(point)) for point in self.points[:2]]
         more = [("further values", str(len(self.points) - 2))] if len(self.points) > 2 else []
         return [("goal", self.goal), *found, *more]
+
+    def _in_brief(self, point: DesignPoint) -> str:
+        unit = f" {self.unit}" if self.unit else ""
+        if point.status == "nowhere" or point.value is None:
+            return "none in the range"
+        low = "below the range" if point.ci_low is None else f"{point.ci_low:.4g}"
+        high = "above the range" if point.ci_high is None else f"{point.ci_high:.4g}"
+        sure = "none in the range does with 95 % confidence"
+        if point.value_95 is not None:
+            sure = f"with 95 % confidence at {self.on_the_safe_side(point.value_95, 4):.4g}{unit}"
+        return f"{point.value:.4g}{unit} (95 %: {low} ... {high}), goal {point.status}; {sure}"
 
     @property
     def met(self) -> bool:
@@ -818,6 +843,7 @@ class StudySummary(Card, Summary):
                 e = levels[level]
                 text = with_interval(e.value, e.ci_low, e.ci_high, unit_of(name))
                 rows.append((f"{level} % of {name}", text))
+            rows += [(q.asked, q.doubted) for q in self.questions.values() if q.source == "own"]
         rows += [("notes", f"{len(self.notes)}, the first: {self.notes[0]}")] if self.notes else []
         return f"{self.title}, {self.method}", rows
 
