@@ -1,5 +1,5 @@
-"""Docstrings as the Python reference shows them: lists of fields become tables, examples blocks of code (an extension of
-griffe, which mkdocs.yml names)."""
+"""Docstrings as the Python reference shows them: lists of fields become tables (an extension of griffe, which mkdocs.yml
+names)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import Any
 import griffe
 
 FIELD = re.compile(r"(\S.*?)\s{2,}(\S.*)")
-PROMPT = ">>> "
 
 
 class Docstrings(griffe.Extension):
@@ -26,8 +25,6 @@ def as_markdown(text: str) -> str:
 
 
 def _paragraph(part: str) -> str:
-    if part.lstrip().startswith(PROMPT):
-        return f"```pycon\n{part}\n```"
     lines = part.split("\n")
     rows: list[list[str]] = []
     for line in lines:
