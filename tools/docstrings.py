@@ -1,5 +1,4 @@
-"""Docstrings as the Python reference shows them: lists of fields become tables (an extension of griffe, which mkdocs.yml
-names)."""
+"""Docstrings as the Python reference shows them: lists of fields become tables. An extension of griffe (mkdocs.yml)."""
 
 from __future__ import annotations
 
