@@ -4,7 +4,7 @@ lacks is simulated again."""
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -26,7 +26,7 @@ from ..study.plan import Plan
 from ..study.trajectories import read_trajectory, trajectory_path
 from ..units import quantity
 from .comparison import FILE as COMPARISON
-from .comparison import member_path, read_comparison_summary
+from .comparison import NONE, member_path, read_comparison_summary
 from .run import RunSummary, read_run
 
 if TYPE_CHECKING:
@@ -79,12 +79,23 @@ class Landing:
 
 def load_landings(folder: Path, trial: str | None = None) -> list[Landing]:
     """The landing of a run's or a study's folder (see `load_landing`), or those of every brace of a comparison, under
-    the braces' names. Raises InputError."""
+    the braces' names: of its studies the same trial (see `choose_common_trial`). Raises InputError."""
     if not (folder / COMPARISON).is_file():
         return [load_landing(folder, trial)]
     braces = read_comparison_summary(folder).completed
     places = {name: member_path(folder, brace.folder or name) for name, brace in braces.items()}
-    return [replace(load_landing(place, trial), title=name) for name, place in places.items()]
+    tables = {name: read_trials(place) for name, place in places.items() if (place / TRIALS).is_file()}
+    how = ""
+    if tables:
+        with Ledger.read(next(iter(places.values()))) as ledger:
+            response = load_study_plan(next(iter(places.values())), ledger).responses[0]
+        number, how = choose_common_trial(tables, response, trial or "p50", str(folder))
+        trial = str(number)
+    return [
+        replace(landing, title=name, label=f"{place}, {how}" if how else landing.label)
+        for name, place in places.items()
+        for landing in [load_landing(place, trial)]
+    ]
 
 
 def load_landing(folder: Path, trial: str | None = None) -> Landing:
@@ -134,6 +145,21 @@ def choose_trial(trials: pd.DataFrame, response: str, which: str, place: str) ->
         choice = f"{share:g}th percentile of {response}"
     number = int(done["trial"].iloc[at])
     return number, f"trial {number}, {choice}"
+
+
+def choose_common_trial(tables: Mapping[str, pd.DataFrame], response: str, which: str, place: str) -> tuple[int, str]:
+    """`choose_trial` among the trials that every brace completed, by the response without a brace (where that is
+    missing, with the first one). Raises InputError."""
+    shared = set.intersection(*(set(t["trial"][t["status"] == "completed"]) for t in tables.values()))
+    without = NONE if NONE in tables else next(iter(tables))
+    rows = tables[without]
+    if which.strip().isdigit():
+        number, how = choose_trial(rows, response, which, place)
+        if number not in shared:
+            raise InputError(f"{place}: trial {number} was not completed with every brace; name another one")
+        return number, how
+    number, how = choose_trial(rows[rows["trial"].isin(shared)], response, which, place)
+    return number, f"{how} {'without a brace' if without == NONE else f'with {without}'}"
 
 
 def _of_study(folder: Path, which: str) -> Landing:

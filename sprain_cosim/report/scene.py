@@ -23,8 +23,8 @@ from ..animate.stage import PLATFORM, Stage, part_colour
 from ..errors import InputError, SprainError
 from ..figures.selection import Named
 from ..figures.style import ANATOMY, GROUND, Look
-from ..folders.comparison import NONE, ComparisonFolder
-from ..folders.landing import Landing, choose_trial, load_landing
+from ..folders.comparison import ComparisonFolder
+from ..folders.landing import Landing, choose_common_trial, load_landing
 from ..folders.read import Folder
 from ..folders.run import RunFolder
 from ..folders.study import StudyFolder
@@ -104,16 +104,12 @@ def _same_trials(folders: Sequence[Folder], trial: str | None) -> dict[Path, str
         studies = [member for member in members if isinstance(member, StudyFolder)]
         if not studies or not isinstance(folder, ComparisonFolder):
             continue
-        base = folder.members.get(NONE, studies[0])
-        assert isinstance(base, StudyFolder)
-        shared = set.intersection(*(set(study.done["trial"]) for study in studies))
-        rows = base.trials[base.trials["trial"].isin(shared)]
-        if len(rows):
-            try:
-                number, _ = choose_trial(rows, base.response, trial or "p50", str(folder.path))
-            except SprainError:
-                continue
-            found |= {study.path: str(number) for study in studies}
+        tables = {name: member.trials for name, member in folder.members.items() if isinstance(member, StudyFolder)}
+        try:
+            number, _ = choose_common_trial(tables, studies[0].response, trial or "p50", str(folder.path))
+        except SprainError:
+            continue
+        found |= {study.path: str(number) for study in studies}
     return found
 
 

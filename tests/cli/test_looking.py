@@ -15,7 +15,7 @@ from sprain_cosim.cli import _run
 from sprain_cosim.errors import InputError
 from sprain_cosim.figures.gallery import leave_run
 from sprain_cosim.fmu.cache import cache_folder
-from sprain_cosim.folders.landing import load_landing, load_landings
+from sprain_cosim.folders.landing import choose_common_trial, load_landing, load_landings
 from sprain_cosim.folders.run import RunSummary
 from sprain_cosim.scenario import Scenario, load_scenario
 from sprain_cosim.shipped import fmu_path
@@ -230,6 +230,21 @@ def test_bad_input_is_one_line_and_exit_2(
     assert last.startswith("error: ")
     assert all(word in last for word in words), last
     assert sorted(p.name for p in place.iterdir()) == before
+
+
+def test_the_landings_of_a_comparison_are_one_trial() -> None:
+    """The one that is in the middle without a brace, among those that every brace completed; a number is taken as it
+    is, unless a brace failed there."""
+    done, peak = ["completed"] * 5, [10.0, 50.0, 31.0, 29.0, 30.0]
+    none = pd.DataFrame({"trial": range(5), "status": done, "peak": peak})
+    soft = none.assign(status=[*done[:4], "failed"], peak=[5.0, 1.0, 2.0, 3.0, 4.0])
+    tables = {"soft": soft, "none": none}
+    assert choose_common_trial(tables, "peak", "p50", "c")[0] == 3
+    assert choose_common_trial(tables, "peak", "worst", "c") == (1, "trial 1, largest peak without a brace")
+    assert choose_common_trial(tables, "peak", "2", "c") == (2, "trial 2")
+    assert choose_common_trial({"soft": soft}, "peak", "worst", "c") == (0, "trial 0, largest peak with soft")
+    with pytest.raises(InputError, match="trial 4 was not completed with every brace"):
+        choose_common_trial(tables, "peak", "4", "c")
 
 
 def test_landings_of_a_comparison(place: Path, tmp_path: Path) -> None:
