@@ -235,16 +235,16 @@ def test_bad_input_is_one_line_and_exit_2(
 def test_the_landings_of_a_comparison_are_one_trial() -> None:
     """The one that is in the middle without a brace, among those that every brace completed; a number is taken as it
     is, unless a brace failed there."""
-    done, peak = ["completed"] * 5, [10.0, 50.0, 31.0, 29.0, 30.0]
-    none = pd.DataFrame({"trial": range(5), "status": done, "peak": peak})
-    soft = none.assign(status=[*done[:4], "failed"], peak=[5.0, 1.0, 2.0, 3.0, 4.0])
+    done, peak = ["completed"] * 4, [10.0, 31.0, 50.0, 29.0]
+    none = pd.DataFrame({"trial": range(4), "status": done, "peak": peak})
+    soft = none.assign(status=[*done[:3], "failed"], peak=[5.0, 2.0, 1.0, 4.0])
     tables = {"soft": soft, "none": none}
-    assert choose_common_trial(tables, "peak", "p50", "c")[0] == 3
-    assert choose_common_trial(tables, "peak", "worst", "c") == (1, "trial 1, largest peak without a brace")
-    assert choose_common_trial(tables, "peak", "2", "c") == (2, "trial 2")
+    assert choose_common_trial(tables, "peak", "p50", "c")[0] == 1
+    assert choose_common_trial(tables, "peak", "worst", "c") == (2, "trial 2, largest peak without a brace")
+    assert choose_common_trial(tables, "peak", "1", "c") == (1, "trial 1")
     assert choose_common_trial({"soft": soft}, "peak", "worst", "c") == (0, "trial 0, largest peak with soft")
-    with pytest.raises(InputError, match="trial 4 was not completed with every brace"):
-        choose_common_trial(tables, "peak", "4", "c")
+    with pytest.raises(InputError, match="trial 3 was not completed with every brace"):
+        choose_common_trial(tables, "peak", "3", "c")
 
 
 def test_landings_of_a_comparison(place: Path, tmp_path: Path) -> None:
