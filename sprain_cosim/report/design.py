@@ -21,7 +21,7 @@ PLACES = {"value": "at the value", "value_95": "at the value that is 95 % sure",
 
 def design_verdict(study: StudyFolder, found: DesignSearch, name: str) -> Verdict:
     """What a manager takes along: which value, how sure, what it costs."""
-    text = rich("{landings} landings were asked: {goal}. ", landings=found.landings, goal=_goal(found))
+    text = rich("The question to {landings} landings: {goal}. ", landings=found.landings, goal=_goal(found))
     if len(found.points) == 1:
         (point,) = found.points
         text += _answer(found, point)
