@@ -975,32 +975,43 @@ def ssp_group() -> None:
 @MAPS
 @SET
 @SUBJECT
+@SCHEME
+@STEP
 @click.option(
     "--version",
     "standard",
     type=click.Choice(["1.0", "2.0"]),
-    default="1.0",
-    show_default=True,
-    help="Of the SSP standard.",
+    help="Of the SSP standard (default: 1.0).",
 )
-@out_option("Package to write, FILE.ssp.", required=True)
+@click.option("--container", is_flag=True, help="One FMU, FILE.fmu, for tools that do not read SSP.")
+@out_option("File to write: FILE.ssp, or FILE.fmu with --container.", required=True)
 def ssp_export(
     scenario: str,
     fmus: tuple[str, ...],
     maps: tuple[str, ...],
     settings: tuple[str, ...],
     subject: str | None,
-    standard: str,
+    scheme: str | None,
+    step: str | None,
+    standard: str | None,
+    container: bool,
     out: Path,
 ) -> None:
     """Write SCENARIO with all its FMUs as one package that other tools open."""
+    from .export.container import export_container
     from .export.package import export_package
     from .scenario import load_scenario
 
+    ending = ".fmu" if container else ".ssp"
+    if out.suffix.lower() != ending:
+        raise InputError(f"{out}: must end in {ending}{'' if container else ' (--container writes an .fmu)'}")
+    if container and standard is not None:
+        raise InputError("--version is of the SSP standard; a container is an FMU of FMI 2.0")
     chosen = _changed(load_scenario(scenario), fmus, maps, settings, subject)
+    chosen = chosen.with_master(scheme=scheme, communication_step=step)
     for warning in chosen.warnings:
         _show(f"warning: {warning}", err=True)
-    for note in export_package(chosen, out, standard):
+    for note in export_container(chosen, out) if container else export_package(chosen, out, standard or "1.0"):
         _show(f"note: {note}")
     _show(f"written: {out} ({out.stat().st_size / 1e6:.1f} MB)")
 
@@ -1165,8 +1176,8 @@ def subject_command(person: str | None, as_json: bool) -> None:
 @PLATFORM
 def build_command(models: tuple[str, ...], platforms: tuple[str, ...]) -> None:
     """Build the FMUs of the clone's fmus/ folder (all, or the MODELS named) whose sources have changed, and the
-    master's own library."""
-    from .cosim.native_steps import build_libraries
+    package's own libraries."""
+    from .cosim.native_libraries import build_libraries
     from .fmu.build import build_all
 
     built = build_all(models, platforms)

@@ -14,7 +14,7 @@ class FmuBuildHook(BuildHookInterface):
         if self.target_name != "wheel" or version == "editable":
             return
         sys.path.insert(0, str(Path(self.root)))
-        from sprain_cosim.cosim.native_steps import build_libraries
+        from sprain_cosim.cosim.native_libraries import build_libraries
         from sprain_cosim.fmu.build import build_all
 
         build_all()

@@ -86,7 +86,7 @@ class Assembly:
         self.system = system
         self.names: list[str] = []
         self.units: list[Unit | None] = []
-        layouts = [_layout(component, system) for component in system.components]
+        layouts = [member_layout(component, system) for component in system.components]
         for component, (inputs, outputs, _) in zip(system.components, layouts, strict=True):
             for name in (*inputs, *outputs):
                 self.names.append(f"{component.name}.{name}")
@@ -354,7 +354,7 @@ class Assembly:
         self.members = []
 
 
-def _layout(component: Element, system: System) -> tuple[list[str], list[str], int]:
+def member_layout(component: Element, system: System) -> tuple[list[str], list[str], int]:
     """The inputs and outputs that stand on the bus; the last so many outputs follow the inputs directly."""
     fed = [f"{component.name}.{n}" for n in component.inputs]
     inputs = [n.partition(".")[2] for n in fed if n in system.connections or n in system.undeclared]

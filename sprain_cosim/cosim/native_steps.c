@@ -1,5 +1,6 @@
-/* Communication steps of Gauss-Seidel over the functions of FMI 2 and 3: what native_steps.py describes, and the same
-   operations in the same order as schemes/gauss_seidel.py and assembly.py, so that a record is the same to the bit. */
+/* Communication steps of Gauss-Seidel and Jacobi over the functions of FMI 2 and 3: what native_steps.py describes, and
+   the same operations in the same order as schemes/gauss_seidel.py, schemes/jacobi.py and assembly.py, so that a record
+   is the same to the bit. container.c steps with them as well. */
 
 #include <fenv.h>
 #include <math.h>
@@ -46,6 +47,7 @@ typedef struct {
     int64_t point, member;           /* where it stands */
     int32_t stepped;                 /* the member there has taken its step; its outputs have not been read */
     int32_t status;                  /* of the call that was answered otherwise than by ok or warning */
+    int32_t jacobi;                  /* all step from the same values */
 } Run;
 
 static double seconds(void) {
@@ -118,21 +120,24 @@ static bool all_finite(const double *values, int64_t n) {
     return true;
 }
 
-/* From consistent values at the present point to those at the next. */
-static int one_step(Run *run) {
+/* The member where the run stands takes its step; whoever needs new inputs first has them on the bus. */
+static int advance(Run *run, Member *m, int64_t outputs) {
+    if (!run->stepped) {
+        if (!m->inputs_set && set_inputs(run, m)) return SETTING;
+        if (do_step(run, m)) return STEPPING;
+    }
+    run->stepped = 0;
+    if (get_outputs(run, m, 0, outputs)) return READING;
+    m->inputs_set = 0;
+    return all_finite(run->bus + m->first_output, m->outputs) ? FINISHED : NOT_FINITE;
+}
+
+static int gauss_seidel(Run *run) {
     for (; run->member < run->count; run->member++) {
         Member *m = run->members + run->member;
-        if (!run->stepped) {
-            if (!m->inputs_set) {
-                transfer(run, m);
-                if (set_inputs(run, m)) return SETTING;
-            }
-            if (do_step(run, m)) return STEPPING;
-        }
-        run->stepped = 0;
-        if (get_outputs(run, m, 0, m->fed_back ? m->outputs - m->direct : m->outputs)) return READING;
-        m->inputs_set = 0;
-        if (!all_finite(run->bus + m->first_output, m->outputs)) return NOT_FINITE;
+        if (!run->stepped && !m->inputs_set) transfer(run, m);
+        int outcome = advance(run, m, m->fed_back ? m->outputs - m->direct : m->outputs);
+        if (outcome != FINISHED) return outcome;
     }
     for (run->member = 0; run->member < run->count; run->member++) {
         Member *m = run->members + run->member;
@@ -142,6 +147,22 @@ static int one_step(Run *run) {
         m->inputs_set = 1;
         if (get_outputs(run, m, m->outputs - m->direct, m->outputs)) return READING;
     }
+    return FINISHED;
+}
+
+static int jacobi(Run *run) {
+    for (; run->member < run->count; run->member++) {
+        int outcome = advance(run, run->members + run->member, run->members[run->member].outputs);
+        if (outcome != FINISHED) return outcome;
+    }
+    for (int64_t k = 0; k < run->count; k++) transfer(run, run->members + k);
+    return FINISHED;
+}
+
+/* From consistent values at the present point to those at the next. */
+static int one_step(Run *run) {
+    int outcome = run->jacobi ? jacobi(run) : gauss_seidel(run);
+    if (outcome != FINISHED) return outcome;
     run->member = 0;
     run->point++;
     memcpy(run->rows + run->point * run->slots, run->bus, (size_t)run->slots * sizeof(double));

@@ -2,33 +2,31 @@
 without Python between two calls. Everything else, and whatever goes wrong, is done by the schemes in Python, whose
 record this one equals to the bit.
 
-The common case: Gauss-Seidel, or impedance hand-over with nothing to be found anew along the run; every component an
-FMU of FMI 2 or 3 co-simulation in this process that exchanges double-precision numbers and takes every step at once;
-the record at the points of exchange, without local variables."""
+The common case: Gauss-Seidel, Jacobi, or impedance hand-over with nothing to be found anew along the run; every
+component an FMU of FMI 2 or 3 co-simulation in this process that exchanges double-precision numbers and takes every
+step at once; the record at the points of exchange, without local variables."""
 
 from __future__ import annotations
 
 import ctypes
-import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .. import files
 from ..fmu import fmi_instance
 from ..fmu.fmi_instance import FmiInstance, NativeCalls
-from ..shipped import FMUS, library
+from ..shipped import library
 from .assembly import Assembly, Member
 from .coupling import Coupling
+from .native_libraries import source_digest
 from .recorder import Recorder
 from .schedule import Schedule
 from .schemes.gauss_seidel import GaussSeidel
 from .schemes.impedance import Impedance
+from .schemes.jacobi import Jacobi
 
-SOURCE = Path(__file__).with_suffix(".c")
 NAME = "native_steps"
 SLICE = 0.02  # s of wall time, after which Python looks for signals
 FINISHED, PAUSED, SETTING, STEPPING, READING, NOT_FINITE = range(6)
@@ -50,7 +48,7 @@ class _Run(ctypes.Structure):
     _fields_ = (
         *((name, _POINTER) for name in ("bus", "rows", "time", "step", "members")),
         *((name, _COUNT) for name in ("slots", "count", "points", "point", "member")),
-        *((name, _FLAG) for name in ("stepped", "status")),
+        *((name, _FLAG) for name in ("stepped", "status", "jacobi")),
     )
 
 
@@ -60,38 +58,23 @@ def _take_steps() -> Any:
     path = library(NAME)
     try:
         found = ctypes.CDLL(str(path)) if path is not None else None
-        if found is None or ctypes.c_char_p.in_dll(found, "source").value != _digest().encode():
+        if found is None or ctypes.c_char_p.in_dll(found, "source").value != source_digest(NAME).encode():
             return None
     except (OSError, ValueError):
         return None
     return found.take_steps
 
 
-def _digest() -> str:
-    return hashlib.sha256(SOURCE.read_bytes()).hexdigest()
-
-
-def build_libraries(platforms: Sequence[str] = ()) -> list[tuple[Path, bool]]:
-    """The library for `platforms` (default: those of `fmu.build`) where the package looks for it, compiled where it is
-    not what its source gives: (file, new) of each. Raises EnvironmentProblem where a compiler is needed and missing."""
-    from ..fmu.build.link import PLATFORMS, link_source
-    from ..fmu.build.models import usual_platforms
-
-    digest, found = _digest(), []
-    for platform in platforms or usual_platforms():
-        target = FMUS / f"{NAME}-{platform}{PLATFORMS[platform].ending}"
-        new = not target.is_file() or digest.encode() not in target.read_bytes()
-        if new:
-            files.write(target, link_source(SOURCE, platform, f'-DSOURCE="{digest}"'), parents=True)
-        found.append((target, new))
-    return found
-
-
 class NativeSteps:
     """The steps of one run, whose coupling has started."""
 
     def __init__(
-        self, assembly: Assembly, recorder: Recorder, plan: Schedule, members: list[tuple[Member, NativeCalls]]
+        self,
+        assembly: Assembly,
+        recorder: Recorder,
+        plan: Schedule,
+        members: list[tuple[Member, NativeCalls]],
+        jacobi: bool,
     ) -> None:
         self._assembly, self._recorder, self._plan = assembly, recorder, plan
         self._members = members
@@ -110,13 +93,14 @@ class NativeSteps:
             slots=len(assembly.record),
             count=len(members),
             points=len(plan.step),
+            jacobi=jacobi,
         )
 
     @classmethod
     def of(cls, coupling: Coupling, assembly: Assembly, recorder: Recorder, plan: Schedule) -> NativeSteps | None:
         """None where steps need Python."""
         scheme = coupling.scheme
-        plain = type(scheme) is GaussSeidel or (type(scheme) is Impedance and not scheme.identifies)
+        plain = type(scheme) in (GaussSeidel, Jacobi) or (type(scheme) is Impedance and not scheme.identifies)
         if not plain or assembly.own_rate or not (plan.regular and recorder.plain) or _take_steps() is None:
             return None
         members = []
@@ -125,7 +109,7 @@ class NativeSteps:
             if calls is None:
                 return None
             members.append((member, calls))
-        return cls(assembly, recorder, plan, members)
+        return cls(assembly, recorder, plan, members, type(scheme) is Jacobi)
 
     def points(self) -> Iterator[int]:
         """Takes the steps; gives the number of the point that was reached, now and then and at the end. Raises

@@ -48,7 +48,7 @@ def export_package(scenario: Scenario, out: Path, version: str = "1.0") -> list[
     """Writes a scenario as an SSP package of that version of the standard; returns what other tools must know, one line
     each. Raises InputError for what SSP cannot carry, EnvironmentProblem."""
     system = scenario.system()
-    parts = {name: _part(scenario, name, path) for name, path in scenario.fmus.items()}
+    parts = {name: exported(scenario, name, path) for name, path in scenario.fmus.items()}
     problems, joints, hand_over = list[str](), list[Joint](), list[Joint]()
     for target, source in system.connections.items():
         try:
@@ -71,7 +71,8 @@ def export_package(scenario: Scenario, out: Path, version: str = "1.0") -> list[
     return _notes(parts, hand_over, master.communication_step)
 
 
-def _part(scenario: Scenario, name: str, path: Path) -> Exported:
+def exported(scenario: Scenario, name: str, path: Path) -> Exported:
+    """A component of a scenario as its FMU describes it, with its mapping. Raises InputError."""
     component = Component.read(name, path)
     mapping = load_mapping(scenario.maps[name]) if name in scenario.maps else carried(component)
     if scenario.wiring is not None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sprain_cosim.cosim import native_steps
+from sprain_cosim.cosim import native_libraries
 from sprain_cosim.fmu.build import build_fmu, link
 from sprain_cosim.fmu.build.link import MINGW
 from sprain_cosim.fmu.component import Component
@@ -74,7 +74,7 @@ def test_a_landing_is_that_of_this_machine(hosts: Path, tmp_path_factory: pytest
 
 
 def test_the_master_s_own_library_is_built() -> None:
-    assert link.link_source(native_steps.SOURCE, "win64", '-DSOURCE="none"').startswith(b"MZ")
+    assert link.link_source([native_libraries.FOLDER / "native_steps.c"], "win64", '-DSOURCE="none"').startswith(b"MZ")
 
 
 def test_the_library_is_built_with_the_same_bytes(tmp_path: Path) -> None:

@@ -148,16 +148,18 @@ def _linked(compiled: Compiled, variables: Variables, guid: str, part: str, endi
         return library.read_bytes()
 
 
-def link_source(source: Path, platform: str, *options: str) -> bytes:
-    """The library for `platform` of one C source that needs nothing but C. Raises as `link` does."""
-    place = PLATFORMS[platform]
+def link_source(sources: Sequence[Path], platform: str, *options: str) -> bytes:
+    """The library for `platform` of one C source, the first, that needs nothing but C, the headers of FMI and the
+    others, which it includes. Raises as `link` does."""
+    place, first = PLATFORMS[platform], sources[0]
     with tempfile.TemporaryDirectory() as work:
-        shutil.copyfile(source, Path(work) / source.name)
+        for source in sources:
+            shutil.copyfile(source, Path(work) / source.name)
         found = {}
         for part in place.slices:
-            library = Path(work) / f"{source.stem}{place.ending}"
-            arguments = [*C_OPTIONS, *options, source.name, "-lm"]
-            _run(source.name, library_command(part, library, arguments), Path(work))
+            library = Path(work) / f"{first.stem}{place.ending}"
+            arguments = [*C_OPTIONS, *options, f"-I{headers()}", first.name, "-lm"]
+            _run(first.name, library_command(part, library, arguments), Path(work))
             found[part] = library.read_bytes()
     return joined(found)
 
