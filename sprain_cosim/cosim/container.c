@@ -116,13 +116,20 @@ struct Container {
 
 /* ---- messages */
 
+/* As the form itself, with every % doubled: not every host knows the arguments behind it. */
 static void say(Container *c, fmi2Status status, const char *form, ...) {
-    char text[MESSAGE];
+    char text[MESSAGE], whole[2 * MESSAGE], *out = whole;
     va_list rest;
+    if (!c->logger || (!c->loud && status == fmi2OK)) return;
     va_start(rest, form);
     vsnprintf(text, sizeof text, form, rest);
     va_end(rest);
-    if (c->logger && (c->loud || status != fmi2OK)) c->logger(c->environment, c->name, status, "logAll", "%s", text);
+    for (const char *at = text; *at; at++) {
+        if (*at == '%') *out++ = '%';
+        *out++ = *at;
+    }
+    *out = 0;
+    c->logger(c->environment, c->name, status, "logAll", whole);
 }
 
 #define FAIL(c, ...) (say(c, fmi2Error, __VA_ARGS__), (c)->broken = 1, fmi2Error)

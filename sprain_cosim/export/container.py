@@ -263,7 +263,7 @@ class _Plan:
             guid=guid,
             description=f"{self.scenario.heading}; {self.scheme}, {1e3 * step:g} ms; {fmus}",
             generationTool="sprain-cosim",
-            variableNamingConvention="flat",
+            variableNamingConvention=_naming([v.name for v in self.variables]),
         )
         single = any(part.component.capabilities.single for part in self.parts.values())
         ET.SubElement(
@@ -314,6 +314,13 @@ def _library(component: Component, platform: str) -> str:
     name = f"binaries/{folder}/{component.identifier}{PLATFORMS[platform].ending}"
     with zipfile.ZipFile(component.fmu) as archive:
         return name if name in archive.namelist() else ""
+
+
+def _naming(names: Sequence[str]) -> str:
+    """By FMI's rules; a component's variables stand below its name in a tree where all names allow it."""
+    part = r"[A-Za-z_]\w*(\[\d+(,\d+)*\])?"
+    allowed = re.compile(rf"{part}(\.{part})*", re.ASCII)
+    return "structured" if all(allowed.fullmatch(name) for name in names) else "flat"
 
 
 def _units(root: ET.Element, units: Sequence[Unit | None]) -> None:

@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
+from sprain_cosim.cosim.native_libraries import SOURCES
 from sprain_cosim.fmu.build.link import PLATFORMS
 from sprain_cosim.shipped import shipped_fmus, shipped_scenarios
 
@@ -83,8 +84,9 @@ def test_one_wheel_for_every_machine(wheel: Path) -> None:
     assert {f"sprain_cosim/_fmus/{name}.fmu" for name in shipped_fmus()} <= set(fmus)
     assert {f"sprain_cosim/_scenarios/{name}.toml" for name in shipped_scenarios()} <= names
     libraries = {name for name in names if name.endswith((".so", ".dll", ".dylib", ".pyd"))}
-    assert "sprain_cosim/_fmus/native_steps-linux64.so" in libraries
-    assert {name for name in libraries if not name.startswith("sprain_cosim/_fmus/native_steps-")} == set()
+    own = tuple(f"sprain_cosim/_fmus/{name}-" for name in SOURCES)
+    assert {f"{start}linux64.so" for start in own} <= libraries
+    assert {name for name in libraries if not name.startswith(own)} == set()
     assert not [name for name in names if name.endswith("built.json")]
     assert {name: size for name, size in fmus.items() if size > LARGEST and "mujoco" not in name} == {}
     places = {place for name in fmus for place in platforms(wheel, name)}

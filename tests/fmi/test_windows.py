@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from sprain_cosim.cosim import native_libraries
+from sprain_cosim.export.container import export_container
 from sprain_cosim.fmu.build import build_fmu, link
 from sprain_cosim.fmu.build.link import MINGW
 from sprain_cosim.fmu.component import Component
@@ -38,9 +39,11 @@ def hosts(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def played(host: Path, model: str, output: str, inputs: dict[str, float], folder: Path, cpu: str = "") -> np.ndarray:
+def played(
+    host: Path, model: str, output: str, inputs: dict[str, float], folder: Path, cpu: str = "", fmus: Path = FMUS
+) -> np.ndarray:
     """(STEPS,) the output after each step, of the FMU's library that `host` can load."""
-    component = Component.read(model, FMUS / f"{model}.fmu")
+    component = Component.read(model, fmus / f"{model}.fmu")
     with zipfile.ZipFile(component.fmu) as archive:
         archive.extractall(folder / model)
     windows = host.suffix == ".exe"
@@ -70,6 +73,17 @@ def test_a_landing_is_that_of_this_machine(hosts: Path, tmp_path_factory: pytest
     assert np.degrees(own.max()) == pytest.approx(
         load_scenario("incline30").run().metrics["peak_subtalar_angle_deg"], abs=1e-9
     )
+    assert np.abs(np.degrees(windows - own)).max() < 1e-9
+
+
+def test_a_container_is_that_of_this_machine(hosts: Path, tmp_path: Path) -> None:
+    """Its FMUs and their resources found, loaded and stepped on the other system."""
+    export_container(load_scenario("incline30_mixed"), tmp_path / "incline30_mixed.fmu")
+    own, windows = (
+        played(hosts / name, "incline30_mixed", "plant.subtalar_angle", {}, tmp_path, fmus=tmp_path)
+        for name in ("host", "host.exe")
+    )
+    assert np.degrees(np.ptp(own)) > 20
     assert np.abs(np.degrees(windows - own)).max() < 1e-9
 
 
