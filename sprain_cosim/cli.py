@@ -871,16 +871,33 @@ def _show_spans(spans: Mapping[str, tuple[float, float]]) -> None:
         _show(f"{axis}: {measured_span(low, high)}")
 
 
+def form_options(command: Command) -> Command:
+    """What figures are written as."""
+    for option in reversed(
+        (
+            click.option(
+                "--format",
+                "kinds",
+                default="png,svg",
+                show_default=True,
+                help="Of pdf, svg, png, tiff; several with commas.",
+            ),
+            click.option(
+                "--width", metavar="single|double|CM", help="8.5, 17.8 or so many cm (default: single; 16 on a screen)."
+            ),
+            click.option("--style", type=click.Choice(["journal", "screen"]), default="journal", show_default=True),
+            click.option("--panels", is_flag=True, help="A, B, C on the panels."),
+        )
+    ):
+        command = option(command)
+    return command
+
+
 @cli.command("plot")
 @FOLDERS
-@click.option(
-    "--format", "kinds", default="png,svg", show_default=True, help="Of pdf, svg, png, tiff; several with commas."
-)
-@click.option("--width", metavar="single|double|CM", help="8.5, 17.8 or so many cm (default: single; 16 on a screen).")
-@click.option("--style", type=click.Choice(["journal", "screen"]), default="journal", show_default=True)
+@form_options
 @click.option("--only", metavar="NAME,...", help="These figures alone, such as cdf,tornado.")
 @click.option("--response", metavar="NAME", help="Of studies, in place of the first that their files name.")
-@click.option("--panels", is_flag=True, help="A, B, C on the panels.")
 @out_option("Where figures/ goes (default: the first folder).")
 def plot_command(
     folders: tuple[Path, ...],
@@ -901,6 +918,44 @@ def plot_command(
     if only is not None and not names:
         raise InputError(f"--only {only!r}: name figures, such as cdf,tornado")
     for path in write_figures(read_folders(folders), out or folders[0], chosen, form, names, response):
+        _show(f"written: {path}")
+
+
+@cli.command("paper")
+@click.option("--trials", type=click.IntRange(1), help="Landings of each study, instead of the paper's 1000.")
+@click.option("--workers", type=click.IntRange(1), help="Worker processes (default: one per core).")
+@form_options
+@PROGRESS
+@out_option("Folder of the studies and the figures (default: runs/paper).")
+def paper_command(
+    trials: int | None,
+    workers: int | None,
+    kinds: str,
+    width: str | None,
+    style: str,
+    panels: bool,
+    progress: str,
+    out: Path | None,
+) -> None:
+    """Repeat the paper: its six studies and its search, then its Figures 1C, 4 and 5 with the published figures beside
+    ours. What the folder holds already is continued. Yoder, Petrella & Farrokhi 2021, doi 10.3389/fbioe.2021.765331."""
+    from .figures.gallery import figure_form, figure_kinds
+    from .study.progress import reporter
+    from .validation.paper_figures import repeat_paper, write_paper_figures
+
+    form, chosen = figure_form(width, style == "screen", panels), figure_kinds(kinds)
+    target = out or Path("runs/paper")
+
+    def begin(name: str) -> Any:
+        _show(name, err=True)
+        return reporter(progress)
+
+    try:
+        folders = repeat_paper(target, trials, workers, begin)
+    except (signals.Interrupted, SimulationError):
+        _show(f"{chr(10) if sys.stderr.isatty() else ''}continue with: {_again()}", err=True)
+        raise
+    for path in write_paper_figures(folders, target, chosen, form):
         _show(f"written: {path}")
 
 

@@ -41,6 +41,7 @@ SECTIONS = {  # {group: {subject: {command: what it does, in one line of help}}}
         },
         "This machine": {
             "doctor": "Is this installation sound?",
+            "paper": "The paper's studies and figures again.",
             "validate": "Is it right, and is it the paper's model?",
             "build": "Build the FMUs of a clone.",
         },

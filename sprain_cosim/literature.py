@@ -10,8 +10,21 @@ PASSIVE = {
     "rotation_y": (3.61796125, -10.1612135, 64.5279144),
     "rotation_z": (5.98187224, 15.74951827, 33.6780792),
 }
+POSTURE = ("plant.talocrural_angle_at_contact", "plant.subtalar_angle_at_contact")
 PASSIVE_SOURCE = "DeMers et al. 2017; Yoder et al. 2021"
 BRACES = {"150 % brace": 1.5, "240 % brace": 2.4}  # angle scale f of Yoder et al. 2021
+
+# Importance of the inputs at the levels of the advanced mean value method, as Yoder et al. 2021 found it for study 6:
+# components of a unit vector, from the design points of the authors' runs (5 and 95 %) and from their steps (50 %). The
+# six other inputs have 0 there: the outputs were rounded to 0.1 deg, the steps a tenth of an SD.
+AUTHORS_IMPORTANCE = {
+    level: dict(zip(("plant.drop_height", "controller.coactivation", *POSTURE), values, strict=True))
+    for level, values in {
+        "5": (0.66, -0.47, 0.41, 0.41),
+        "50": (0.76, -0.38, 0.38, 0.38),
+        "95": (0.83, -0.28, 0.34, 0.34),
+    }.items()
+}
 
 # Inversion at which ankles of cadavers failed, mean and standard deviation [deg], from the neutral pose; and the moment
 # that the passive ankle bears about the inversion axis at injury, ends of a range [N·m]. What Yoder et al. 2021 compare

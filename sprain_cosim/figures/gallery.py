@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -33,6 +33,7 @@ from .records import published_records
 from .samples import Sample
 from .selection import (
     FEWEST,
+    Named,
     asking,
     in_reader_units,
     named_folders,
@@ -87,12 +88,13 @@ K = TypeVar("K")
 
 @dataclass(frozen=True)
 class Drawn:
-    """A figure with the name of its file, a title and a caption in words."""
+    """A figure with the name of its file, a title and a caption in words, and what it shows; None: all there is."""
 
     name: str
     title: str
     caption: str
     figure: Figure
+    shown: Sequence[Named] | None = None
 
 
 def landing_picture(result: Result, summary: RunSummary) -> bytes:
@@ -141,7 +143,8 @@ def draw(folders: Sequence[Folder]) -> Iterator[Drawn]:
         "the three body-fixed axes. "
         "For comparison with Figures 1C and 2 of Yoder et al. 2021."
     )
-    yield Drawn("torque_angle", "Torque-angle laws of the paper's ankle and braces", caption, plots.torque_angle())
+    title = "Torque-angle laws of the paper's ankle and braces"
+    yield Drawn("torque_angle", title, caption, plots.torque_angle(), ())
 
 
 def _of_comparison(folder: ComparisonFolder, several: bool) -> Iterator[Drawn]:
@@ -278,23 +281,35 @@ def write_figures(
     if empty and len(empty) == len(named_folders(folders)):
         raise InputError(f"{empty[0].path}: none of its {len(empty[0].trials)} landings completed; nothing to draw")
     folders = asking(folders, response) if response else folders
-    target, written, names, captions = out / "figures", list[Path](), list[str](), list[str]()
+    names: list[str] = []
+
+    def chosen() -> Iterator[Drawn]:
+        for drawn in draw(folders):
+            names.append(drawn.name)
+            if not only or any(is_of_kind(drawn.name, name) for name in only):
+                yield drawn
+
+    with plots.drawn_as(replace(form or plots.Form(), palette=palette_of(folders))):
+        written = write_drawn(chosen(), folders, out / "figures", kinds)
+    for name in only:
+        if not any(is_of_kind(drawn_name, name) for drawn_name in names):
+            needs = next((f"; it needs {what}" for kind, what in NEEDS.items() if is_of_kind(name, kind)), "")
+            raise InputError(f"--only {name}: these folders allow no such figure, but {', '.join(names)}{needs}")
+    return written
+
+
+def write_drawn(figures: Iterable[Drawn], folders: Sequence[Folder], target: Path, kinds: Sequence[str]) -> list[Path]:
+    """Each of the `figures` of these folders as files of the `kinds` in `target`, captions.txt beside them. Raises
+    EnvironmentProblem."""
+    written, captions = list[Path](), list[str]()
     try:
-        with plots.drawn_as(replace(form or plots.Form(), palette=palette_of(folders))):
-            for drawn in draw(folders):
-                names.append(drawn.name)
-                if only and not any(is_of_kind(drawn.name, name) for name in only):
-                    continue
-                target.mkdir(parents=True, exist_ok=True)
-                written += plots.save(drawn.figure, target / drawn.name, kinds)
-                captions.append(_caption(drawn, folders))
+        for drawn in figures:
+            target.mkdir(parents=True, exist_ok=True)
+            written += plots.save(drawn.figure, target / drawn.name, kinds)
+            captions.append(_caption(drawn, folders))
         if captions:
             write(target / CAPTIONS, "\n\n".join(captions) + "\n")
             written.append(target / CAPTIONS)
-        for name in only:
-            if not any(is_of_kind(drawn_name, name) for drawn_name in names):
-                needs = next((f"; it needs {what}" for kind, what in NEEDS.items() if is_of_kind(name, kind)), "")
-                raise InputError(f"--only {name}: these folders allow no such figure, but {', '.join(names)}{needs}")
     except OSError as problem:
         raise EnvironmentProblem(f"{target}: cannot be written: {problem.strerror or problem}") from None
     return written
@@ -308,7 +323,8 @@ def is_of_kind(figure: str, name: str) -> bool:
 def _caption(drawn: Drawn, folders: Sequence[Folder]) -> str:
     """What a journal prints below: what is shown, of how many landings, which intervals, from which versions."""
     counts, versions = list[str](), dict[str, None]()
-    for name, item in named_folders(folders):
+    shown = named_folders(folders) if drawn.shown is None else drawn.shown
+    for name, item in shown:
         if isinstance(item, RunFolder):
             counts.append(f"{name}: one landing")
             versions[f"sprain-cosim {item.summary.version}" if item.summary.version else ""] = None
@@ -316,11 +332,15 @@ def _caption(drawn: Drawn, folders: Sequence[Folder]) -> str:
             failed = f", {item.summary.n_failed} failed" if item.summary.n_failed else ""
             counts.append(f"{name}: n = {item.summary.n_completed}{failed} ({item.summary.method})")
             versions[", ".join(f"{k} {v}" for k, v in item.manifest.versions.items())] = None
-    text = f"{drawn.name}. {drawn.title}. {drawn.caption} {'; '.join(counts)}. Intervals are 95 % where shown."
     made = " | ".join(v for v in versions if v)
-    return f"{text} {pose_note(named_folders(folders))}{f' Computed with {made}.' if made else ''} Drawn with " + (
-        f"sprain-cosim {__version__}."
+    parts = (
+        f"{drawn.name}. {drawn.title}. {drawn.caption}",
+        f"{'; '.join(counts)}. Intervals are 95 % where shown." if counts else "",
+        pose_note(shown),
+        f"Computed with {made}." if made else "",
+        f"Drawn with sprain-cosim {__version__}.",
     )
+    return " ".join(part for part in parts if part)
 
 
 def _end(study: StudyFolder, of: int) -> str:
@@ -416,7 +436,7 @@ def _questions(studies: Studies) -> Iterator[Drawn]:
             "threshold stand apart: more landings narrow the first alone, more specimens the second alone."
         )
         drawn = plots.questions(answers, curves, pose_note([(name, study)]))
-        yield Drawn(f"questions{_end(study, len(asked))}", f"How likely: {name}", caption, drawn)
+        yield Drawn(f"questions{_end(study, len(asked))}", f"How likely: {name}", caption, drawn, [(name, study)])
 
 
 def _designs(studies: Studies) -> Iterator[Drawn]:
@@ -506,7 +526,7 @@ def _tornado(name: str, study: StudyFolder, end: str) -> Drawn:
         study.published_peak.get("pearson", {}),
         pose_note([(name, study)]),
     )
-    return Drawn(f"tornado{end}", f"Sensitivities: {name}", caption, drawn)
+    return Drawn(f"tornado{end}", f"Sensitivities: {name}", caption, drawn, [(name, study)])
 
 
 def _pairs(studies: Studies) -> Iterator[Drawn]:
@@ -528,7 +548,8 @@ def _pairs(studies: Studies) -> Iterator[Drawn]:
         )
         note = f"{shorten(name, 60)}: n = {n}. {pose_note([(name, study)])}"
         drawn = plots.pairs([*chosen, response], independent, note)
-        yield Drawn(f"pairs{_end(study, len(found))}", f"Inputs and response: {name}", caption, drawn)
+        title = f"Inputs and response: {name}"
+        yield Drawn(f"pairs{_end(study, len(found))}", title, caption, drawn, [(name, study)])
 
 
 def _columns(study: StudyFolder) -> list[Column]:
@@ -573,11 +594,11 @@ def _searches(
             "Levels of the response found with few landings, on the distribution of the Monte Carlo study if "
             "there is one; which input leads to each."
         )
-        drawn = plots.level_search(samples[name], _importance(amv), response_label(study.response), beside, note)
+        drawn = plots.level_search(samples[name], importance_of(amv), response_label(study.response), beside, note)
         yield Drawn(f"amv{_end(study, len(searches))}", name, caption, drawn)
 
 
-def _importance(amv: LevelSearch) -> dict[str, dict[str, float]]:
+def importance_of(amv: LevelSearch) -> dict[str, dict[str, float]]:
     """{level: {parameter: its part}}."""
     return {
         level: {name: value for name, value in found.importance.items() if value is not None}

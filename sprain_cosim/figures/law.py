@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..literature import BRACES, PASSIVE, PASSIVE_SOURCE
 from .style import FAINT, GREEN, LINES, SERIES, legend_above, legend_line, sheet, small, styled
 
+SPAN = 35.0  # degrees to each side
 AXES = {
     "rotation_x": "X [N·m], + inversion (sole inward)",
     "rotation_y": "Y [N·m], + internal rotation (toes inward)",
@@ -28,7 +29,7 @@ def resisting(axis: str, angle: NDArray[np.float64], angle_scale: float = 1.0) -
 
 
 @styled
-def torque_angle(braces: Mapping[str, float] = BRACES, span: float = 35.0) -> Figure:
+def torque_angle(braces: Mapping[str, float] = BRACES, span: float = SPAN) -> Figure:
     """Resisting torque of the ankle and of `braces` {name: angle scale f} over -span ... span [deg], a panel for each
     Euler axis."""
     note = (

@@ -38,6 +38,15 @@ def published_records(study: StudyFolder) -> Pair | None:
     return None
 
 
+def authors_peaks(number: int) -> NDArray[np.float64] | None:
+    """Peaks [deg] of the authors' own trials of that study, as many as are at hand; None where there are none."""
+    import pandas as pd
+
+    place = os.environ.get(REFERENCE)
+    path = Path(place or "") / "paper" / f"study{number}_trials.csv"
+    return pd.read_csv(path)["peak_subtalar_deg"].to_numpy(float) if place and path.is_file() else None
+
+
 def _alike(done: pd.DataFrame, records: pd.DataFrame, study: StudyFolder) -> bool:
     """The same inputs, and a device, co-activation and reflex where the records have them: studies 3 and 4 share their
     other inputs."""

@@ -65,6 +65,18 @@ class Sample:
     sensitivity: Mapping[str, Interval] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class Authors:
+    """What Yoder et al. 2021 found by the advanced mean value method and by Monte Carlo.
+
+    - sampled: {level in %: (value, low, high)} of their Monte Carlo trials
+    - importance: {level: {parameter: component}}
+    """
+
+    sampled: Mapping[float, Interval] = field(default_factory=dict)
+    importance: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+
 @styled
 def cdf(samples: Sequence[Sample], quantity: str, note: str = "") -> Figure:
     """Distribution functions of `quantity` ("peak subtalar angle [deg], + supination") laid over each other, as Figure
@@ -75,10 +87,10 @@ def cdf(samples: Sequence[Sample], quantity: str, note: str = "") -> Figure:
         step_curve(axis, sample, look, len(samples) <= 2)
         entries.append((look.key(), sample.title))
         for level, value in sample.published.items():
-            _circle(axis, value, level / 100, 5)
-    _probability_axis(axis, quantity)
+            published_circle(axis, value, level / 100, 5)
+    probability_axis(axis, quantity)
     if any(s.published for s in samples):
-        entries.append((_circle_key(5), "published 5, 50, 95 % (Yoder et al. 2021)"))
+        entries.append((published_key(5), "published 5, 50, 95 % (Yoder et al. 2021)"))
     if len(samples) <= 2 and any(s.low is not None for s in samples):
         entries.append((legend_line(FAINT, linewidth=5, alpha=0.5), "95 % bounds (Clopper-Pearson)"))
     legend_above(figure, entries)
@@ -92,6 +104,7 @@ def level_search(
     quantity: str,
     sample: Sample | None = None,
     note: str = "",
+    theirs: Authors | None = None,
 ) -> Figure:
     """The advanced mean value method over Monte Carlo, as Figure 5 of Yoder et al. 2021.
 
@@ -100,41 +113,57 @@ def level_search(
     - search: its `percentiles` are the levels of the method
     - importance: {level: {parameter: component of the unit vector}}, + where more of the parameter raises the response
     - sample: Monte Carlo trials of the same study
+    - theirs: what the paper's authors found
     """
     names = sorted(
         {n for row in importance.values() for n in row},
         key=lambda n: max(abs(row.get(n, 0.0)) for row in importance.values()),
     )
     figure, (top, below) = sheet([4.6, 1.2 + 0.58 * len(names)], note)
-    entries = _draw_levels(top, search, sample)
-    _probability_axis(top, quantity, True)
+    entries = _draw_levels(top, search, sample, theirs)
+    probability_axis(top, quantity, True)
     if sample is None:
         values = [v for v, _, _ in search.percentiles.values()] + list(search.published.values())
         width = max(values) - min(values) or 1.0
         top.set_xlim(min(values) - 0.3 * width, max(values) + 0.4 * width)
-    entries += _draw_importance(below, importance, names)
+    entries += _draw_importance(below, importance, names, theirs)
     legend_above(figure, entries)
     return figure
 
 
-def _draw_levels(axis: Axes, search: Sample, sample: Sample | None) -> Entries:
+def _draw_levels(axis: Axes, search: Sample, sample: Sample | None, theirs: Authors | None) -> Entries:
     entries: Entries = []
     if sample is not None and len(sample.values):
         step_curve(axis, sample, Look(FAINT, "-", ""), True)
         entries.append((legend_line(FAINT, linewidth=2), f"Monte Carlo, {len(sample.values)} landings, 95 % bounds"))
-    beside: Any = dict(textcoords="offset points", fontsize=small(), color=letters(VERMILION), va="center", ha="right")
+    for level, (value, low, high) in ({} if theirs is None else theirs.sampled).items():
+        axis.plot([low, high], [level / 100] * 2, color=INK, linewidth=0.9, marker="|", markersize=4, zorder=4)
+        axis.plot(value, level / 100, "s", markersize=4, markerfacecolor="white", markeredgecolor=INK, zorder=4)
+    beside: Any = dict(textcoords="offset points", fontsize=small(), color=letters(VERMILION), va="center")
     for level, (value, _, _) in search.percentiles.items():
         axis.plot(value, level / 100, "D", color=VERMILION, markersize=5, zorder=5)
-        axis.annotate(f"{value:.1f}", (value, level / 100), (-7, 0), **beside)
+        right = search.published.get(level, value) < value  # away from the published level
+        beside |= dict(ha="left" if right else "right")
+        if theirs is None:
+            axis.annotate(f"{value:.1f}", (value, level / 100), (7 if right else -7, 0), **beside)
     for level, value in search.published.items():
-        _circle(axis, value, level / 100, 6.5, zorder=6)
-    entries.append((legend_line(VERMILION, "none", marker="D"), search.title))
+        published_circle(axis, value, level / 100, 6.5, zorder=6)
+    numbers = ["", ""]
+    if theirs is not None:
+        known = ([v for v, _, _ in search.percentiles.values()], search.published.values())
+        numbers = [": " + " / ".join(f"{v:.1f}" for v in values) for values in known]
+    entries.append((legend_line(VERMILION, "none", marker="D"), f"{search.title}{numbers[0]}"))
     if search.published:
-        entries.append((_circle_key(6), "published (Yoder et al. 2021)"))
+        entries.append((published_key(6), f"published (Yoder et al. 2021){numbers[1]}"))
+    if theirs is not None and theirs.sampled:
+        key: Any = dict(marker="s", markersize=4, markerfacecolor="white", linewidth=0.9)
+        entries.append((legend_line(INK, **key), "published Monte Carlo levels, 95 % of 1000 trials"))
     return entries
 
 
-def _draw_importance(axis: Axes, importance: Mapping[str, Mapping[str, float]], names: Sequence[str]) -> Entries:
+def _draw_importance(
+    axis: Axes, importance: Mapping[str, Mapping[str, float]], names: Sequence[str], theirs: Authors | None
+) -> Entries:
     entries: Entries = []
     height = 0.8 / max(len(importance), 1)
     colours = (SKY, BLUE, PURPLE, *SERIES)
@@ -144,6 +173,12 @@ def _draw_importance(axis: Axes, importance: Mapping[str, Mapping[str, float]], 
         places = np.arange(len(names)) + 0.4 - height * (j + 0.5)
         axis.barh(places, [row.get(n, 0.0) for n in names], height, **look)
         entries.append((Rectangle((0, 0), 1, 1, **look), f"importance at the {name} % level"))
+        for place, parameter in zip(places, names, strict=True):
+            known = {} if theirs is None else theirs.importance.get(name, {})
+            if parameter in known:
+                published_circle(axis, known[parameter], float(place), 3.0, "white")
+    if theirs is not None and theirs.importance:
+        entries.append((published_key(3.0, "white"), "published, from the authors' design points"))
     _names(axis, names)
     axis.set_xlim(-1, 1)
     axis.set_xlabel("importance (unit vector),\n+ raises the response")
@@ -182,8 +217,8 @@ def tornado(
     entries: Entries = []
     for name, r in (published or {}).items():
         if name in names:
-            _circle(axes[0], r, names.index(name), 4.5, "white")
-            entries = [(_circle_key(4.5, "white"), "published r (Yoder et al. 2021, Table 2)")]
+            published_circle(axes[0], r, names.index(name), 4.5, "white")
+            entries = [(published_key(4.5, "white"), "published r (Yoder et al. 2021, Table 2)")]
     legend_above(figure, [(legend_line(INK, "none"), text) for text in (title, quantity)] + entries)
     return figure
 
@@ -200,7 +235,7 @@ def percentiles(samples: Sequence[Sample], quantity: str, note: str = "") -> Fig
             axis.plot([low, high], [k, k], color=color, linewidth=4.5, alpha=0.4, solid_capstyle="butt")
             axis.plot(value, k, "|", color=color, markersize=8, markeredgewidth=1.4)
         for value in sample.published.values():
-            _circle(axis, value, k, 4.5)
+            published_circle(axis, value, k, 4.5)
         axis.text(
             0, k - 0.24, shorten(sample.title, 44), fontsize=small(), transform=axis.get_yaxis_transform(), va="bottom"
         )
@@ -231,15 +266,15 @@ def poses(pairs: Sequence[tuple[str, Sample]], quantity: str, note: str = "") ->
         title = sample.title if pose in sample.title else f"{pose} pose · {sample.title}"
         entries.append((look.key(marker=look.dot, markersize=4), title))
         for level, value in sample.published.items():
-            _circle(axes[0], value, level / 100, 5)
+            published_circle(axes[0], value, level / 100, 5)
         for k, name in enumerate(names):
             value, low, high = sample.sensitivity[name]
             place = k + 0.18 * (len(pairs) - 1) - 0.36 * j
             axes[1].plot([low, high], [place, place], color=look.colour, linewidth=1.0)
             axes[1].plot(value, place, look.dot, color=look.colour, markersize=4)
-    _probability_axis(axes[0], quantity, bool(names))
+    probability_axis(axes[0], quantity, bool(names))
     if any(s.published for _, s in pairs):
-        entries.append((_circle_key(5), "published 5, 50, 95 % (Yoder et al. 2021)"))
+        entries.append((published_key(5), "published 5, 50, 95 % (Yoder et al. 2021)"))
     if names:
         _names(axes[1], names)
         axes[1].set_xlabel("Pearson's r, 95 % interval,\n+ raises the response")
@@ -316,17 +351,17 @@ def drawn_ranks(n: int) -> NDArray[np.int64]:
     return np.arange(n) if n <= MOST_DRAWN else np.linspace(0, n - 1, MOST_DRAWN).round().astype(np.int64)
 
 
-def _circle(axis: Axes, x: float, y: float, size: float, face: str = "none", zorder: int = 5) -> None:
+def published_circle(axis: Axes, x: float, y: float, size: float, face: str = "none", zorder: int = 5) -> None:
     """A published value."""
     edge: Any = dict(markerfacecolor=face, markeredgecolor=INK, markeredgewidth=0.9)
     axis.plot(x, y, "o", markersize=size, zorder=zorder, **edge)
 
 
-def _circle_key(size: float, face: str = "none") -> Any:
+def published_key(size: float, face: str = "none") -> Any:
     return legend_line(INK, "none", marker="o", markersize=size, markerfacecolor=face)
 
 
-def _probability_axis(axis: Axes, quantity: str, narrow: bool = False) -> None:
+def probability_axis(axis: Axes, quantity: str, narrow: bool = False) -> None:
     axis.set_ylim(-0.02, 1.02)
     axis.set_yticks([0.05, 0.25, 0.5, 0.75, 0.95], ["5 %", "25 %", "50 %", "75 %", "95 %"])
     axis.grid()

@@ -228,6 +228,7 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
             figure = draw(*args, **kwargs)
             if FORM.get().panels and figure.get_label() != MATRIX:
                 _letter_panels(figure)
+            _grow_marks(figure)
             for text in figure.findobj(Text):
                 assert isinstance(text, Text)
                 if (shown := visible(text.get_text())) != text.get_text():
@@ -242,6 +243,18 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
         return figure
 
     return inside
+
+
+def _grow_marks(figure: Figure) -> None:
+    """Marks and lines whose size a figure states itself, where letters are larger than a journal's."""
+    scale, usual = FORM.get().scale, _style()
+    handles = [handle for legend in figure.legends for handle in legend.legend_handles]
+    for line in [*(line for axis in figure.axes for line in axis.lines), *handles] if scale != 1.0 else ():
+        if isinstance(line, Line2D):
+            if line.get_markersize() != usual["lines.markersize"]:
+                line.set_markersize(scale * line.get_markersize())
+            if line.get_linewidth() != usual["lines.linewidth"]:
+                line.set_linewidth(scale * line.get_linewidth())
 
 
 def _letter_panels(figure: Figure) -> None:

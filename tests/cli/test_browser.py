@@ -29,7 +29,7 @@ pytestmark = pytest.mark.skipif(
 LOOK = """<!doctype html><body style="margin:0"><iframe src="r.html" style="width:%dpx;height:3000px;border:0"></iframe><pre id="found"></pre><script>
 const frame = document.querySelector("iframe");
 frame.onload = () => setTimeout(() => {
-  const page = frame.contentDocument, box = page.querySelector(".explore svg"), at = box.getBoundingClientRect(), out = {};
+  const page = frame.contentDocument, box = page.querySelector(".explore svg[role=img]"), at = box.getBoundingClientRect(), out = {};
   box.dispatchEvent(new frame.contentWindow.PointerEvent("pointermove", {clientX: at.left + 0.6 * at.width, clientY: at.top + 50, bubbles: true}));
   out.readout = page.querySelector(".readout").textContent;
   out.series = page.querySelectorAll(".explore path.series").length;
@@ -65,7 +65,7 @@ frame.onload = () => setTimeout(() => {
     pixels.drawImage(views[0], 0, 0, 300, 150);
     out.colours = new Set(Array.from(new Uint32Array(pixels.getImageData(0, 0, 300, 150).data.buffer))).size;
     out.small = [...page.querySelectorAll("button, select, .stage input")].filter((e) => e.getBoundingClientRect().right > frame.clientWidth).length;
-    out.reached = [...page.querySelectorAll("canvas, .explore svg, .figures figure")].every((e) => e.tabIndex === 0);
+    out.reached = [...page.querySelectorAll("canvas, .explore svg[role=img], .figures figure")].every((e) => e.tabIndex === 0);
     out.cells = [...page.querySelectorAll("td")].filter((e) => e.textContent.trim() && e.getBoundingClientRect().right > frame.clientWidth + 1 && !e.closest("details:not([open])")).length;
     document.getElementById("found").textContent = JSON.stringify(out);
   })();

@@ -20,9 +20,10 @@ from sprain_cosim.cosim.result import Result
 from sprain_cosim.figures import Sample
 from sprain_cosim.figures.law import resisting
 from sprain_cosim.figures.pairs import strongest
-from sprain_cosim.figures.samples import drawn_ranks
+from sprain_cosim.figures.paper import LAWS, Repeated, figure_1c, figure_4, signed_gap
+from sprain_cosim.figures.samples import Authors, drawn_ranks
 from sprain_cosim.figures.style import palette
-from sprain_cosim.literature import BRACES, LI_SAFE, LI_SPRAIN, LI_SPRAIN_VELOCITY, PASSIVE
+from sprain_cosim.literature import AUTHORS_IMPORTANCE, BRACES, LI_SAFE, LI_SPRAIN, LI_SPRAIN_VELOCITY, PASSIVE
 
 TIME = np.linspace(0, 0.15, 61)
 NAMES = (
@@ -61,6 +62,7 @@ def columns(n: int = 60) -> list[plots.Column]:
 
 BRACES_DRAWN = {f"brace {k} of a vendor": plots.Difference(-5.0 - k, (-6.3 - k, -4.0 - k)) for k in range(5)}
 DOUBTFUL = {name: plots.Difference(-0.05, (-0.08, -0.02), (-0.4, -0.01)) for name in BRACES_DRAWN}
+ANGLES = np.radians(np.linspace(-35, 35, 29))
 QUANTITY = "peak subtalar angle [deg], + supination"
 NOTE = "Initial pose: touching."
 R = sample(1).sensitivity
@@ -120,6 +122,27 @@ FIGURES: dict[str, Callable[[], Figure]] = {
         NOTE,
     ),
     "torque_angle": plots.torque_angle,
+    "figure_1c": lambda: figure_1c(
+        {
+            name: {axis: (ANGLES, resisting(axis, ANGLES, scale) + 1.0) for axis in PASSIVE}
+            for name, scale in LAWS.items()
+        },
+        "No landing, no initial pose.",
+    ),
+    "figure_4": lambda: figure_4(
+        [Repeated(k, sample(k, f"Study {k}: 30° slope, 150 % brace, co-activation 20 %")) for k in range(1, 6)]
+        + [Repeated(6, sample(6), np.random.default_rng(1).normal(30, 3, 40))],
+        QUANTITY,
+        NOTE,
+    ),
+    "figure_5": lambda: plots.level_search(
+        sample(1),
+        AUTHORS_IMPORTANCE,
+        QUANTITY,
+        sample(2),
+        NOTE,
+        Authors({50.0: (29.7, 29.3, 29.8)}, AUTHORS_IMPORTANCE),
+    ),
 }
 
 
@@ -231,6 +254,42 @@ def test_the_pairs_of_a_sample_and_their_rank_correlations() -> None:
     many = plots.pairs(columns(4001), True).axes[12].lines[0]
     assert len(many.get_xdata()) <= 2000
     assert many.get_rasterized()
+
+
+def test_published_points_stand_beside_ours() -> None:
+    """Figure 1C: the law at every 5 degrees, not what was measured. Figure 4: levels, and how far ours are off."""
+    circles = [
+        tuple(np.asarray(line.get_xydata())[0])
+        for line in FIGURES["figure_1c"]().axes[0].lines
+        if line.get_marker() == "o"
+    ]
+    at_5 = np.radians(np.arange(-35.0, 36.0, 5.0))
+    assert len(circles) == sum((np.abs(resisting("rotation_x", at_5, scale)) < 60).sum() for scale in LAWS.values())
+    for degrees, torque in circles[:15]:
+        assert torque == pytest.approx(resisting("rotation_x", np.radians(degrees)))
+    one = sample(4)
+    figure = figure_4([Repeated(4, one)], QUANTITY)
+    at = [tuple(np.asarray(line.get_xydata())[0]) for line in figure.axes[0].lines if len(line.get_xdata()) == 1]
+    assert at == [(23.2, 0.05), (29.7, 0.5)]
+    low, middle = (one.percentiles[p][0] - one.published[p] for p in (5.0, 50.0))
+    words = f"({low:+.1f},\u00a0{middle:+.1f}°)".replace("-", "−")
+    assert figure.legends[0].get_texts()[0].get_text().replace("\n", " ").endswith(words)
+    assert [signed_gap(v, 1) for v in (-0.04, 0.04, -0.06)] == ["+0.0", "+0.0", "−0.1"]
+    assert Repeated(1, sample(1)).agreeing == sum(28.0 <= p <= 32.0 for p in (23.2, 29.7))
+
+
+def test_the_authors_importance_is_a_unit_vector_from_their_design_points() -> None:
+    """Inputs of the 5 and 95 % runs of their search in standard scores over the level's, its sign that of the level."""
+    for level, drop, tone, talocrural, subtalar in (("5", 0.247, 0.235, -37.4, -3.4), ("95", 0.371, 0.173, -31.2, 2.8)):
+        scores = []
+        for x, mean, sd in ((drop, 0.30, 0.05), (tone, 0.20, 0.05)):
+            zeta = np.sqrt(np.log1p((sd / mean) ** 2))
+            scores.append((np.log(x / mean) + zeta**2 / 2) / zeta)
+        scores += [(talocrural + 34) / 5, subtalar / 5]
+        beta = stats.norm.ppf(float(level) / 100)
+        np.testing.assert_allclose(list(AUTHORS_IMPORTANCE[level].values()), np.array(scores) / beta * 1.0, atol=0.006)
+    for row in AUTHORS_IMPORTANCE.values():
+        assert sum(v**2 for v in row.values()) == pytest.approx(1.0, abs=0.012)
 
 
 def test_the_strongest_inputs_are_kept() -> None:
