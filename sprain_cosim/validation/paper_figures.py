@@ -26,8 +26,8 @@ from ..folders.read import read_folders
 from ..folders.study import PEAK, StudyFolder
 from ..literature import AUTHORS_IMPORTANCE, PASSIVE
 from ..shipped import fmu_path
-from ..study.dispatch import Progress
 from ..study.file import load_study
+from ..study.progress import Progress
 
 STUDIES, SEARCH = tuple(f"study{n}" for n in range(1, 7)), "amv6"
 FEWEST = 20  # landings of a study, for its 5 and 95 % levels
