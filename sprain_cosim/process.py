@@ -49,6 +49,7 @@ from .sandbox.watch import Watch
 HEADER = struct.Struct("<IqQI")  # length, trial, number, process; a checksum of these and the content follows
 CHECKSUM = struct.Struct("<I")
 FRAME_LIMIT = 1 << 26  # B, longer replies are not ours
+AT_ONCE = 1 << 16  # B, read of a line
 TAIL = 1 << 14  # B, of what a child printed: kept by size, for a child may print in many small pieces
 NO_TRIAL = -1
 FACTOR, LEAST = 20.0, 10.0  # a learned limit of wall time: times the median, s
@@ -181,6 +182,7 @@ class Line:
     def __init__(self, source: int, sink: int) -> None:
         """`source`, `sink`: descriptors to read from and to write to."""
         self._source, self._sink = SYSTEM.pipe(source), sink
+        self._ahead = bytearray()  # read already
 
     def send(self, frame: Frame) -> None:
         """In the name of this process. Raises OSError when the other end is closed."""
@@ -207,13 +209,14 @@ class Line:
         self._source.close()
 
     def _read(self, count: int, deadline: float) -> bytes:
-        data = b""
-        while len(data) < count:
+        while (lacking := count - len(self._ahead)) > 0:
             left = deadline - monotonic() if deadline < math.inf else math.inf
-            piece = self._source.read(count - len(data), left)
+            piece = self._source.read(max(lacking, AT_ONCE), left)
             if not piece:
                 raise EOFError
-            data += piece
+            self._ahead += piece
+        data = bytes(self._ahead[:count])
+        del self._ahead[:count]
         return data
 
 
@@ -456,7 +459,7 @@ def tell_parent(text: str) -> None:
 
 
 def resident() -> int:
-    """Resident memory of this process [B]; 0 where the system does not say."""
+    """The most resident memory that this process has had [B]; 0 where the system does not say."""
     return SYSTEM.resident()
 
 

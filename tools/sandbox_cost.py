@@ -17,7 +17,8 @@ import sys
 import tempfile
 import time
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -25,8 +26,10 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from sprain_cosim import fork_server
-from sprain_cosim.scenario import Scenario, Session, load_scenario
+from sprain_cosim.process import Child
+from sprain_cosim.scenario import Scenario, load_scenario
 from sprain_cosim.shipped import FMUS
+from sprain_cosim.study import worker as study_worker
 from sprain_cosim.study.worker import Worker, made_again
 
 NAME = "plant.drop_height"
@@ -61,40 +64,46 @@ def stat_fields(process: int) -> list[str]:
     return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
 
 
-def study_costs(scenario: Scenario, landings: int, turns: int) -> None:
-    """Of values whose trial a study does not make once more at half its step, which is no cost of isolation."""
+def landed(worker: Worker, values: Sequence[float]) -> dict[float, Mapping[str, float]]:
+    """The metrics of a trial with each of the values, by the way that a study takes."""
+    outcomes = chain.from_iterable(worker.run_all([([value], False) for value in values]))
+    return {value: outcome.metrics for value, outcome in zip(values, outcomes, strict=True)}
+
+
+def study_costs(scenario: Scenario, landings: int, turns: int, processes: int) -> None:
+    """Of values whose trial a study does not make once more at half its step, which is no cost of isolation. The
+    landing alone is measured in the same process: another one is faster or slower by some percent for as long as it
+    lives, by where its memory lies."""
     several = np.linspace(0.25, 0.35, 2 * landings).tolist()
     x = [value for value in several if not made_again([value])][:landings]
-    shares = []
-    with (
-        scenario.open(in_process=True) as session,
-        Worker(scenario.unconfined(), (NAME,)) as bare,
-        Worker(scenario, (NAME,)) as confined,
-    ):
-        assert isinstance(session, Session)
-        workers = {"a process of its own": bare, "and the sandbox": confined}
-        for worker in workers.values():
-            worker.run([0.3])
-        for _ in range(turns):
-            began, metrics = time.thread_time(), {}
-            for value in x:
-                metrics[value] = session.run({NAME: float(value)}, judged=False).metrics  # as workers do
-            times = [time.thread_time() - began]
-            for worker in workers.values():
-                assert worker._child is not None
-                child = worker._child._process.pid
-                here, there = time.thread_time(), spent(child)
-                outcomes = {value: dict(worker.run([float(value)]).metrics) for value in x}
-                times.append(time.thread_time() - here + spent(child) - there)
-                assert outcomes == metrics, "other numbers"
-            shares.append(times)
-    by_turn = np.array(shares)
-    base, process, sandbox = by_turn.min(axis=0) / landings
-    print(f"landing in a study          {1e3 * base:8.2f} ms of processor time in this process")
-    for k, (name, value) in enumerate((("in a process of its own", process), ("and in the sandbox", sandbox)), 1):
-        share = np.median(by_turn[:, k] / by_turn[:, k - 1] - 1)
-        print(f"  {name:26}{1e3 * value:8.2f} ms  {100 * share:+.1f} % against the line above")
+    study_worker.Child = lambda _, limits: Child("tools.sandbox_child", limits)  # type: ignore[misc, assignment]
+    with scenario.open(in_process=True) as session:
+        metrics = {value: session.run({NAME: value}, judged=False).metrics for value in x}
+    for name, chosen in (("a process of its own", scenario.unconfined()), ("and the sandbox", scenario)):
+        found = []
+        for _ in range(processes):
+            with Worker(chosen, (NAME,)) as worker:
+                landed(worker, [0.3] * 10)
+                found.append(np.median([_turn(worker, x, metrics) for _ in range(turns)], axis=0) / landings)
+        alone, driver, child = np.median(found, axis=0)
+        share = np.median([(d + c) / a - 1 for a, d, c in found])
+        print(
+            f"{name:22}{1e3 * (child + driver):6.2f} ms a landing, of which {1e3 * driver:.2f} ms in the driver; alone "
+            f"{1e3 * alone:.2f} ms: {100 * share:+.1f} %"
+        )
     print("numbers equal to the bit: yes")
+
+
+def _turn(worker: Worker, x: Sequence[float], metrics: Mapping[float, object]) -> tuple[float, float, float]:
+    """[s] of processor time: the landings alone, the driver, the child."""
+    assert worker._child is not None
+    process = worker._child._process.pid
+    alone = worker._child.call("alone", x, limit=60.0)
+    here, there = time.thread_time(), spent(process)
+    outcomes = landed(worker, x)
+    here, there = time.thread_time() - here, spent(process) - there
+    assert outcomes == metrics, "other numbers"
+    return alone, here, there
 
 
 def run_costs(scenario: Scenario, turns: int, runs: int = 10) -> None:
@@ -123,11 +132,12 @@ def main() -> None:
     arguments = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     arguments.add_argument("--landings", type=int, default=20)
     arguments.add_argument("--turns", type=int, default=15)
+    arguments.add_argument("--processes", type=int, default=8)
     chosen = arguments.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         scenario = load_scenario("incline30_brace").replace_fmu("brace", foreign(Path(scratch)))
         print(f"isolation: {scenario.isolation().kind}")
-        study_costs(scenario, chosen.landings, chosen.turns)
+        study_costs(scenario, chosen.landings, chosen.turns, chosen.processes)
         run_costs(scenario, chosen.turns)
 
 

@@ -84,7 +84,7 @@ class OperatingSystem(Protocol):
         """From here on; then this process is ended."""
 
     def resident(self) -> int:
-        """Memory of this process [B]; 0 where the system does not say."""
+        """The most memory that this process has had [B]; 0 where the system does not say."""
 
     def cores(self) -> int:
         """That this process may use."""

@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -65,11 +66,9 @@ class Posix:
         return name
 
     def confine(self, memory: int) -> None:
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        _resource().setrlimit(_resource().RLIMIT_CORE, (0, 0))
         with contextlib.suppress(ValueError, OSError):
-            resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+            _resource().setrlimit(_resource().RLIMIT_AS, (memory, memory))
 
     def die_with(self, parent: int) -> None:
         if sys.platform == "linux":
@@ -83,19 +82,14 @@ class Posix:
         pass  # a fault is a signal
 
     def allow_processor_time(self, seconds: float) -> None:
-        import resource
-
-        used = sum(os.times()[:2])
+        used, limit = sum(os.times()[:2]), _resource().RLIMIT_CPU
         with contextlib.suppress(ValueError, OSError):
-            hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
-            resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(used + seconds), hard))
+            hard = _resource().getrlimit(limit)[1]
+            _resource().setrlimit(limit, (math.ceil(used + seconds), hard))
 
     def resident(self) -> int:
-        try:
-            with open("/proc/self/statm", "rb") as file:
-                return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-        except OSError:
-            return 0
+        most = int(_resource().getrusage(_resource().RUSAGE_SELF).ru_maxrss)
+        return most if sys.platform == "darwin" else 1024 * most
 
     def cores(self) -> int:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -126,6 +120,13 @@ class Posix:
 
     def caches(self) -> Path:
         return Path.home() / ".cache"
+
+
+@cache
+def _resource() -> Any:
+    import resource
+
+    return resource
 
 
 class _Pipe:

@@ -209,7 +209,7 @@ class Windows:
     def resident(self) -> int:
         found = _Memory(size=ctypes.sizeof(_Memory))
         own = self._kernel.GetCurrentProcess()
-        return int(found.set) if self._kernel.K32GetProcessMemoryInfo(own, ctypes.byref(found), found.size) else 0
+        return int(found.peak_set) if self._kernel.K32GetProcessMemoryInfo(own, ctypes.byref(found), found.size) else 0
 
     def cores(self) -> int:
         return os.cpu_count() or 1

@@ -134,15 +134,9 @@ def _handlers(subject: tuple[Scenario, System]) -> Iterator[Handlers]:
     """The child: runs the scenario."""
     scenario, system = subject
 
-    def run(parameters: dict[str, float]) -> Result:
-        surroundings = Surroundings()
-        try:
-            return session.run(parameters)
-        finally:
-            surroundings.restore()
-
     with scenario.open(in_process=True, system=system) as session:
-        yield {**served(run), "halved": session.at_half_the_step}
+        put_back = Surroundings().after
+        yield {**served(put_back(session.run)), "halved": put_back(session.at_half_the_step)}
 
 
 if __name__ == "__main__":

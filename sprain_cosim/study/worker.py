@@ -6,7 +6,11 @@
 
 A child that crashes or overruns its time is killed with its whole process group and the trial repeated once on a fresh
 child; not so a hang while the worker has not finished any trial yet, unless its limit is stated. A child is replaced
-after `recycle` trials or when its memory has grown; the fresh one repeats the last trial and must agree to the bit."""
+after `recycle` trials or when its memory has grown; the fresh one repeats the last trial and must agree to the bit.
+
+Short trials go to the child several at a time: when a landing has passed through the processor's caches, whatever else
+is done for a trial costs many times what it costs in a loop. Where the child ends among several, each of them runs by
+itself."""
 
 from __future__ import annotations
 
@@ -16,6 +20,7 @@ import struct
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import takewhile
 from pathlib import Path
 from time import monotonic, perf_counter
 from typing import Any, Protocol
@@ -30,11 +35,24 @@ from ..fmu.cache import cache_folder
 from ..fmu.messages import Messages
 from ..fmu.opener import import_libraries  # noqa: F401 - before the process is copied
 from ..fmu.surroundings import Surroundings
-from ..process import Child, Handlers, Limits, Overrun, ProcessEnded, allow_processor_time, resident, serve
+from ..process import (
+    ENOUGH,
+    Child,
+    Handlers,
+    Limits,
+    Overrun,
+    ProcessEnded,
+    allow_processor_time,
+    resident,
+    serve,
+)
 from ..sandbox.confinement import Confinement
 from ..scenario import Scenario
 
 AGAIN = 16  # of so many trials one is made again at half its step
+EXCHANGE = 0.1  # s of landings that are asked for at once
+ALONE = 100  # trials that run one by one after a child has ended among several
+Trial = tuple[Sequence[float], bool]  # its values (d,), and whether its trajectory is asked for
 
 
 @dataclass(frozen=True)
@@ -86,12 +104,14 @@ class Worker:
         self._trials, self._starts = self.limits.of_trials(), self.limits.of_starts()
         self._child: Child | None = None
         self._stopped = False
+        self._alone, self._pace = 0, EXCHANGE
         self._last: tuple[Sequence[float], Mapping[str, float]] | None = None
 
     def run(self, values: Sequence[float], record: bool = False) -> Outcome:
         """One trial with `values` (d,) of the names, with its trajectory where `record`. Raises Stopped after `kill`,
         SimulationError when the system cannot be opened at all or a fresh child disagrees with the one it replaces."""
         numbers, limit = [float(v) for v in values], self._trials.seconds
+        self._alone = max(0, self._alone - 1)
         for attempt in (1, 2):
             try:
                 child = self._ready()
@@ -107,15 +127,57 @@ class Worker:
                     end = Overrun(limit, self._trials.origin) if isinstance(end, Overrun) else end
                     wall = limit if end.status == "timeout" else 0.0
                     return Outcome(end.status, str(end), wall=wall, attempts=attempt, log=log)
+        log = "" if reply["status"] == "completed" else child.log()
+        self._note(child, numbers, reply)
+        return self._outcome(numbers, reply, attempt, log)
+
+    def run_all(self, trials: Sequence[Trial]) -> Iterator[list[Outcome]]:
+        """As `run` for one after the other, in lists as they are finished."""
+        finished = 0
+        while finished < len(trials):
+            rest = trials[finished:]
+            outcomes = self._together(rest) or [self.run(*rest[0])]
+            finished += len(outcomes)
+            yield outcomes
+
+    def _together(self, trials: Sequence[Trial]) -> list[Outcome]:
+        """The first of the `trials`, in one exchange, up to one that is not completed; none where they are to run one
+        by one."""
+        several = [[float(v) for v in values] for values, _ in takewhile(lambda t: not t[1], trials[: self._at_once()])]
+        if len(several) < 2:
+            return []
+        limit = self._trials.seconds
+        try:
+            child = self._ready()
+            most = child.memory + self.limits.growth
+            replies = child.call("several", several, self.limits.processor_time(limit), most, limit=limit)
+        except ProcessEnded:
+            self._drop()
+            if self._stopped:
+                raise Stopped from None
+            self._alone = ALONE
+            return []
+        log = "" if replies[-1]["status"] == "completed" else child.log()
+        found = list(zip(several, replies, strict=False))
+        for numbers, reply in found:
+            self._note(child, numbers, reply)
+        return [self._outcome(n, r, 1, "" if r["status"] == "completed" else log) for n, r in found]
+
+    def _at_once(self) -> int:
+        """How many trials of the length of the last one are asked for at once; before a limit is learned none."""
+        if self._alone or self._child is None or self._trials.finished < ENOUGH:
+            return 0
+        return min(int(EXCHANGE / self._pace), self.limits.recycle - self._child.trials)
+
+    def _note(self, child: Child, numbers: list[float], reply: Mapping[str, Any]) -> None:
         child.note(reply["memory"])
-        completed = reply["status"] == "completed"
-        if completed:
+        if reply["status"] == "completed":
             self._last = (numbers, reply["metrics"])
+            self._pace = max(reply["wall"], 1e-4)
             self._trials.note(reply["wall"])
-        doubt = self._doubt(child, numbers, reply) if completed and made_again(numbers) else ""
-        trajectory, about = base64.b64decode(reply.get("trajectory", "")), reply.get("about", {})
-        log = "" if completed else child.log()
-        said = {name: Messages.from_json(found, name) for name, found in reply.get("messages", {}).items()}
+
+    def _outcome(self, numbers: Sequence[float], reply: Mapping[str, Any], attempt: int, log: str) -> Outcome:
+        doubt = self._doubt(numbers, reply) if reply["status"] == "completed" and made_again(numbers) else ""
         return Outcome(
             reply["status"],
             reply["message"] or doubt,
@@ -123,17 +185,18 @@ class Worker:
             reply["wall"],
             attempt,
             log,
-            said,
-            trajectory,
-            about,
+            {name: Messages.from_json(found, name) for name, found in reply.get("messages", {}).items()},
+            base64.b64decode(reply.get("trajectory", "")),
+            reply.get("about", {}),
         )
 
-    def _doubt(self, child: Child, numbers: Sequence[float], reply: Mapping[str, Any]) -> str:
+    def _doubt(self, numbers: Sequence[float], reply: Mapping[str, Any]) -> str:
         """What half the step says of a completed trial; a child that ends meanwhile costs nothing but itself."""
         if not isinstance(self.scenario, Scenario) or reply["wall"] > HALVED_WITHIN or PEAK not in reply["metrics"]:
             return ""
         limit = self._trials.seconds
         try:
+            child = self._child or self._ready()
             finer = child.call("halved", numbers, self.limits.processor_time(limit), limit=limit)
         except ProcessEnded:
             self._drop()
@@ -252,9 +315,11 @@ def _handlers(subject: tuple[Openable, System | None, tuple[str, ...], str]) -> 
     processor.take(level)
 
     def run(values: Sequence[float], record: bool, cpu: float) -> dict[str, Any]:
-        began = perf_counter()
         allow_processor_time(cpu)
-        surroundings = Surroundings()
+        return landed(values, record)
+
+    def landed(values: Sequence[float], record: bool) -> dict[str, Any]:
+        began = perf_counter()
         try:
             about_course = {"judged": record} if isinstance(scenario, Scenario) else {}  # no row holds it
             result = session.run(dict(zip(names, values, strict=True)), **about_course)
@@ -269,9 +334,18 @@ def _handlers(subject: tuple[Openable, System | None, tuple[str, ...], str]) -> 
         surroundings.restore()
         return reply | {"wall": wall, "memory": resident()}
 
+    def several(trials: Sequence[Sequence[float]], cpu: float, memory: int) -> list[dict[str, Any]]:
+        """Until one is not completed, or has used more `memory` [B]; all of them may take the time of one."""
+        replies: list[dict[str, Any]] = []
+        allow_processor_time(cpu)
+        for values in trials:
+            replies.append(landed(values, False))
+            if replies[-1]["status"] != "completed" or replies[-1]["memory"] > memory:
+                break
+        return replies
+
     def halved(values: Sequence[float], cpu: float) -> dict[str, float]:
         allow_processor_time(cpu)
-        surroundings = Surroundings()
         finer = session.at_half_the_step(dict(zip(names, values, strict=True)))
         surroundings.restore()
         return dict(finer)
@@ -279,7 +353,8 @@ def _handlers(subject: tuple[Openable, System | None, tuple[str, ...], str]) -> 
     with (
         scenario.open(in_process=True, system=system) if isinstance(scenario, Scenario) else scenario.open()
     ) as session:
-        yield {"run": run, "halved": halved}
+        surroundings = Surroundings()
+        yield {"run": run, "several": several, "halved": halved}
 
 
 def _record(result: Result) -> dict[str, Any]:

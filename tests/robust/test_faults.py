@@ -147,6 +147,20 @@ def test_a_leak_is_answered_by_a_fresh_process(study: Study) -> None:
         assert worker._child is not child
 
 
+def test_a_leak_among_several_trials_is_answered_too(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No further trial runs in the process that leaks."""
+    leak = float(FAULTS.index("leak"))
+    with Worker(study.scenario, ("brace.fault",), Limits(growth=32 << 20)) as worker:
+        for _ in range(10):
+            worker.run([0.0])
+        child = worker._child
+        monkeypatch.setattr(worker, "_at_once", lambda: 4 if worker._child is child else 0)
+        found = list(worker.run_all([([fault], False) for fault in (0.0, leak, 0.0, 0.0)]))
+        assert [len(outcomes) for outcomes in found] == [2, 1, 1]
+        assert worker._child is not child
+        assert found[0][0].metrics == found[1][0].metrics
+
+
 def test_too_much_processor_time_is_a_timeout(study: Study) -> None:
     with Worker(study.scenario, ("brace.fault",), Limits(cpu=0.0)) as worker:
         outcome = worker.run([float(FAULTS.index("spin"))])

@@ -13,7 +13,7 @@ import pytest
 from sprain_cosim.errors import SimulationError
 from sprain_cosim.process import Limits
 from sprain_cosim.scenario import load_scenario
-from sprain_cosim.study.worker import Stopped, Worker
+from sprain_cosim.study.worker import EXCHANGE, Stopped, Worker
 from tests.native import compile_fmu
 
 NAMES = ("plant.drop_height",)
@@ -66,6 +66,39 @@ def test_a_recycled_child_agrees_to_the_bit(clean: dict[str, float]) -> None:
         worker._last = (worker._last[0], {**clean, "peak_subtalar_angle_deg": 0.0})
         with pytest.raises(SimulationError, match="other numbers"):
             worker.run([0.3])
+
+
+def test_trials_several_at_once_are_those_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Up to a failed one in one exchange; with a trajectory by themselves; all by themselves where the process ends."""
+    scenario, trials = load_scenario("incline30"), [([0.3 + 0.01 * k], k == 6) for k in range(12)]
+    trials[8] = ([-1.0], False)
+    monkeypatch.setattr(Worker, "_at_once", lambda self: 0 if self._alone else 4)
+    with Worker(scenario, NAMES) as several, Worker(scenario, NAMES) as single:
+        found = list(several.run_all(trials))
+        alone = [single.run(*trial) for trial in trials]
+        assert [len(outcomes) for outcomes in found] == [4, 2, 1, 2, 3]
+        for one, other in zip((outcome for outcomes in found for outcome in outcomes), alone, strict=True):
+            assert (one.status, one.message, dict(one.metrics)) == (other.status, other.message, dict(other.metrics))
+            assert (bool(one.trajectory), one.attempts) == (bool(other.trajectory), 1)
+        assert several._child is not None
+        os.killpg(several._child._process.pid, signal.SIGSEGV)
+        again = list(several.run_all(trials[:3]))
+        assert [dict(o.metrics) for outcomes in again for o in outcomes] == [dict(o.metrics) for o in alone[:3]]
+        assert len(again) == 3
+
+
+def test_how_many_at_once() -> None:
+    """Once a limit is learned, as many as fill an exchange, none beyond the life of their process."""
+    with Worker(load_scenario("incline30"), NAMES, Limits(recycle=9)) as worker:
+        for _ in range(5):
+            assert worker._at_once() == 0
+            worker.run([0.3])
+        worker._pace = EXCHANGE / 3.5
+        assert worker._at_once() == 3
+        worker._pace = EXCHANGE / 100.5
+        assert worker._at_once() == 4
+        worker._alone = 1
+        assert worker._at_once() == 0
 
 
 def test_kill_ends_the_process_and_the_run() -> None:

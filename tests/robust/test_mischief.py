@@ -195,6 +195,17 @@ def test_a_run_is_not_harmed(kind: str, fmu: Path, target: Path) -> None:
 
 
 @needs_all
+@pytest.mark.parametrize("kind", ["umask", "environment", "handler"])
+def test_what_half_the_step_changes_is_put_back_too(kind: str, fmu: Path) -> None:
+    harm = {"brace.mischief": float(MISCHIEF.index(kind))}
+    with scenario(fmu).open() as session:
+        first, harmed = session.run(), session.run(harm)
+        assert session.at_half_the_step(harm)
+        assert session.run().signals.equals(first.signals)
+        assert session.run(harm).signals.equals(harmed.signals)
+
+
+@needs_all
 def test_a_session_survives_its_process(fmu: Path) -> None:
     with scenario(fmu).open() as session:
         first = session.run()

@@ -20,6 +20,7 @@ import tempfile
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -302,9 +303,9 @@ def _batch(key: str, pickled: bytes, version: str, jobs: bytes, content: Mapping
         with _guard:
             _workers[me] = held
     label = f"{platform.node()}:{os.getpid()}"
-    return pickle.dumps(
-        [Row(job.trial, job.values, held[1].run(job.values.tolist(), job.record), label) for job in pickle.loads(jobs)]
-    )
+    several: list[Job] = pickle.loads(jobs)
+    landed = chain.from_iterable(held[1].run_all([(job.values.tolist(), job.record) for job in several]))
+    return pickle.dumps([Row(job.trial, job.values, o, label) for job, o in zip(several, landed, strict=True)])
 
 
 def _place(path: Path, sha: str, content: bytes | None) -> Path | None:

@@ -12,42 +12,40 @@ from ... import processor, signals
 from ...machine.here import SYSTEM
 from ...process import prepare_children
 from ..ledger import Row
-from ..worker import Stopped, Worker
+from ..worker import EXCHANGE, Stopped, Worker
 from .backend import Job, Task
 
 
 class Local:
     """Workers are hired when there is work for them. `workers` None: one per core that this process may use."""
 
-    batch = 0.0  # single trials: the ledger gets each at once
+    batch = EXCHANGE
 
     def __init__(self, task: Task, workers: int | None) -> None:
         self.level = task.level or processor.level()
         self._task, self._count = task, workers or SYSTEM.cores()
         self._workers: list[Worker] = []
         self._threads: list[threading.Thread] = []
-        self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
-        self._done: queue.SimpleQueue[Row | BaseException] = queue.SimpleQueue()
+        self._jobs: queue.SimpleQueue[Sequence[Job] | None] = queue.SimpleQueue()
+        self._done: queue.SimpleQueue[list[Row] | BaseException] = queue.SimpleQueue()
         prepare_children()
 
     def workers(self) -> int:
         return self._count
 
     def send(self, jobs: Sequence[Job]) -> None:
-        for job in jobs:
-            self._jobs.put(job)
+        self._jobs.put(jobs)
         if len(self._workers) < self._count and self._jobs.qsize():
             self._hire()
 
     def receive(self) -> list[Row]:
-        found: list[Row | BaseException] = [signals.taken(self._done)]
+        found: list[list[Row] | BaseException] = [signals.taken(self._done)]
         while not self._done.empty():
             found.append(self._done.get())
-        rows = [row for row in found if isinstance(row, Row)]
-        problem = next((p for p in found if not isinstance(p, Row)), None)
+        rows = [row for each in found if isinstance(each, list) for row in each]
+        problem = next((each for each in found if not isinstance(each, list)), None)
         if problem is not None:
-            for row in rows:
-                self._done.put(row)
+            self._done.put(rows)
             raise problem
         return rows
 
@@ -60,8 +58,8 @@ class Local:
             thread.join(1.0)
         rows = []
         while not self._done.empty():
-            if isinstance(row := self._done.get(), Row):
-                rows.append(row)
+            if isinstance(found := self._done.get(), list):
+                rows += found
         return rows
 
     def _hire(self) -> None:
@@ -73,10 +71,11 @@ class Local:
 
     def _work(self, worker: Worker, label: str) -> None:
         try:
-            while (job := self._jobs.get()) is not None:
-                self._done.put(
-                    Row(job.trial, np.asarray(job.values, float), worker.run(job.values.tolist(), job.record), label)
-                )
+            while (jobs := self._jobs.get()) is not None:
+                waiting = iter(jobs)
+                for outcomes in worker.run_all([(job.values.tolist(), job.record) for job in jobs]):
+                    landed = zip(outcomes, waiting, strict=False)
+                    self._done.put([Row(job.trial, np.asarray(job.values, float), o, label) for o, job in landed])
         except Stopped:
             pass
         except BaseException as problem:  # receive() raises it
