@@ -32,7 +32,7 @@ class Card:
         heading, rows = self.card()
         lines = "".join(
             f'<tr><th scope="row" style="text-align:left">{escape(label)}</th>'
-            f'<td style="text-align:left">{escape(shortened(visible(value)))}</td></tr>'
+            f'<td style="text-align:left">{escape(shortened(visible(value), LONGEST))}</td></tr>'
             for label, value in rows
         )
         name = f"{type(self).__name__}: {shortened(visible(heading))}"

@@ -1,14 +1,13 @@
 """The notebooks of docs/notebooks, run from the first cell to the last, and as pages of the site with what they show.
-
 In the repository they have no outputs, so that a change of one can be read."""
 
 from __future__ import annotations
 
 import base64
-import html
+import os
 import re
 import tempfile
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,20 +15,9 @@ import nbformat
 from nbclient import NotebookClient
 
 FOLDER = Path(__file__).parent.parent / "docs" / "notebooks"
+CHOSEN = "SPRAIN_NOTEBOOKS"  # names of those that the site runs, separated by commas; not set: all
 LIMIT = 300  # s for a cell
 COLOUR = re.compile(r"\x1b\[[0-9;]*m")
-
-
-@dataclass(frozen=True)
-class Page:
-    """A notebook as a page.
-
-    text      Markdown
-    pictures  {name: PNG}, beside it
-    """
-
-    text: str
-    pictures: dict[str, bytes]
 
 
 def executed(path: Path) -> nbformat.NotebookNode:
@@ -47,39 +35,44 @@ def executed(path: Path) -> nbformat.NotebookNode:
     return notebook
 
 
-def page(notebook: nbformat.NotebookNode, stem: str) -> Page:
-    lines, pictures = [f"[Download this notebook]({stem}.ipynb){{ .md-button }}", ""], dict[str, bytes]()
-    for cell in notebook.cells:
+def pages() -> Iterator[tuple[str, str | bytes]]:
+    """(name, content) of the files of the site: each notebook as Markdown, the pictures beside it."""
+    chosen = os.environ.get(CHOSEN)
+    for path in sorted(FOLDER.glob("*.ipynb")):
+        run = chosen is None or path.stem in chosen.split(",")
+        notebook = executed(path) if run else nbformat.read(path, 4)
+        pictures: dict[str, bytes] = {}
+        yield f"{path.stem}.md", "\n".join(_lines(notebook, path.stem, pictures))
+        yield from pictures.items()
+
+
+def _lines(notebook: nbformat.NotebookNode, stem: str, pictures: dict[str, bytes]) -> Iterator[str]:
+    """Of the page; its pictures are added to `pictures`."""
+    for k, cell in enumerate(notebook.cells):
         if cell.cell_type == "markdown":
-            lines += [cell.source, ""]
-            continue
-        lines += ["```python", cell.source, "```", ""]
-        for output in cell.outputs:
-            lines += [*_shown(output, stem, pictures), ""]
-    heading, *rest = lines[2:]
-    return Page("\n".join([heading, *lines[:2], *rest]), pictures)
+            yield f"{cell.source}\n"
+        else:
+            yield f"```python\n{cell.source}\n```\n"
+            for output in cell.outputs:
+                yield f'<div class="shown" markdown>\n\n{_shown(output, cell.source, stem, pictures)}\n\n</div>\n'
+        if k == 0:
+            yield f"[This notebook]({stem}.ipynb){{ download }} runs in Jupyter as it is.\n"
 
 
-def _shown(output: Any, stem: str, pictures: dict[str, bytes]) -> list[str]:
-    """One output of a cell in Markdown; its picture is added to `pictures`."""
+def _shown(output: Any, source: str, stem: str, pictures: dict[str, bytes]) -> str:
     if output.output_type == "stream":
         return _text(output.text)
     if output.output_type == "error":
         return _text(COLOUR.sub("", "\n".join(output.traceback)))
-    data = output.data
-    if "image/png" in data:
+    if "image/png" in output.data:
         name = f"{stem}-{len(pictures) + 1}.png"
-        pictures[name] = base64.b64decode(data["image/png"])
-        return [f"![what the cell above draws]({name}){{ .of-notebook }}"]
-    if "text/html" in data:
-        return [f'<div class="of-notebook">{_one_block(data["text/html"])}</div>']
-    return _text(data.get("text/plain", ""))
+        pictures[name] = base64.b64decode(output.data["image/png"])
+        drawn = source.splitlines()[-1].translate(str.maketrans("[]", "()"))
+        return f"![what {drawn} draws]({name})"
+    if "text/html" in output.data:  # without blank lines, which would end it for Markdown, and styles of its own
+        return re.sub(r"\n\s*", " ", re.sub(r"<style.*?</style>", "", output.data["text/html"], flags=re.DOTALL))
+    return _text(output.data.get("text/plain", ""))
 
 
-def _text(text: str) -> list[str]:
-    return [f'<pre class="of-notebook"><code>{html.escape(text.rstrip())}</code></pre>'.replace("\n", "&#10;")]
-
-
-def _one_block(text: str) -> str:
-    """HTML without blank lines, which would end it for Markdown, and without styles of its own."""
-    return re.sub(r"\n\s*", " ", re.sub(r"<style.*?</style>", "", text, flags=re.DOTALL))
+def _text(text: str) -> str:
+    return f"````text\n{text.rstrip()}\n````"

@@ -14,6 +14,8 @@ from latex2mathml.converter import convert
 from markdown import Markdown
 from markdown.extensions import Extension
 from markdown.preprocessors import Preprocessor
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
 
 from sprain_cosim import mapping
 from sprain_cosim.catalogue import catalogue, parameters_of
@@ -23,16 +25,26 @@ from sprain_cosim.scenario import file as scenario
 from sprain_cosim.scenario.settable import Settable
 from sprain_cosim.study import file as study
 from sprain_cosim.validation.checks import user_files
+from tools import notebooks
 
 COMMANDS = "<!-- commands -->"
 FILES = "<!-- files -->"
 NAMES = "<!-- names -->"
+NOTEBOOK = re.compile(r"\]\(([\w./-]+)\.ipynb\)(?!\{)")  # a link to one, but to load it down
 EXAMPLE = re.compile(r"^>>> .*(?:\n(?!\s*$).*)*", re.MULTILINE)  # a prompt and all up to the next empty line
 IN_TABLE = re.compile(r"(?<=<td><code>)[\w.]+(?=</code>)")
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\s*\\([(\[])(.*?)\\[)\]]\s*</\1>', re.DOTALL)
 
 
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """The notebooks as pages, with what they show."""
+    for name, content in notebooks.pages():
+        files.append(File.generated(config, f"notebooks/{name}", content=content))
+    return files
+
+
 def on_page_markdown(markdown: str, **_: Any) -> str:
+    markdown = NOTEBOOK.sub(r"](\1.md)", markdown)
     if COMMANDS in markdown:
         return markdown.replace(COMMANDS, "\n".join(_section(cli, "sprain-cosim", None)))
     if FILES in markdown:

@@ -61,7 +61,7 @@ def reporter(kind: str) -> Progress | None:
             f", {_span(left)} left" if left is not None and not last else ""
         )
         if cell:
-            cell.show(finished / total, line, last)
+            cell.show(finished / total, f"{finished} of {total} trials, {failed} failed" if last else line)
             return
         if renews:
             line = f"\r{bar(finished / total, line, terminal.width(sys.stderr) or terminal.USUAL)}"
@@ -90,14 +90,12 @@ class _Cell:
         display = _display()
         return None if display is None else cls(display)
 
-    def show(self, share: float, text: str, last: bool) -> None:
+    def show(self, share: float, text: str) -> None:
         shown = _Shown(share, text)
         if self._place is None:
             self._place = self._display(shown, display_id=True)
         else:
             self._place.update(shown)
-        if last:
-            self._place = None  # another run has its own
 
 
 class _Shown:

@@ -18,6 +18,7 @@ from sprain_cosim.catalogue import catalogue, parameters_of
 from sprain_cosim.cli import cli
 from sprain_cosim.scenario import load_scenario
 from tests.docs_commands import ROOT
+from tools.notebooks import CHOSEN
 from tools.schemas import FILES
 
 pytest.importorskip("mkdocs", reason="the extra [docs] is not installed")
@@ -44,7 +45,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     built = subprocess.run(
         command,
         cwd=ROOT,
-        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1", CHOSEN: "first-landing"},
         capture_output=True,
         text=True,
         timeout=300,
@@ -69,6 +70,18 @@ def test_equations_are_mathml(site: Path) -> None:
         assert "<math" in text, page
         assert "arithmatex" not in text, page
         assert not re.findall(r"<m[a-z]+>\\[^<]*", text), "TeX that the converter does not know"
+
+
+def test_a_notebook_is_shown_with_its_outputs(site: Path) -> None:
+    """And the source beside it, without; the long tests run the others."""
+    text = (site / "notebooks" / "first-landing.html").read_text("utf-8")
+    assert "Result: completed" in text and "49.60 ±" in text and "plant.drop_height" in text
+    assert "InputError: plant.drop_height = " in text and "scenario.py" not in text
+    for picture in re.findall(r'src="(first-landing-\d.png)"', text):
+        assert (site / "notebooks" / picture).read_bytes()[:4] == b"\x89PNG"
+    assert text.count('class="shown"') >= 10
+    assert 'href="how-sure.html"' in text and 'href="first-landing.ipynb"' in text
+    assert (site / "notebooks" / "first-landing.ipynb").is_file()
 
 
 def test_every_command_is_in_the_reference(site: Path) -> None:

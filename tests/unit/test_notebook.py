@@ -271,12 +271,11 @@ def test_progress_renews_itself_under_a_cell(
     notebook = FakeNotebook(object()).install(monkeypatch)
     report = shown_to("auto")
     assert report is not None
-    for finished in (0, 4, 8):  # a study, and one more with the same
+    for finished in (0, 4, 8, 3):  # a study, and another part of it
         report(finished, 8, 1, float(finished))
-    report(3, 8, 0, 0.0)
-    (*_, last), [again] = notebook.shown
-    assert len(notebook.shown[0]) == 3
-    assert repr(last) == "8 of 8 trials, 1 failed, 1.0/s" and 'value="1.000"' in last._repr_html_()
+    [[_, half, last, again]] = notebook.shown
+    assert repr(half) == "4 of 8 trials, 1 failed, 1.0/s, 4 s left"
+    assert repr(last) == "8 of 8 trials, 1 failed" and 'value="1.000"' in last._repr_html_()
     assert repr(again).startswith("3 of 8 trials")
     assert capsys.readouterr() == ("", "")
 
