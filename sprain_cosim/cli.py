@@ -203,26 +203,26 @@ def _print_messages(lines: Mapping[str, tuple[bool, str]]) -> None:
 def _print_table(title: str, pose: str | None, result: Result) -> None:
     from .metrics import THROWN_TEXT, pose_artefacts, table
 
-    _show_listing(
+    _show(
         f"{title}  ·  {f'pose {pose}, ' if pose else ''}{result.scheme}, {len(result.time) - 1} steps, "
         f"{1e3 * result.wall:.0f} ms wall time\n"
     )
     rows = table(result)
     if rows:
-        _show_listing(f"{'':32}{'value':>10}  {'unit':7}{'time [ms]':>10}")
+        _show(f"{'':32}{'value':>10}  {'unit':7}{'time [ms]':>10}")
     for label, value, unit, time in rows:
-        _show_listing(f"{label:32}{value:10.2f}  {unit:7}{1e3 * time:10.1f}")
+        _show(f"{label:32}{value:10.2f}  {unit:7}{1e3 * time:10.1f}")
     if pose_artefacts(result.metrics, pose):
-        _show_listing(THROWN_TEXT)
+        _show(THROWN_TEXT)
     if result.coupling_error is not None:
-        _show_listing(f"{'coupling error':32}{100 * result.coupling_error:10.2f}  % of the energy exchanged")
+        _show(f"{'coupling error':32}{100 * result.coupling_error:10.2f}  % of the energy exchanged")
     if result.coupling_doubt is not None:
-        _show_listing(
+        _show(
             f"{'doubt of the step':32}{result.coupling_doubt:10.2f}  deg     of the peak, twice its change at half the "
             f"step{'' if result.converged else ': not converged'}"
         )
     for name, held in result.held.items():
-        _show_listing(
+        _show(
             f"{'age of a held torque':32}{held.largest_change:10.2f}  N·m     {name} is sampled every "
             f"{1e3 * held.period:g} ms; {held.axis} torque, {100 * held.share:.0f} % of its largest, at most, from one "
             "call to the next"
@@ -420,7 +420,7 @@ def study_command(
         shard=portion,
         trajectories=first_trajectories(trajectories),
     )
-    (_show if how.as_json else _show_listing)(
+    _show(
         json.dumps(done.summary.to_json(), allow_nan=False)
         if how.as_json
         else f"{study_listing(done.study, done.summary)}\n\nwritten: {done.out}"
@@ -487,7 +487,7 @@ def design_command(
     done = how.land(chosen, Path("runs") / f"design_{Path(study).stem}", seed=seed)
     found = done.summary.design
     assert found is not None
-    (_show if how.as_json else _show_listing)(
+    _show(
         json.dumps(found.to_json(), allow_nan=False)
         if how.as_json
         else f"{study_listing(done.study, done.summary)}\n\nwritten: {done.out}\nnext: sprain-cosim report {done.out}"
@@ -508,7 +508,7 @@ def merge_command(folders: tuple[Path, ...], out: Path | None, parquet: bool, as
     done = merge(folders, out, parquet)
     for line in done.warnings:
         _show(f"warning: {line}", err=True)
-    (_show if as_json else _show_listing)(
+    _show(
         json.dumps(done.summary.to_json(), allow_nan=False)
         if as_json
         else f"{study_listing(done.study, done.summary)}\n\nwritten: {done.out}"
@@ -708,7 +708,7 @@ def compare_command(
     for entry in done.entries:
         for warning in entry.warnings:
             _show(f"warning: {entry.name}: {warning}", err=True)
-    (_show if as_json else _show_listing)(
+    _show(
         json.dumps(done.summary.to_json(), allow_nan=False)
         if as_json
         else f"{comparison_listing(done.summary)}\n\nwritten: {done.out}/compare.json, {done.out}/figures/compare.png"
@@ -1483,13 +1483,8 @@ def _say(message: str, code: int) -> int:
 
 
 def _show(text: str, err: bool = False) -> None:
-    """The one way to the terminal: titles, names and paths come from strangers."""
-    click.echo(visible(text), err=err)
-
-
-def _show_listing(text: str) -> None:
-    """What people read, within the width of their terminal."""
-    _show(terminal.fitted(text, terminal.width()))
+    """The one way to the terminal, within its width: titles, names and paths come from strangers."""
+    click.echo(terminal.fitted(visible(text), terminal.width(sys.stderr if err else sys.stdout)), err=err)
 
 
 def _one_line(text: str) -> str:

@@ -69,7 +69,7 @@ def _plain(sign: str) -> str:
 GAP = 2  # blanks between two columns
 USUAL = 80
 CELLS = re.compile(r"\S {2,}\S|^ {8,}\S")  # in a line of a table
-COPIED = ("next:", "written:")
+COPIED = ("next:", "written:", "continue with:", "{", "[")  # a line that is copied or read by a program
 READABLE = 28  # the least width of a column of running text
 
 
@@ -88,8 +88,8 @@ def width(stream: TextIO | None = None) -> int | None:
 
 def fitted(text: str, columns: int | None) -> str:
     """A listing within that many columns (None: as it is). A table that is too wide is divided: the first column again
-    with the columns that had no room; single lines that are too long go on below. Commands and paths stay whole, for
-    they are copied."""
+    with the columns that had no room; single lines that are too long go on below. Commands, paths and JSON stay whole,
+    for they are copied."""
     if columns is None or all(len(line) <= columns for line in text.split("\n")):
         return text
     lines = list[str]()
@@ -120,7 +120,9 @@ def _cut(line: str, part: Sequence[tuple[int, int]], columns: int, head: bool) -
     if not rest.strip() and not head and name.strip() != line.strip():
         return []
     whole = f"{name}{' ' * GAP}{rest}".rstrip()
-    return [whole] if len(whole) <= columns else _all_folded([name.rstrip(), f"    {rest.strip()}"], columns)
+    if len(whole) <= columns or columns - _hanging(whole) >= READABLE:
+        return _folded(whole, columns)
+    return _all_folded([name.rstrip(), f"    {rest.strip()}"], columns)
 
 
 def _all_folded(lines: list[str], columns: int) -> list[str]:
@@ -130,8 +132,15 @@ def _all_folded(lines: list[str], columns: int) -> list[str]:
 def _folded(line: str, columns: int) -> list[str]:
     if len(line) <= columns or line.startswith(COPIED):
         return [line]
-    indent = " " * (len(line) - len(line.lstrip()) + 4)
+    hanging = _hanging(line)
+    indent = " " * (hanging if columns - hanging >= READABLE else len(line) - len(line.lstrip()) + 4)
     return textwrap.wrap(line, columns, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+
+
+def _hanging(line: str) -> int:
+    """Where a line goes on: under its last cell, or a little to the right of its beginning."""
+    cell = re.match(r".*\S {2,}(?=\S)", line)
+    return cell.end() if cell else len(line) - len(line.lstrip()) + 4
 
 
 def fitted_table(head: Sequence[str], rows: Sequence[Sequence[str]], columns: int | None) -> str:

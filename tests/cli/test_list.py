@@ -113,7 +113,7 @@ def test_a_list_that_cannot_be_given(capsys: Typed) -> None:
 @pytest.mark.parametrize("columns", WIDTHS)
 def test_no_line_of_help_or_list_is_wrapped(columns: int, capsys: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", str(columns))  # of help
-    monkeypatch.setattr(terminal, "width", lambda: columns)
+    monkeypatch.setattr(terminal, "width", lambda *_: columns)
     monkeypatch.setenv("NO_COLOR", "1")
     calls = [[*path, "--help"] for path in commands()]
     calls += [["list", kind] for kind in LISTED if kind != "parameters"]
@@ -156,7 +156,7 @@ def test_no_line_of_a_result_is_wrapped(tmp_path: Path, capsys: Typed, monkeypat
             assert [line for line in lines if len(line) > columns and not line.startswith("written:")] == [], call
             assert {*text.split()} == {*" ".join(lines).split()}
         assert fitted(text, None) == text
-    monkeypatch.setattr(terminal, "width", lambda: 60)
+    monkeypatch.setattr(terminal, "width", lambda *_: 60)
     assert max(map(len, typed(capsys, "run", "incline30", *SHORT).splitlines())) <= 60
 
 
@@ -170,6 +170,30 @@ def test_a_wide_table_is_divided_between_its_columns() -> None:
         "next: sprain-cosim run x",
     ]
     assert fitted(table, 26) == table
+
+
+def test_a_long_last_cell_hangs_under_itself_and_what_is_copied_stays_whole() -> None:
+    assert fitted(f"  note:  {'some words ' * 8}", 40).splitlines()[:2] == [
+        "  note:  some words some words some",
+        "         words some words some words",
+    ]
+    for line in ("next: sprain-cosim run incline30 --fmu brace=x", '{"peak": 1.0, "unit": "deg", "n": 4}'):
+        assert fitted(line, 20) == line
+
+
+@pytest.mark.parametrize(
+    "call", [("doctor",), ("check", str(FMUS / "brace_linear.fmu")), ("subject", "female, 1.63 m, 62 kg"), ("run", "x")]
+)
+def test_no_command_writes_beyond_its_terminal(
+    call: tuple[str, ...], capsys: Typed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """But for what is copied: commands, paths, hashes."""
+    monkeypatch.setattr(terminal, "width", lambda *_: 60)
+    _run(list(call), [])
+    printed = capsys.readouterr()
+    lines = [line for text in printed for line in text.splitlines() if " " in line.strip()]
+    assert lines
+    assert [line for line in lines if len(line) > 60 and not line.startswith(terminal.COPIED)] == []
 
 
 def test_the_width_is_that_of_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
