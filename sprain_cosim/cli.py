@@ -176,7 +176,7 @@ def run_command(
         if out is not None:
             _show(f"\nwritten: {', '.join(str(out / name) for name in FILES)}")
     if result.status != "completed":
-        raise SimulationError(result.message)
+        raise (InputError if chosen.refused(result) else SimulationError)(result.message)
 
 
 def _warn_of_run(out: Path, force: bool) -> None:
@@ -979,7 +979,7 @@ def animate_command(folders: tuple[Path, ...], trial: str | None, slow: float, o
     target = out or folders[0] / "animation.webp"
     runs = [run for folder in folders for run in load_landings(folder, trial)]
     for run in runs:
-        _show(run.label, err=True)
+        _show(f"{run.label}: {run.title}", err=True)  # the film may have room for its beginning alone
     count = animate(runs, target, slow)
     _show(f"written: {target} ({count} picture{'s' if count > 1 else ''}, {target.stat().st_size / 1e6:.1f} MB)")
 

@@ -143,6 +143,29 @@ def unit_of(key: str) -> str:
     )
 
 
+def cut_short(run: Signals, stop: float) -> str:
+    """What is to be said of a landing that ends [s] before the foot has turned back; empty where it has."""
+    if "plant.subtalar_angle" not in run.index or len(run.time) < 2:
+        return ""
+    angle = run["plant.subtalar_angle"]
+    if int(np.argmax(angle)) < len(angle) - 1:
+        return ""
+    at = f"the foot still turned at the stop ({1e3 * stop:g} ms)"
+    return f"{at}: its peak is the largest angle till then; {longer(stop)}"
+
+
+LONGEST = 0.5  # s, as far as landings are known to run
+
+
+def longer(stop: float) -> str:
+    """What lets a landing last longer, as the end of a sentence."""
+    return (
+        f"--stop '{1e3 * min(LONGEST, 2.0 * stop):g} ms' lets it turn back"
+        if stop < LONGEST
+        else "take a longer --stop"
+    )
+
+
 def pose_artefacts(keys: Iterable[str], pose: str | None) -> list[str]:
     """Those of the metrics that the initial pose alone gives: in the pose `published` the foot starts inside the floor,
     and is thrown out of it."""

@@ -18,6 +18,8 @@ from .skeleton import Pose, Skeleton
 
 Array = NDArray[np.float64]
 HALF_PLATFORM = (0.24, 0.018, 0.24)  # half extents [m] of the part of the platform that is drawn
+EDGE = ("platform_edge_distance", "platform_edge_direction")  # parameters: from FOOT's origin at contact, from anterior
+FOOT, NOWHERE = "calcn_r", 1000.0  # m
 FEWEST_STEPS = 2
 
 
@@ -33,6 +35,8 @@ class MovingBodies:
     braced              whether there is a brace
     pivot, tilt         of the drawn part of the platform: its middle (3,) [m], angle about x [rad] as its own parameter
                         has it
+    outline             (k, 2) x and z [m] of the corners of its upper face from its middle, in its own frame
+    edge                (3,) or None: where the platform ends, as `platform_edge` gives it
     ankle, axis         (n, 3) [m] of the ankle, (n, 3) unit vector of the subtalar axis
     force, point        (n, 3) [N] of the platform on the foot, (n, 3) [m] where it acts; zeros without contact
     signals             {name: (n,)} angle [deg] of the subtalar joint, moments [N·m] of anatomy and brace about it,
@@ -48,6 +52,8 @@ class MovingBodies:
     braced: bool
     pivot: Array
     tilt: float
+    outline: Array
+    edge: Array | None
     ankle: Array
     axis: Array
     force: Array
@@ -73,6 +79,8 @@ class MovingBodies:
         names = list(dict.fromkeys(carriers.values()))
         turns = {name: np.array([pose[name][1] for pose in poses]) for name in names}
         joint, tilt = skeleton.content["subtalar_axis"], landing.parameter(skeleton.content["platform"]["incline"])
+        pivot = platform_place(skeleton, poses[0], tilt)
+        edge = platform_edge(landing, poses[0], pivot, tilt)
         contact = at("in_contact") > 0.5
         braced = bool(brace_torques(result))
         volumes = [_carried(volume, carriers[volume["body"]], poses[0]) for volume in skeleton.content["volumes"]]
@@ -84,8 +92,10 @@ class MovingBodies:
             turns={name: quaternions(turns[name]) for name in names},
             volumes=tuple(v for v in volumes if braced or v["part"] != "brace"),
             braced=braced,
-            pivot=platform_place(skeleton, poses[0], tilt),
+            pivot=pivot,
             tilt=tilt,
+            outline=platform_outline(edge),
+            edge=edge,
             ankle=np.array([skeleton.point("ankle", pose) for pose in poses]),
             axis=turns[joint["body"]] @ np.array(joint["axis"], float),
             force=np.stack([at(f"ground_force_{c}") for c in "xyz"], axis=1) * contact[:, None],
@@ -107,13 +117,49 @@ def platform_place(skeleton: Skeleton, first: Pose, tilt: float) -> Array:
     """(3,) [m] the middle of the drawn part of the platform: the pivot, or under the foot of a motion that lands beside
     what is drawn there. `first`: the pose at contact."""
     pivot = np.array(skeleton.content["platform"]["pivot"], float)
-    sine, cosine = math.sin(tilt), math.cos(tilt)
-    turn = np.array([[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]])
+    turn = platform_axes(tilt)
     along = turn @ (skeleton.point("ankle", first) - pivot)
     if (np.abs(along) <= HALF_PLATFORM)[[0, 2]].all():
         return pivot
     found: Array = pivot + along[0] * turn[0] + along[2] * turn[2]
     return found
+
+
+def platform_axes(tilt: float) -> Array:
+    """(3, 3): rows are the platform's axes in the ground's frame, the second one up from its face."""
+    sine, cosine = math.sin(tilt), math.cos(tilt)
+    return np.array([[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]])
+
+
+def platform_edge(landing: Landing, first: Pose, place: Array, tilt: float) -> Array | None:
+    """(3,) where the platform ends: it is where edge[0] x + edge[1] z <= edge[2] [m] in its own frame, from `place`;
+    None for one that goes on. `first`: the pose at contact."""
+    if not all(name in landing.described.connectors for name in EDGE):
+        return None
+    distance, direction = (landing.parameter(name) for name in EDGE)
+    if distance >= NOWHERE:
+        return None
+    toward = np.array([math.cos(direction), math.sin(direction)])
+    foot = platform_axes(tilt) @ (first[FOOT][0] - place)
+    return np.array([*toward, distance + toward @ foot[[0, 2]]])
+
+
+def platform_outline(edge: Array | None) -> Array:
+    """(k, 2) x and z [m] of the corners of the upper face that is drawn, in the order from x to z: a rectangle, cut at
+    the edge."""
+    x, z = HALF_PLATFORM[0], HALF_PLATFORM[2]
+    corners = np.array([[-x, -z], [x, -z], [x, z], [-x, z]])
+    if edge is None:
+        return corners
+    beyond = corners @ edge[:2] - edge[2]
+    kept = []
+    for k, corner in enumerate(corners):
+        after = (k + 1) % 4
+        if beyond[k] <= 0:
+            kept.append(corner)
+        if (beyond[k] <= 0) != (beyond[after] <= 0):
+            kept.append(corner + beyond[k] / (beyond[k] - beyond[after]) * (corners[after] - corner))
+    return np.array(kept).reshape(-1, 2)
 
 
 def _carriers(bodies: Sequence[Mapping[str, Any]]) -> dict[str, str]:

@@ -6,6 +6,7 @@ intersectors" (iquilezles.org/articles/intersectors), specialised to rays along 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,12 +54,15 @@ class Camera:
         turn: np.ndarray,
         half: np.ndarray,
         box_colour: np.ndarray,
+        cut: np.ndarray | None = None,
     ) -> np.ndarray:
         """(height, width, 3) uint8: round cones and one box.
 
         - volumes: (n, 8) round cones, as Skeleton.volumes gives them, in `colours` (n, 3) of 0...1
         - box: (3,) middle of the box [m]; turn: (3, 3) its axes as rows; half: (3,) its half extents [m]
         - box_colour: (3,) of 0...1
+        - cut: (4,) of the box is there what lies up to cut[3] [m] from its middle along cut[:3], a unit vector in the
+          box's own axes; None: all
         """
         t = self.turn
         cones = np.empty_like(volumes)
@@ -69,7 +73,7 @@ class Camera:
         )
         box = (box - self.centre) @ t.T
         rays = _Rays(SAMPLES * self.height, SAMPLES * self.width, SAMPLES * self.scale)
-        rays.cast_box(box, turn @ t.T, half)
+        rays.cast_box(box, turn @ t.T, half, cut)
         for n, cone in enumerate(cones):
             rays.cast_cone(n, *map(float, cone))
         return _shaded(rays, cones, np.vstack([colours, box_colour]), box, t @ [0.0, 1.0, 0.0])
@@ -104,26 +108,30 @@ class _Rays:
             ),
         )
 
-    def cast_box(self, box: np.ndarray, axes: np.ndarray, half: np.ndarray) -> None:
-        """Enters the box: the common part of three slabs along its axes."""
+    def cast_box(self, box: np.ndarray, axes: np.ndarray, half: np.ndarray, cut: np.ndarray | None) -> None:
+        """Enters the box: the common part of three slabs along its axes, and of the half space of a cut."""
+        normals = list(axes) if cut is None else [*axes, cut[:3] @ axes]
+        ends = [(-float(h), float(h)) for h in half] + ([] if cut is None else [(FAR, float(cut[3]))])
         wide, high, _ = np.abs(axes).T @ half
         part = self._part(box[0] - wide, box[0] + wide, box[1] - high, box[1] + high)
         x, y = self.x[part[1]] - box[0], (self.y[part[0]] - box[1])[:, None]
         shape = (y.shape[0], x.shape[0])
         enter, leave, side = np.full(shape, FAR), np.full(shape, -FAR), np.full(shape, -1)
-        for k in range(3):
-            start, slope = axes[k, 0] * x + axes[k, 1] * y - axes[k, 2] * box[2], -axes[k, 2]
+        for k, (normal, (low, high)) in enumerate(zip(normals, ends, strict=True)):
+            start, slope = normal[0] * x + normal[1] * y - normal[2] * box[2], -normal[2]
             if abs(slope) < 1e-9:
-                leave[np.abs(start) > half[k]] = FAR
+                leave[(start < low) | (start > high)] = FAR
                 continue
-            middle, reach = -start / slope, half[k] / abs(slope)
-            side[middle - reach > enter] = k
-            np.maximum(enter, middle - reach, out=enter)
-            np.minimum(leave, middle + reach, out=leave)
+            one, other = (low - start) / slope, (high - start) / slope
+            first, last = (one, other) if slope > 0 else (other, one)
+            side[first > enter] = k
+            np.maximum(enter, first, out=enter)
+            np.minimum(leave, last, out=leave)
         hit = np.nonzero((enter < leave) & (side >= 0))
         rows, columns = hit[0] + part[0].start, hit[1] + part[1].start
         self.depth[rows, columns], self.member[rows, columns] = -enter[hit], BOX
-        self.normal[:, rows, columns] = (np.copysign(1.0, axes[:, 2])[:, None] * axes)[side[hit]].T
+        outward = np.array([math.copysign(1.0, normal[2]) * normal for normal in normals])
+        self.normal[:, rows, columns] = outward[side[hit]].T
 
     def cast_cone(
         self, n: int, ax: float, ay: float, az: float, bx: float, by: float, bz: float, ra: float, rb: float

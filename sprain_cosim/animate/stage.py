@@ -19,10 +19,10 @@ from matplotlib.text import Text
 
 from ..errors import InputError, visible
 from ..figures import DEGREES
-from ..figures.style import ANATOMY, BRACE, FAINT, GROUND, INK, MUTED, SUBTALAR, TALOCRURAL, palette
+from ..figures.style import ANATOMY, BRACE, FAINT, GROUND, INK, MUTED, SUBTALAR, TALOCRURAL, lines_of, palette
 from ..folders.landing import Landing
 from ..metrics import brace_torques
-from .moving import HALF_PLATFORM, platform_place
+from .moving import HALF_PLATFORM, platform_axes, platform_edge, platform_place
 from .skeleton import Pose, Skeleton
 from .solid import PAPER, Camera
 
@@ -39,6 +39,7 @@ COLOURS = {
 PLATFORM, HALF = np.array([0.68, 0.735, 0.79]), np.array(HALF_PLATFORM)  # colour, half extents [m]
 X, Y, Z = np.eye(3)
 EDGE, HEAD, GAP, CHART, FOOT = 14, 58, 12, 196, 28  # px
+TITLE, LINE = 14, 19  # px, of the headings
 # s; the force arrow's scale leaves out the first contact, which may be five times larger in the published pose
 IMPACT = 0.005
 
@@ -99,7 +100,9 @@ class Stage:
         views, tall = _views(len(runs))
         block = sum(v.width for v in views) + GAP * (len(views) - 1)
         self.width = 2 * EDGE + len(runs) * block + (len(runs) - 1) * 2 * GAP
-        self.height = HEAD + tall + GAP + CHART + FOOT
+        self.titles = [self._lines(n, block) for n in range(len(runs))]
+        head = HEAD + LINE * (max(map(len, self.titles)) - 1)
+        self.height = head + tall + GAP + CHART + FOOT
         self.width += self.width % 2  # video wants even sizes
         self.height += self.height % 2
         self.figure = Figure(figsize=(self.width / 100, self.height / 100), dpi=100, facecolor="white")
@@ -124,10 +127,10 @@ class Stage:
             left = EDGE + n * (block + 2 * GAP)
             for view in views:
                 self.panels.append(
-                    _Panel(self, actor, view, left, HEAD, tall, 0.40 * tall / top, 150.0 / max(moment, 20.0))
+                    _Panel(self, actor, view, left, head, tall, 0.40 * tall / top, 150.0 / max(moment, 20.0))
                 )
                 left += view.width + GAP
-        self.charts = self._charts(HEAD + tall + GAP)
+        self.charts = self._charts(head + tall + GAP)
 
     def frames(self, times: np.ndarray) -> Iterator[np.ndarray]:
         for actor in self.actors:
@@ -174,24 +177,28 @@ class Stage:
             **more,
         )
 
+    def _room(self, n: int, block: int) -> int:
+        """Pixels for the heading of landing `n`, beside the line in its colour and the clock."""
+        return block - (30 if len(self.runs) > 1 else 0) - (120 if n == len(self.runs) - 1 else 0)
+
+    def _lines(self, n: int, block: int) -> list[str]:
+        return lines_of(visible(self.runs[n].title), 0.72 * self._room(n, block), 0.72 * TITLE, "bold") or [""]
+
     def _head(self, block: int) -> None:
+        last = 20 + LINE * (max(map(len, self.titles)) - 1)
         for n, run in enumerate(self.runs):
             left = EDGE + n * (block + 2 * GAP)
-            room = block - (120 if n == len(self.runs) - 1 else 0)
-            many = len(self.runs) > 1
-            if many:
+            if len(self.runs) > 1:
                 self.page.plot(
                     [left, left + 22], [20, 20], color=self.colours[n], linewidth=3.5, solid_capstyle="round"
                 )
+                left += 30
+            for k, line in enumerate(self.titles[n]):
+                self._text(left, 20 + LINE * k, line, TITLE, INK, weight="bold")
             pose = f"initial pose {run.pose}" if run.pose else ""
-            self._text(left + (30 if many else 0), 20, _short(run.title, room / 8.6), 14, INK, weight="bold")
-            self._text(
-                left + (30 if many else 0),
-                41,
-                _short(", ".join(p for p in (pose, run.label) if p), room / 5.6),
-                9,
-                MUTED,
-            )
+            below = visible(", ".join(p for p in (pose, run.label) if p))
+            for line in lines_of(below, 0.72 * self._room(n, block), 0.72 * 9, most=1):
+                self._text(left, last + 21, line, 9, MUTED)
         self._text(
             EDGE,
             self.height - 13,
@@ -260,9 +267,9 @@ class _Actor:
         run.need(self.skeleton.coordinates, "a drawing")
         self.braced = bool(brace_torques(run.result))
         self.incline = run.parameter(self.skeleton.content["platform"]["incline"])
-        sine, cosine = math.sin(self.incline), math.cos(self.incline)
-        self.turn = np.array([[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]])
-        self.pivot, self.raised = self._stand()
+        self.turn = platform_axes(self.incline)
+        self.pivot, self.raised, edge = self._stand()
+        self.cut = None if edge is None else np.array([edge[0], 0.0, edge[1], edge[2]])
         self.colours = np.array([part_colour(part) for part in self.skeleton.parts])
         if cuff is not None:
             self.colours[[part == "brace" for part in self.skeleton.parts]] = to_rgb(cuff)
@@ -275,12 +282,13 @@ class _Actor:
             ),
         )
 
-    def _stand(self) -> tuple[np.ndarray, float]:
-        """The middle (3,) of the drawn part of the platform, and how far it lies above the pivot [m]: the pivot, or
-        under the foot of a motion that lands beside what is drawn there."""
-        first = {c: float(self.run.result[f"plant.{c}"][0]) for c in self.skeleton.coordinates}
-        place = platform_place(self.skeleton, self.skeleton.pose(first), self.incline)
-        return place, float(place[1] - self.skeleton.content["platform"]["pivot"][1])
+    def _stand(self) -> tuple[np.ndarray, float, np.ndarray | None]:
+        """The middle (3,) of the drawn part of the platform, how far it lies above the pivot [m], and the platform's
+        edge: the pivot, or under the foot of a motion that lands beside what is drawn there."""
+        first = self.skeleton.pose({c: float(self.run.result[f"plant.{c}"][0]) for c in self.skeleton.coordinates})
+        place = platform_place(self.skeleton, first, self.incline)
+        above = float(place[1] - self.skeleton.content["platform"]["pivot"][1])
+        return place, above, platform_edge(self.run, first, place, self.incline)
 
     def __getitem__(self, name: str) -> np.ndarray:
         """(n,) a signal of the record; zeros where the record has none."""
@@ -355,14 +363,20 @@ class _Panel:
                 stage.label(left + 9, y, name, 10.5, colour)
                 text = stage._text(left + 136, y, "", 11.5, colour, ha="right", weight="bold", moving=True)
                 self.figures.append((text, signal, factor, unit))
-            stage.label(left + 9, top + tall - 29, f"platform tilted {DEGREES * actor.incline:.0f}°", 9.5, MUTED)
+            stage.label(
+                left + 9,
+                top + tall - 29,
+                f"platform tilted {DEGREES * actor.incline:.0f}°{', with an edge' * (actor.cut is not None)}",
+                9.5,
+                MUTED,
+            )
 
     def paint(self, pixels: np.ndarray, k: int) -> None:
         actor = self.actor
         chosen = actor.whole if self.view.whole else actor.near
         volumes, colours = actor.volumes[k][chosen], actor.colours[chosen]
         picture = self.camera.picture(
-            volumes, colours, actor.pivot - HALF[1] * actor.turn[1], actor.turn, HALF, PLATFORM
+            volumes, colours, actor.pivot - HALF[1] * actor.turn[1], actor.turn, HALF, PLATFORM, actor.cut
         )
         picture[self.inked] = (1 - self.ink[:, 3:]) * picture[self.inked] + 255 * self.ink[:, 3:] * self.ink[:, :3]
         pixels[self.top : self.top + self.tall, self.left : self.left + self.view.width, :3] = picture
@@ -493,7 +507,3 @@ def _arrow(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 def _plain(value: float) -> str:
     """One decimal, a proper minus, no -0.0."""
     return f"{value:.1f}".replace("-0.0", "0.0").replace("-", "−")
-
-
-def _short(text: str, room: float) -> str:
-    return text if len(text) <= room else text[: int(room) - 1].rstrip() + "…"

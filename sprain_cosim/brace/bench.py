@@ -48,6 +48,8 @@ class Bench:
         except ValueError:
             raise SimulationError("the process answered what is no result") from None
         self.messages = result.messages
+        if self.scenario.refused(result):
+            raise InputError(result.message)
         if result.status != "completed":
             raise SimulationError("; ".join(text for text in (result.warning, result.message) if text))
         result = self._halved(result)

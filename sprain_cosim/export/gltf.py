@@ -50,7 +50,7 @@ def glb(moving: MovingBodies) -> bytes:
     made = _Document()
     names = list(moving.places)
     roots = [made.node(name, _mesh_of_body(made, moving, name)) for name in names]
-    platform = made.node("platform", made.mesh("platform", [(*_box(), made.material(PLATFORM))]))
+    platform = made.node("platform", made.mesh("platform", [(*_slab(moving.outline), made.material(PLATFORM))]))
     made.nodes[platform] |= {
         "translation": [float(c) for c in moving.pivot],
         "rotation": [math.sin(0.5 * moving.tilt), 0.0, 0.0, math.cos(0.5 * moving.tilt)],
@@ -156,19 +156,17 @@ def _arrow() -> tuple[Array, Array, Array]:
     return _joined([_revolved(np.zeros(3), up, shaft), _revolved(np.zeros(3), up, head)])
 
 
-def _box() -> tuple[Array, Array, Array]:
-    """The platform, its top face through the origin."""
-    parts = []
-    for axis in range(3):
-        for side in (-1.0, 1.0):
-            normal = np.zeros(3)
-            normal[axis] = side
-            one, other = (axis + 1) % 3, (axis + 2) % 3
-            corners = np.tile(normal, (4, 1))
-            corners[:, one], corners[:, other] = (-1, 1, 1, -1), (-1, -1, 1, 1)
-            order = [[0, 1, 2], [0, 2, 3]] if side > 0 else [[0, 2, 1], [0, 3, 2]]
-            places = corners * HALF_PLATFORM - np.array([0.0, HALF_PLATFORM[1], 0.0])
-            parts.append((places, np.tile(normal, (4, 1)), np.array(order)))
+def _slab(outline: Array) -> tuple[Array, Array, Array]:
+    """The platform, its top face through the origin; `outline` (k, 2): x and z of its corners."""
+    k = len(outline)
+    top = np.stack([outline[:, 0], np.zeros(k), outline[:, 1]], axis=1)
+    up, deep = np.array([0.0, 1.0, 0.0]), np.array([0.0, 2.0 * HALF_PLATFORM[1], 0.0])
+    fan = np.array([[0, n + 1, n] for n in range(1, k - 1)])
+    parts = [(top, np.tile(up, (k, 1)), fan), (top - deep, np.tile(-up, (k, 1)), fan[:, ::-1])]
+    for one, other in zip(top, np.roll(top, -1, axis=0), strict=True):
+        out = np.cross(up, other - one) / np.linalg.norm(other - one)
+        places = np.array([one, other, other - deep, one - deep])
+        parts.append((places, np.tile(out, (4, 1)), np.array([[0, 1, 2], [0, 2, 3]])))
     return _joined(parts)
 
 

@@ -23,9 +23,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
+from matplotlib.textpath import TextToPath
 
 from ..errors import visible
 from ..files import write
@@ -353,7 +355,32 @@ def band_above(axis: Axes, share: float) -> None:
 
 
 def shorten(text: str, length: int = 60) -> str:
-    return text if len(text) <= length else text[: length - 1].rstrip() + "…"
+    """At most so many letters, ended with an ellipsis behind a word, or inside one that is long."""
+    if len(text) <= length:
+        return text
+    kept = text[:length].rpartition(" ")[0]
+    return (kept if 2 * len(kept) >= length else text[: length - 1]).rstrip(" ,;:·-") + "…"
+
+
+def lines_of(text: str, room: float, size: float, weight: str = "normal", most: int = 2) -> list[str]:
+    """The text in lines no wider than `room` [points] at a font size, `most` of them, the last one ended with an
+    ellipsis where that does not hold all."""
+    font, path = FontProperties(size=size, weight=weight), TextToPath()
+
+    def fits(line: str) -> bool:
+        return bool(path.get_text_width_height_descent(line, font, False)[0] <= room)
+
+    words, lines = text.split(), list[str]()
+    while words and len(lines) < most:
+        taken = next((k for k in range(len(words), 0, -1) if fits(" ".join(words[:k]))), 0)
+        if (len(lines) == most - 1 and taken < len(words)) or not taken:
+            whole = " ".join(words)
+            cut = next((n for n in range(len(whole), 1, -1) if fits(shorten(whole, n))), 1)
+            lines.append(shorten(whole, cut))
+            break
+        lines.append(" ".join(words[:taken]))
+        words = words[taken:]
+    return lines
 
 
 def label(name: str) -> str:

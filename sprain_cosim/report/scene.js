@@ -26,10 +26,10 @@
   const FRAGMENT = `
     precision highp float;
     varying vec3 n, c, p; varying vec3 on;
-    uniform vec3 eye, half_; uniform float shadow, alpha, flat_;
+    uniform vec3 eye, half_, edge; uniform float shadow, alpha, flat_;
     void main() {
       if (shadow > 0.5) {
-        if (abs(on.x) > half_.x || abs(on.z) > half_.z || on.y < -0.03 || on.y > 0.35) discard;
+        if (abs(on.x) > half_.x || abs(on.z) > half_.z || dot(on.xz, edge.xy) > edge.z || on.y < -0.03 || on.y > 0.35) discard;
         gl_FragColor = vec4(0.08, 0.10, 0.14, 0.30 * exp(-5.0 * max(on.y, 0.0))); return;
       }
       vec3 m = normalize(n), to = normalize(eye - p), light = normalize(vec3(-0.45, 0.80, -0.40));
@@ -81,19 +81,19 @@
     }
     revolve(m, a, d, rows, rgb, body, 16);
   }
-  function box(m, half, rgb, body) {
-    for (let axis = 0; axis < 3; axis++)
-      for (const side of [-1, 1]) {
-        const n = [0, 0, 0], first = m.v.length / 10;
-        n[axis] = side;
-        for (const [p, q] of [[-1, -1], [1, -1], [1, 1], [-1, 1]]) {
-          const x = [0, 0, 0];
-          x[axis] = side * half[axis]; x[(axis + 1) % 3] = p * half[(axis + 1) % 3]; x[(axis + 2) % 3] = q * half[(axis + 2) % 3];
-          if (axis === 1) x[1] = side > 0 ? 0 : -2 * half[1]; else x[1] -= half[1];
-          m.v.push(...x, ...n, ...rgb, body);
-        }
-        m.i.push(first, first + 1, first + 2, first, first + 2, first + 3);
-      }
+  // the platform: `outline` [x, z] of its upper face, `deep` below it
+  function slab(m, outline, deep, rgb, body) {
+    const face = (places, n) => {
+      const first = m.v.length / 10;
+      for (const x of places) m.v.push(...x, ...n, ...rgb, body);
+      for (let k = 1; k + 1 < places.length; k++) m.i.push(first, first + k, first + k + 1);
+    };
+    face(outline.map(([x, z]) => [x, 0, z]), [0, 1, 0]);
+    face(outline.map(([x, z]) => [x, -deep, z]), [0, -1, 0]);
+    outline.forEach(([x, z], k) => {
+      const [p, q] = outline[(k + 1) % outline.length];
+      face([[x, 0, z], [p, 0, q], [p, -deep, q], [x, -deep, z]], unit([q - z, 0, x - p]));
+    });
   }
   function arrow(m, from, to, thick, rgb) {
     const way = minus(to, from), long = size(way), d = unit(way), head = Math.min(4.5 * thick, 0.7 * long);
@@ -173,7 +173,7 @@
     choose(index) {
       const l = this.landing = landings[index], groups = { far: mesh(), glass: mesh(), sole: mesh(), bone: mesh(), cuff: mesh() }, floor = mesh();
       for (const [body, group, ends, rgb] of l.shapes) roundCone(groups[group], body, ends, rgb);
-      box(floor, scene.half, scene.platform, 6);
+      slab(floor, l.outline, 2 * scene.half[1], scene.platform, 6);
       for (const old of Object.values(this.groups || {})) { this.gl.deleteBuffer(old.v); this.gl.deleteBuffer(old.i); }
       this.groups = { floor: this.upload(floor) };
       for (const key in groups) this.groups[key] = this.upload(groups[key]);
@@ -207,7 +207,7 @@
       gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
       gl.enable(gl.DEPTH_TEST); gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
       gl.uniformMatrix4fv(this.at("view"), false, m); gl.uniform4fv(this.at("origins"), origins); gl.uniform4fv(this.at("turns"), turns);
-      gl.uniform3fv(this.at("eye"), eye); gl.uniform3fv(this.at("half_"), scene.half); gl.uniform3fv(this.at("pivot"), l.pivot);
+      gl.uniform3fv(this.at("eye"), eye); gl.uniform3fv(this.at("half_"), scene.half); gl.uniform3fv(this.at("pivot"), l.pivot); gl.uniform3fv(this.at("edge"), l.edge);
       gl.uniform2f(this.at("tilt"), Math.cos(l.tilt), Math.sin(l.tilt));
       const pass = (group, alpha, shadow, flat) => {
         if (!group.count) return;

@@ -147,6 +147,8 @@ def _landing(name: str, motion: MovingBodies, colour: str) -> dict[str, Any]:
         "peak": motion.peak,
         "pivot": [float(c) for c in motion.pivot],
         "tilt": motion.tilt,
+        "outline": motion.outline.round(5).tolist(),
+        "edge": [0.0, 0.0, 1.0] if motion.edge is None else [float(c) for c in motion.edge],
         "shapes": [_shape(volume, bodies, colour) for volume in motion.volumes],
         "data": base64.b64encode(table.astype("<f4").tobytes()).decode(),
     }

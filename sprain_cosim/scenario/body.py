@@ -3,14 +3,14 @@ parameters are, and become the plant's mass and factors before a run."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 from ..cosim.system import System
 from ..errors import InputError
 from ..fmu.element import Connector
 from ..subject.anthropometry import MEASURES, SEXES, anthropometry, unit_of_measure
-from ..subject.person import PASSIVE, Person, Subject
+from ..subject.person import PASSIVE, SEGMENTS, Person, Subject
 from ..units import unit
 
 OWNER = "subject."
@@ -75,6 +75,30 @@ def plant_values(subject: Subject, system: System) -> dict[str, float]:
             )
         found[full] = value
     return found
+
+
+def pose_problem(system: System, values: Mapping[str, float], varied: Collection[str] = ()) -> str:
+    """Why a landing with these `values` in their own units cannot start: the published pose has the height of the base
+    person, and no other's lengths. Empty where it can. `varied`: names whose values are not known yet."""
+    try:
+        pose, fibres = system.find(f"{PLANT}initial_pose"), system.find(f"{PLANT}fibre_start")
+    except InputError:
+        return ""
+    published, record = pose.items.get("published"), fibres.items.get("as_published")
+    if published is None or values.get(f"{PLANT}initial_pose", pose.start) != published:
+        return ""
+    lengths = tuple(f"{PLANT}{segment}_scale_" for segment in SEGMENTS)
+    if not any(n.startswith((*lengths, OWNER)) for n in varied) and all(
+        value == 1.0 for name, value in values.items() if name.startswith(lengths)
+    ):
+        return ""
+    more = (
+        f' and {PLANT}fibre_start = "equilibrium"' if values.get(f"{PLANT}fibre_start", fibres.start) == record else ""
+    )
+    return (
+        f"{PLANT}initial_pose = published: is the height of the base person's pelvis, which leaves another one's foot "
+        f'far above or inside the platform; set {PLANT}initial_pose = "touching"{more}'
+    )
 
 
 def measured_text(name: str, value: float) -> str:

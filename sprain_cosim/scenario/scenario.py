@@ -21,6 +21,7 @@ from ..fmu.element import Element
 from ..fmu.foreign import is_foreign
 from ..fmu.isolated import Isolated, isolated
 from ..mapping import carried, read_component
+from ..metrics import cut_short
 from ..notebook import Card, Rows
 from ..process import Limits
 from ..sandbox.confinement import Confinement
@@ -30,7 +31,7 @@ from ..subject.person import Subject
 from ..subject.words import parse_subject
 from ..units import plain_number, quantity, seconds, stated
 from .apart import Apart
-from .body import is_of_subject, plant_values, subject_connectors, with_measures
+from .body import is_of_subject, plant_values, pose_problem, subject_connectors, with_measures
 from .isolation import Isolation, isolation
 from .package import device, is_package, parameter_set_values
 from .settable import settable_table, settables
@@ -334,6 +335,7 @@ class Scenario(Card):
                 values[full] = system.settable(full).value(value, full)
             except InputError as problem:
                 problems.append(str(problem) if full in str(problem) else f"parameter {problem}")
+        problems += filter(None, [pose_problem(system, values)])
         problems_to_error(self.source, _without_repeats(problems))
         return replace(system, parameters=values)
 
@@ -485,12 +487,12 @@ class Scenario(Card):
         return Apart(self, limits)
 
     def coupling_check(self, result: Result) -> dict[str, float]:
-        """Change of every metric when the communication step is halved: how far the coupling of `result` is from
-        converged.
+        """Change of every metric at half the steps, as in Session.at_half_the_step: how far `result` is from converged.
 
-        Raises SimulationError when the run at half the step fails."""
+        Raises SimulationError when that run fails."""
         master = replace(self.master, communication_step=0.5 * self.master.communication_step)
-        finer = replace(self, master=master).run()
+        parameters = {**self.parameters, **_finer_plant(self.system(), {})}
+        finer = replace(self, master=master, parameters=parameters).run()
         if finer.status != "completed":
             raise SimulationError(f"at half the communication step: {finer.message}")
         return {key: finer.metrics[key] - value for key, value in result.metrics.items()}
@@ -504,6 +506,11 @@ class Scenario(Card):
             if not halve or result.status != "completed" or result.wall > HALVED_WITHIN:
                 return result
             return self.compared(result, session.at_half_the_step())
+
+    def refused(self, result: Result) -> bool:
+        """Whether the plant, being the project's own, would not start with its parameters: a matter of input."""
+        begun = result.status != "failed" or len(result.time) > 0
+        return not begun and result.message.startswith(f"{PLANT}: ") and PLANT not in (*self.foreign(), *self.isolate)
 
     def compared(self, result: Result, finer: Mapping[str, float]) -> Result:
         """The result beside the metrics at half its step, with a warning where its coupling has not converged; itself
@@ -535,11 +542,13 @@ class Session:
         return self._run(self.scenario.master, parameters, judged)
 
     def at_half_the_step(self, parameters: Mapping[str, float | str] | None = None) -> dict[str, float]:
-        """The metrics of the same run at half the communication step; empty where that does not run."""
+        """The metrics of the same run at half the communication step and half the steps that the plant takes by itself;
+        empty where that does not run."""
         step = 0.5 * self.scenario.master.communication_step
         finer = replace(self.scenario.master, communication_step=step, record=())
+        values = dict(parameters or {})
         try:
-            return self._run(finer, parameters, judged=False).metrics
+            return self._run(finer, values | _finer_plant(self.system, values), judged=False).metrics
         except (InputError, SimulationError):
             return {}
 
@@ -551,6 +560,8 @@ class Session:
         result = master.run(self._assembly, {**self.system.parameters, **own}, judged)
         if result.status != "completed":  # an instance that reported an error may only be freed
             self.close()
+        elif judged and (more := cut_short(result, master.stop)):
+            result = replace(result, warning="; ".join(text for text in (result.warning, more) if text))
         return result
 
     def close(self) -> None:
@@ -563,6 +574,23 @@ class Session:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+TOLERANCE = "plant.tolerance"
+OF_HALF_THE_STEP = 0.25  # of the tolerance: the local error that the plant controls is of the second order
+
+
+def _finer_plant(system: System, values: Mapping[str, float | str]) -> dict[str, float]:
+    """{parameter: value} with which a plant that controls its own steps halves them; `values` stand before the
+    system's. Empty for one that does not."""
+    try:
+        connector = system.find(TOLERANCE)
+    except InputError:
+        return {}
+    held = values.get(TOLERANCE, system.parameters.get(TOLERANCE, connector.start))
+    if connector.causality != "parameter" or not isinstance(held, int | float):
+        return {}
+    return {TOLERANCE: max(OF_HALF_THE_STEP * held, connector.minimum)}
 
 
 def _constants(components: Iterable[Element]) -> dict[str, Value]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from ..cosim.result import CONVERGED, UNCONVERGED
-from ..metrics import THROWN_TEXT, pose_artefacts, unit_of
+from ..metrics import THROWN_TEXT, longer, pose_artefacts, unit_of
 from ..processor import one_thread
 from ..records import finite
 from ..uq import sensitivity, statistics
@@ -71,6 +71,7 @@ FOR_CHAOS = 100  # completed trials for polynomial chaos
 CHAOS_DEGREE = 3  # at most; seconds instead of minutes for ten inputs and thousands of trials
 SHARES = tuple(f"{kind}{end}" for kind in ("first", "total", "shapley") for end in ("", "_low", "_high"))
 FACTORS = ("dmean_dmean", "dmean_dsd", "dsd_dmean", "dsd_dsd")
+PEAK_TIME = "time_of_peak_subtalar_s"
 CURVE = 41  # thresholds of a curve
 REWEIGHTED = 4_000  # rows that specimens behind inputs are judged from
 UNCHECKED = (
@@ -183,6 +184,20 @@ def _coupling(study: Plan, done: pd.DataFrame) -> list[str]:
     ]
 
 
+def _cut_short(study: Plan, done: pd.DataFrame) -> list[str]:
+    """How many of the landings end before the foot has turned back."""
+    if PEAK_TIME not in done:
+        return []
+    stop = study.scenario.master.stop
+    told = int((done[PEAK_TIME] >= stop * (1.0 - 1e-9)).sum())
+    if not told:
+        return []
+    return [
+        f"in {told} of {len(done)} trials the foot still turned at the stop ({1e3 * stop:g} ms): their peaks are the "
+        f"largest angles until then; {longer(stop)}"
+    ]
+
+
 def _with_sample(
     summary: StudySummary, study: Plan, trials: pd.DataFrame, done: pd.DataFrame, metrics: Sequence[str]
 ) -> StudySummary:
@@ -209,7 +224,7 @@ def _with_sample(
         curves = {q.response: sample.curve(values[q.response]) for q in asked}
         if all(q.name in questions for q in LITERATURE):
             notes.append(TWO_THRESHOLDS)
-    notes += _coupling(study, done)
+    notes += [*_coupling(study, done), *_cut_short(study, done)]
     thrown = pose_artefacts(responses, summary.initial_pose)
     if thrown:
         notes.append(f"{THROWN_TEXT} ({', '.join(thrown)})")

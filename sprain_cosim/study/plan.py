@@ -19,7 +19,7 @@ from ..fmu.component import Component
 from ..metrics import NAMES
 from ..notebook import Card, Rows
 from ..scenario import Scenario, Value
-from ..scenario.body import OWNER, SEX, is_of_subject
+from ..scenario.body import OWNER, SEX, is_of_subject, pose_problem
 from ..subject.anthropometry import SEXES
 from ..subject.person import Subject
 from ..units import SHOWN, unit
@@ -442,7 +442,11 @@ class Plan(Card):
     def checked(self) -> Self:
         """Itself. Raises InputError with all problems: names, samples outside a parameter's range, sizes,
         correlations."""
-        problems = [*self._range_problems(self.scenario.system()), *self._method_problems(), *self._size_problems()]
+        system = self.scenario.system()
+        problems = [*self._range_problems(system), *self._method_problems(), *self._size_problems()]
+        if "plant.initial_pose" not in self.marginals:
+            varied = (*self.marginals, *self.grid, *self.vary)
+            problems += filter(None, [pose_problem(system, system.parameters, varied)])
         if not problems and self.marginals:
             try:
                 _ = self.joint

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -18,6 +19,7 @@ from sprain_cosim.scenario import Scenario, load_scenario
 from sprain_cosim.study.manifest import read_manifest
 from sprain_cosim.study.replay import replay
 from sprain_cosim.study.study import Study
+from sprain_cosim.uq.distributions import Normal
 
 PEAK = "peak_subtalar_angle_deg"
 WOMAN = "female, 1.63 m, 62 kg"
@@ -237,3 +239,51 @@ def test_every_number_of_an_unstable_ankle_has_its_source() -> None:
         low, high = study.marginals[name].support
         value = load_scenario("ankle_chronic_instability").system().parameters[name]
         assert low < value <= high
+
+
+def test_the_published_pose_is_the_base_persons(mixed: Scenario) -> None:
+    """Known before any landing, so that it is an input matter, of scenarios and of studies."""
+    published = mixed.override("plant.initial_pose", "published")
+    assert published.with_subject("female, 1.80 m, 67.54377325440001 kg").system().parameters["plant.body_mass"] > 0
+    words = 'published: is the height of the base person.* set plant.initial_pose = "touching"'
+    for other in (
+        lambda: published.with_subject(WOMAN).system(),
+        lambda: published.override("plant.foot_scale_x", 0.95).system(),
+        lambda: sc.load_study("population_mixed").override("plant.initial_pose", "published").checked(),
+    ):
+        with pytest.raises(InputError, match=words + "$"):
+            other()
+    study = sc.load_study("study6")
+    with pytest.raises(InputError, match=words + ' and plant.fibre_start = "equilibrium"$'):
+        study.with_subject(WOMAN).checked()
+    varied = replace(
+        study,
+        marginals={**study.marginals, "plant.foot_scale_x": Normal(1.0, 0.05)},
+        units={**study.units, "plant.foot_scale_x": ""},
+    )
+    with pytest.raises(InputError, match=words):
+        varied.checked()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--set", "plant.initial_pose=given", "--set", "plant.pelvis_ty_at_contact=0.7 m"), "mm inside the platform"),
+        (("--set", "plant.platform_edge_distance=-0.9 m"), "no part of the sole is on this side"),
+    ],
+)
+def test_a_landing_that_cannot_start_is_bad_input(
+    options: tuple[str, ...],
+    words: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for command in (("run",), ("compare", "--brace", "a=brace_linear", "--out", "never", "--progress", "none")):
+        monkeypatch.setattr("sys.argv", ["sprain-cosim", command[0], "incline30", *options, *command[1:]])
+        with pytest.raises(SystemExit) as end:
+            main()
+        lines = capsys.readouterr().err.splitlines()
+        assert end.value.code == 2
+        assert [line for line in lines if line.startswith("error: ") and words in line] == lines[-1:]

@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sprain_cosim.cosim.result import PEAK
 from sprain_cosim.scenario import load_scenario
+from sprain_cosim.shipped import shipped_scenarios
 
 PUBLISHED = {
     "level": 0.8,
@@ -118,3 +120,33 @@ def test_other_grounds_land_and_the_page_has_their_numbers() -> None:
             assert parameters["plant.contact_viscous_friction"] == 0.0
     assert len(rows.keys() & peaks.keys()) == 4
     assert peaks["surface_ice"] < 20.0 < 30.0 < peaks["step_edge"]
+
+
+@pytest.mark.parametrize("name", shipped_scenarios())
+def test_no_scenario_warns_at_its_own_settings(name: str) -> None:
+    scenario = load_scenario(name)
+    result = scenario.run(halve=True)
+    assert (result.status, result.warning, scenario.doubts()) == ("completed", "", [])
+    assert result.converged
+
+
+@pytest.mark.parametrize("name", ["surface_gym_floor", "surface_sand", "step_edge", "incline30"])
+def test_the_doubt_of_the_step_holds_the_error_of_the_plants_own_steps(name: str) -> None:
+    """At the default tolerance; without a viscous part of the friction that leaves 0.1 to 0.2 deg, which is said."""
+    scenario = load_scenario(name).override("plant.tolerance", 0.0025).with_master(stop="150 ms")
+    result = scenario.run(halve=True)
+    exact = scenario.override("plant.tolerance", 2.5e-5).run().metrics[PEAK]
+    assert result.coupling_doubt is not None
+    assert abs(result.metrics[PEAK] - exact) < 1.25 * result.coupling_doubt
+    assert result.converged is (name == "incline30")
+
+
+def test_a_landing_that_is_cut_short_says_so() -> None:
+    scenario = load_scenario("step_edge")
+    whole = scenario.run()
+    cut = scenario.with_master(stop="150 ms").run()
+    assert whole.metrics[PEAK] > cut.metrics[PEAK] + 10.0
+    assert cut.warning.startswith(
+        "the foot still turned at the stop (150 ms): its peak is the largest angle till then; "
+    )
+    assert cut.warning.endswith("--stop '300 ms' lets it turn back")

@@ -14,11 +14,12 @@ from scipy.spatial.transform import Rotation
 
 from sprain_cosim.animate.bones import bones
 from sprain_cosim.animate.film import HOLD, RATE, animate
-from sprain_cosim.animate.moving import MovingBodies
+from sprain_cosim.animate.moving import HALF_PLATFORM, MovingBodies, platform_axes, platform_outline
 from sprain_cosim.animate.skeleton import Skeleton
 from sprain_cosim.animate.solid import PAPER, Camera
 from sprain_cosim.animate.stage import Stage
 from sprain_cosim.errors import EnvironmentProblem, InputError
+from sprain_cosim.figures.style import lines_of
 from sprain_cosim.folders.landing import Landing
 from sprain_cosim.scenario import load_scenario
 from sprain_cosim.shipped import fmu_path
@@ -72,6 +73,36 @@ def test_the_platform_is_drawn_where_a_motion_lands(braced: Landing) -> None:
     assert np.abs(pictures[0] - pictures[1]).mean() < 0.05
     usual = Stage([braced], 20.0).actors[0]
     assert usual.pivot.tolist() == usual.skeleton.content["platform"]["pivot"]
+
+
+def test_the_platform_is_drawn_up_to_its_edge() -> None:
+    """Where the sole bears on it, and no further: the centre of pressure stays on what is drawn, and comes near its
+    edge."""
+    edge = {"plant.platform_edge_distance": -0.02, "plant.platform_edge_direction": np.pi / 2}
+    result = load_scenario("step_edge").with_master(stop="120 ms").recording("plant.*").run()
+    landing = Landing("", "", None, result, {"plant.platform_incline": 0.0, **edge}, PLANT)
+    moving = MovingBodies.of(landing)
+    assert moving.edge is not None
+    borne = np.linalg.norm(moving.force, axis=1) > 50.0
+    at = ((moving.point[borne] - moving.pivot) @ platform_axes(moving.tilt).T)[:, [0, 2]]
+    room = moving.edge[2] - at @ moving.edge[:2]
+    assert -1e-9 < room.min() < 0.01
+    assert moving.outline[:, 1].max() == pytest.approx(moving.edge[2])
+    (stage,) = Stage([landing], 20.0).actors
+    assert stage.cut is not None
+    assert stage.cut[[0, 2, 3]] == pytest.approx(moving.edge)
+
+
+def test_the_outline_of_a_platform_with_an_edge() -> None:
+    x, _, z = HALF_PLATFORM
+    whole = platform_outline(None)
+    assert whole.tolist() == platform_outline(np.array([0.6, 0.8, 9.0])).tolist()
+    assert len(platform_outline(np.array([0.6, 0.8, -9.0]))) == 0
+    half = platform_outline(np.array([0.0, 1.0, 0.1]))
+    assert half == pytest.approx(np.array([[-x, -z], [x, -z], [x, 0.1], [-x, 0.1]]))
+    corner = platform_outline(np.array([np.sqrt(0.5), np.sqrt(0.5), 0.9 * np.sqrt(2) * x]))
+    assert len(corner) == 5
+    assert corner.sum(axis=1).max() == pytest.approx(1.8 * x)
 
 
 def test_the_drawing_scales_with_the_person() -> None:
@@ -164,6 +195,7 @@ def picture(
     scale: float = 100.0,
     box: np.ndarray = AWAY,
     turn: np.ndarray | None = None,
+    cut: np.ndarray | None = None,
 ) -> np.ndarray:
     camera = Camera(X, Y, np.zeros(3), scale, 200, 160)
     return camera.picture(
@@ -173,6 +205,7 @@ def picture(
         np.eye(3) if turn is None else turn,
         np.array([0.6, 0.2, 0.6]),
         np.array([0.6, 0.6, 0.6]),
+        cut,
     )
 
 
@@ -208,6 +241,11 @@ def test_the_nearer_volume_hides_the_other_and_the_box_is_tilted() -> None:
     spread = np.linalg.eigh(np.cov(columns, -rows))[1][:, 1]
     assert np.degrees(np.arctan(spread[1] / spread[0])) == pytest.approx(20.0, abs=0.5)
     assert plank.sum() == pytest.approx(1.2 * 0.4 * 1e4, rel=0.02)
+    for cut, share in (((1.0, 0.0, 0.0, 0.2), 0.8 / 1.2), ((-0.6, 0.8, 0.0, 0.0), 0.5), ((0.0, 0.0, 1.0, 0.1), 1.0)):
+        left = drawn(
+            picture([[9.0, 9.0, 0.0, 9.0, 9.0, 0.0, 0.1, 0.1]], [red], box=np.zeros(3), turn=turn, cut=np.array(cut))
+        )
+        assert left.sum() == pytest.approx(share * plank.sum(), rel=0.02)
 
 
 def test_projection_agrees_with_the_picture() -> None:
@@ -216,6 +254,22 @@ def test_projection_agrees_with_the_picture() -> None:
     image = camera.picture(ball, np.array([[0.1, 0.1, 0.1]]), AWAY, np.eye(3), np.full(3, 0.01), np.zeros(3))
     rows, columns = np.nonzero(drawn(image))
     assert camera.project(ball[0, :3]) == pytest.approx((columns.mean() + 0.5, rows.mean() + 0.5), abs=0.3)
+
+
+def test_long_headings_take_two_lines_and_end_at_a_word(braced: Landing) -> None:
+    title = "A landing whose name is as long as this on a slope of thirty degrees with a brace of a long name " * 2
+    usual, long = Stage([braced], 20.0), Stage([replace(braced, title=title)] * 2, 20.0)
+    assert usual.titles == [[braced.title]]
+    for first, last in long.titles:
+        assert last.endswith("…")
+        assert title.startswith(f"{first} {last[:-1]} ")
+    assert len(long.titles[0][0]) > len(long.titles[1][0])  # beside the clock
+    assert long.height - Stage([braced] * 2, 20.0).height in (18, 20)
+    word = lines_of("Einbeinlandung" * 9, 200.0, 10.0)
+    assert len(word) == 1
+    assert word[0].endswith("…")
+    assert lines_of("", 200.0, 10.0) == []
+    assert lines_of("one two", 200.0, 10.0, most=1) == ["one two"]
 
 
 def test_film_of_two_landings_in_step(braced: Landing, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sprain_cosim.animate.moving import MovingBodies
+from sprain_cosim.animate.moving import MovingBodies, platform_axes
 from sprain_cosim.export.gltf import SLOW, write_glb
 from sprain_cosim.folders.landing import Landing
 
@@ -122,6 +123,18 @@ def test_the_platform_is_tilted_as_the_parameter_says(read: Read) -> None:
     (platform,) = [node for node in read.json["nodes"] if node["name"] == "platform"]
     normal = Rotation.from_quat(platform["rotation"]).apply([0.0, 1.0, 0.0])
     np.testing.assert_allclose(normal, [0.0, np.cos(np.pi / 6), np.sin(np.pi / 6)], atol=1e-12)
+
+
+def test_the_platform_ends_at_its_edge(landing: Landing, tmp_path: Path) -> None:
+    edge = {"plant.platform_edge_distance": 0.03, "plant.platform_edge_direction": 0.4}
+    write_glb(replace(landing, parameters={**landing.parameters, **edge}), tmp_path / "x.glb")
+    read = Read((tmp_path / "x.glb").read_bytes())  # counter-clockwise from outside, as all
+    (mesh,) = [mesh for mesh in read.json["meshes"] if mesh["name"] == "platform"]
+    places = read.arrays[mesh["primitives"][0]["attributes"]["POSITION"]]
+    moving = MovingBodies.of(landing)
+    foot = platform_axes(moving.tilt) @ (moving.places["calcn_r"][0] - moving.pivot)
+    reach = (places[:, [0, 2]] - foot[[0, 2]]) @ [np.cos(0.4), np.sin(0.4)]
+    assert reach.max() == pytest.approx(0.03, abs=1e-6)
 
 
 def test_it_is_the_same_file_each_time(landing: Landing, tmp_path: Path) -> None:
