@@ -15,7 +15,7 @@ from ..fmu.component import Component
 from ..fmu.element import Connector
 from ..mapping import Mapping, Signal, carried, load_mapping
 from ..scenario import Scenario
-from ..ssp.writing import Joint, Written, package_bytes
+from ..ssp.writing import SET, Joint, Written, package_bytes
 
 VERSIONS = ("1.0", "2.0")
 
@@ -112,6 +112,10 @@ def _notes(parts: dict[str, Exported], hand_over: list[Joint], step: float) -> l
         for name, part in parts.items()
         if part.mapping.allowed
     ]
+    notes.append(
+        f"all parameter sets are called {SET}: a tool that takes them by name and is not told that one runs the FMUs' "
+        "own start values"
+    )
     if hand_over:
         notes.append(
             "stiffness and damping of the brace stand in our annotations, not among the connections: our master hands "

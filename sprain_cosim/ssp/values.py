@@ -212,37 +212,33 @@ def units_of(tree: Any, place: str) -> dict[str, Unit]:
         if name in found:
             raise InputError(f"{what}: is defined twice; keep one")
         found[name] = Unit(name, exponents, factor, offset)
-        usual = _usual(name)
-        if usual is not None and usual.exponents[:-1] == exponents[:-1] and not _same_scale(usual, found[name]):
-            raise InputError(
-                f"{what}: is defined with the factor {factor:g} and the offset {offset:g}, but {name} is "
-                f"{usual.factor:g} {usual.dimension()}{f' + {usual.offset:g}' if usual.offset else ''}; correct the "
-                "definition, or give the unit another name"
-            )
     return found
 
 
-def _usual(name: str) -> Unit | None:
-    """What a unit of that name is everywhere else; None for a name that says nothing."""
-    try:
-        return unit(name)
-    except InputError:
-        return None
-
-
-def _same_scale(one: Unit, other: Unit) -> bool:
-    return math.isclose(one.factor, other.factor, rel_tol=1e-6) and math.isclose(
-        one.offset, other.offset, rel_tol=1e-6, abs_tol=1e-12
-    )
-
-
 def unit_named(name: str | None, units: Mapping[str, Unit], place: str) -> Unit | None:
-    """Raises InputError for a unit that the document does not define."""
+    """Raises InputError for a unit that the document does not define, or not as what its name says."""
     if name is None:
         return None
     if name not in units:
         raise InputError(f"{place}: unit {name!r} is not defined in this document's Units{nearest(name, units)}")
-    return units[name]
+    own = units[name]
+    try:
+        usual = unit(name)
+    except InputError:  # a name that says nothing
+        return own
+    same = math.isclose(own.factor, usual.factor, rel_tol=1e-6) and math.isclose(
+        own.offset, usual.offset, rel_tol=1e-6, abs_tol=1e-12
+    )
+    if not same or own.exponents[:-1] != usual.exponents[:-1]:  # not every tool counts the radian
+        raise InputError(
+            f"{place}: unit {name} is defined as {_in_base(own)}, but {name} is {_in_base(usual)}; correct the "
+            "definition, or give the unit another name"
+        )
+    return own
+
+
+def _in_base(own: Unit) -> str:
+    return f"{own.factor:g} {own.dimension()}{f' + {own.offset:g}' if own.offset else ''}"
 
 
 def finite_number(text: str, place: str) -> float:

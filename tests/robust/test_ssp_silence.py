@@ -64,6 +64,7 @@ def with_kind(kind: str, connections: str = THROUGH) -> str:
     return structure(system(PLAIN, connections, f'{OUTSIDE}<ssd:Connector name="k" kind="{kind}"/>'))
 
 
+WRONG_UNIT = '<ssv:Units><ssc:Unit name="N.mm/rad"><ssc:BaseUnit kg="1" m="2" s="-2" rad="-1"/></ssc:Unit></ssv:Units>'
 ONE_MAPPING = f'<ssm:ParameterMapping{SPACES} version="1.0"/>'
 MASTER = '<ssc:Annotation type="x"><own:Master xmlns:own="urn:sprain-cosim:ssp:1"/></ssc:Annotation>'
 MAPPED = '<ssm:MappingEntry source="stiffness" target="stiffness">{}</ssm:MappingEntry>'
@@ -76,7 +77,14 @@ REFUSED = {  # of both versions of the standard
     ),
     "two units": (DEVICE.replace("</ssd:Units>", UNITS[11:]), "unit deg: is defined twice"),
     "empty unit": (DEVICE.replace('unit="rad"', 'unit=""'), "unit '' is not defined"),
-    "forgotten factor": (DEVICE.replace(' factor="0.017453292519943295"', ""), "but deg is 0.0174533 rad"),
+    "forgotten factor": (
+        bound(binding(parameters(value("stiffness", '<ssv:Real value="1" unit="N.mm/rad"/>'), WRONG_UNIT))),
+        "unit N.mm/rad is defined as 1 kg.m2/(s2.rad), but N.mm/rad is 0.001 kg.m2/(s2.rad)",
+    ),
+    "another dimension": (
+        DEVICE.replace('<ssc:BaseUnit rad="1"/>', '<ssc:BaseUnit m="1"/>'),
+        "unit rad is defined as 1 m, but rad is 1 rad",
+    ),
     "another type": (DEVICE.replace('<ssc:Real unit="rad"/>', "<ssc:Boolean/>", 1), "type Boolean in the document"),
     "two values": (bound(binding(parameters(STIFF * 2))), "stiffness: two values in one parameter set"),
     "two sets": (bound(binding(parameters(STIFF) * 2)), "needs a source, or one ParameterSet in it, and not both"),
