@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 
-from ..contract import AXES, INPUTS, OUTPUTS, RANGE_DEG, plain, profile
+from ..contract import AXES, INPUTS, OUTPUTS, PLANT, RANGE_DEG, plain, profile
 from ..errors import InputError
 from ..fmu.component import Component
 from ..fmu.element import Connector
@@ -114,6 +114,11 @@ def _judge_duplicates(component: Component, report: FitReport) -> None:
 
 
 def _judge_missing_torque(component: Component, report: FitReport) -> None:
+    if f"{PLANT}.subtalar_angle" in component.outputs:
+        report.problems.append(
+            "is a landing with its plant inside, as `ssp export --container` writes it, and no device"
+        )
+        return
     candidates = [n for n, c in component.outputs.items() if could_be(c, "torque")]
     if candidates:
         report.proposal = propose(component)

@@ -304,6 +304,8 @@ def test_bytes_and_words(tmp_path: Path, capsys: pytest.CaptureFixture[str], mon
         other = read.connectors[f"plant.{name}"]
         assert (other.unit, other.minimum, other.maximum) == (own.unit, own.minimum, own.maximum)
         assert (other.items, other.description) == (own.items, own.description)
+    assert _run(["check", str(tmp_path / "a.fmu")], []) == 1
+    assert "is a landing with its plant inside" in capsys.readouterr().out
     for options, words in (
         (["-o", "x.ssp", "--container"], "must end in .fmu"),
         (["-o", "x.fmu"], "must end in .ssp"),
