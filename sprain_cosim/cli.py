@@ -1484,7 +1484,8 @@ def _say(message: str, code: int) -> int:
 
 def _show(text: str, err: bool = False) -> None:
     """The one way to the terminal, within its width: titles, names and paths come from strangers."""
-    click.echo(terminal.fitted(visible(text), terminal.width(sys.stderr if err else sys.stdout)), err=err)
+    columns = terminal.width(sys.stderr if err else sys.stdout)
+    click.echo(terminal.coloured(terminal.fitted(visible(text), columns), columns), err=err)
 
 
 def _one_line(text: str) -> str:

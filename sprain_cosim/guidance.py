@@ -64,7 +64,7 @@ EXAMPLES = {  # at most 56 letters each, so that no terminal breaks them
     ),
     "ssp": (
         "sprain-cosim ssp export incline30_brace -o mine.ssp",
-        "sprain-cosim ssp export incline30_brace --container -o mine.fmu",
+        "sprain-cosim ssp export level --container -o level.fmu",
         "sprain-cosim ssp check mine.ssp",
     ),
 }

@@ -1,4 +1,4 @@
-"""Text where the terminal or the pipe has no sign for it, such as on a Windows console of code page 437 or 1252."""
+"""What a terminal shows: signs that it has, lines within its width, colours where it takes them."""
 
 from __future__ import annotations
 
@@ -70,6 +70,8 @@ GAP = 2  # blanks between two columns
 USUAL = 80
 CELLS = re.compile(r"\S {2,}\S|^ {8,}\S")  # in a line of a table
 COPIED = ("next:", "written:", "continue with:", "{", "[")  # a line that is copied or read by a program
+COLOURS = {"error:": "red", "problem": "red", "warning:": "yellow", "next:": "green"}
+ATTENTION = re.compile(rf"^ *(?:{'|'.join(COLOURS)})(?=\s)", re.MULTILINE)
 READABLE = 28  # the least width of a column of running text
 
 
@@ -84,6 +86,16 @@ def width(stream: TextIO | None = None) -> int | None:
     except (OSError, ValueError):
         return USUAL
     return max(20, columns or USUAL)
+
+
+def coloured(text: str, columns: int | None) -> str:
+    """The first word of a line that asks for attention in colour; as it is in a pipe (`columns` None), where NO_COLOR
+    is set, and on a terminal without colours."""
+    if columns is None or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
+        return text
+    import click
+
+    return ATTENTION.sub(lambda word: click.style(word[0], fg=COLOURS[word[0].strip()], bold=True), text)
 
 
 def fitted(text: str, columns: int | None) -> str:

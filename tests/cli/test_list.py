@@ -189,6 +189,7 @@ def test_no_command_writes_beyond_its_terminal(
 ) -> None:
     """But for what is copied: commands, paths, hashes."""
     monkeypatch.setattr(terminal, "width", lambda *_: 60)
+    monkeypatch.setenv("NO_COLOR", "1")
     _run(list(call), [])
     printed = capsys.readouterr()
     lines = [line for text in printed for line in text.splitlines() if " " in line.strip()]

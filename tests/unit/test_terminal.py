@@ -7,6 +7,7 @@ import codecs
 import io
 import sys
 
+import click
 import pytest
 
 from sprain_cosim import shipped, terminal
@@ -41,6 +42,21 @@ def test_no_text_of_the_package_is_lost(encoding: str) -> None:
     assert len(signs) > 50
     lost = [sign for sign in sorted(signs) if b"?" in sign.encode(encoding, terminal.NAME)]
     assert not lost
+
+
+def test_what_asks_for_attention_is_coloured_on_a_terminal_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = "ok     x\nwarning: a\n  error: b\nnext: sprain-cosim run x\nan error: none"
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    shown = terminal.coloured(text, 80)
+    assert shown.count("\x1b[0m") == 3
+    assert click.unstyle(shown) == text
+    assert terminal.coloured(text, None) == text
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert terminal.coloured(text, 80) == text
+    monkeypatch.delenv("NO_COLOR")
+    monkeypatch.setenv("TERM", "dumb")
+    assert terminal.coloured(text, 80) == text
 
 
 def test_a_stream_takes_what_it_cannot_encode(monkeypatch: pytest.MonkeyPatch) -> None:
