@@ -1344,12 +1344,9 @@ def _changed(
 
 
 def _share(text: str) -> float:
-    from .units import quantity
+    from .units import proportion
 
-    share = quantity(text.replace("%", " %"), None, "--max-failed")
-    if not 0.0 <= share <= 1.0:
-        raise InputError(f"--max-failed {text}: must lie between 0 % and 100 %")
-    return share
+    return proportion(text, "--max-failed")
 
 
 def _limits(text: str | None) -> Any:

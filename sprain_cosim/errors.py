@@ -16,6 +16,7 @@ import sys
 import unicodedata
 from collections.abc import Iterable
 from types import TracebackType
+from typing import Any
 
 LINE_ENDS = re.compile(r"\s*\n\s*")
 UNUSUAL = re.compile(r"[^\n\t -~]")
@@ -41,7 +42,7 @@ class SprainError(Exception):
     def _render_traceback_(self) -> list[str]:
         """What IPython and notebooks show: the reader's own lines and the message. `%debug` has the whole stack."""
         own = _outside(self.__traceback__)
-        shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
+        shell = ipython_shell()
         if own is None or shell is None:
             return [f"{type(self).__name__}: {self}"]
         bare = type(self).__new__(type(self), *self.args)  # without what it was raised from
@@ -93,6 +94,11 @@ class EnvironmentProblem(SprainError):
     """
 
     exit_code = 4
+
+
+def ipython_shell() -> Any:
+    """The shell of the IPython or the notebook that this is a part of; None elsewhere. Nothing is imported."""
+    return getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
 
 
 def _outside(stack: TracebackType | None) -> TracebackType | None:

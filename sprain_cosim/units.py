@@ -11,7 +11,7 @@ import re
 import sys
 from dataclasses import dataclass
 from functools import lru_cache
-from numbers import Real
+from numbers import Integral, Real
 
 from .errors import InputError, nearest
 
@@ -213,6 +213,21 @@ SECOND = unit("s")
 def seconds(value: float | str, what: str) -> float:
     """[s]: a number is in seconds, a text such as "0.5 ms" has its unit. Raises InputError."""
     return quantity(stated(value, SECOND), SECOND, what)
+
+
+def whole_number(value: int, what: str, least: int) -> int:
+    """A whole number of Python or numpy. Raises InputError for anything else, and below `least`."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
+        raise InputError(f"{what} = {value!r}: must be a whole number, {least} or more")
+    return int(value)
+
+
+def proportion(value: float | str, what: str) -> float:
+    """0.01 or "1 %". Raises InputError unless it lies between 0 and 1."""
+    share = quantity(value.replace("%", " %") if isinstance(value, str) else value, None, what)
+    if not 0.0 <= share <= 1.0:
+        raise InputError(f"{what} {value}: must lie between 0 % and 100 %")
+    return share
 
 
 def stated(value: float | str, own: Unit | None) -> float | str:

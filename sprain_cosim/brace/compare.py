@@ -31,6 +31,7 @@ from ..study.file import load_study
 from ..study.methods import SAMPLED
 from ..study.progress import Progress, shown_to
 from ..study.study import Study
+from ..units import proportion, whole_number
 from .bench import Bench
 from .comparison import PEAKS, Entry, Source, comparison_listing, summarise_comparison, with_derived
 from .decision import check_decidable, land_until_decided
@@ -100,7 +101,7 @@ def compare_braces(
     decide: bool = False,
     workers: int | None = None,
     resume: bool = False,
-    max_failed: float = 0.01,
+    max_failed: float | str = 0.01,
     limits: Limits | None = None,
     progress: Progress | str | None = "auto",
     say: Callable[[str], None] = lambda text: None,
@@ -130,6 +131,10 @@ def compare_braces(
     >>> list(comparison.summary.completed)
     ['none', 'mine']
     """
+    if not isinstance(braces, Mapping):
+        raise InputError(f'braces = {braces!r}: must be {{name: FMU}}, such as {{"mine": "my_brace.fmu"}}')
+    trials = None if trials is None else whole_number(trials, "trials", 1)
+    max_failed = proportion(max_failed, "max_failed")
     source = (load_source(source) if isinstance(source, str) else source).with_master(scheme, step, stop)
     if subject is not None:
         source = source.with_subject(subject)

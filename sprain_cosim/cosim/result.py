@@ -12,7 +12,7 @@ from typing import IO, TYPE_CHECKING
 import numpy as np
 
 from ..dataset import Variable, dataset, in_words
-from ..errors import InputError, visible
+from ..errors import InputError, nearest, visible
 from ..files import LARGEST_RECORD, read_frame
 from ..fmu.messages import Messages
 from ..metrics import metrics
@@ -190,8 +190,11 @@ class Result(Plottable):
         return {name: k for k, name in enumerate(self.names)}
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """(n,) values of one signal."""
-        return self.values[:, self.index[name]]
+        """(n,) values of one signal. Raises InputError for one that there is not."""
+        try:
+            return self.values[:, self.index[name]]
+        except KeyError:
+            raise InputError(f"{name}: no such signal{nearest(name, self.names)}") from None
 
     @property
     def coupling_doubt(self) -> float | None:

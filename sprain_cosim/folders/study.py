@@ -82,7 +82,7 @@ class StudyFolder(Plottable):
         heading, rows = self.summary.card()
         return heading, [*rows, ("folder", str(self.path))]
 
-    def to_xarray(self, signals: Sequence[str] = ()) -> xarray.Dataset:
+    def to_xarray(self, signals: Sequence[str] | str = ()) -> xarray.Dataset:
         """See `Campaign.to_xarray`."""
         return trials_dataset(self.trials, self.path, signals, about_study(self.summary))
 

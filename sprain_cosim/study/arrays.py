@@ -41,7 +41,7 @@ def about_study(summary: StudySummary) -> dict[str, Any]:
 
 
 def trials_dataset(
-    trials: pd.DataFrame, folder: Path | None, signals: Sequence[str], about: Mapping[str, Any]
+    trials: pd.DataFrame, folder: Path | None, signals: Sequence[str] | str, about: Mapping[str, Any]
 ) -> xarray.Dataset:
     """An xarray.Dataset of the columns of trials.csv over `trial`, and of `signals`, which the folder has of recorded
     trials, over `trial` and `time` [s]: NaN for a trial that has none, or ended before. Raises InputError for a signal
@@ -55,7 +55,7 @@ def trials_dataset(
         unit = "?" if name in ("status", "message") else unit
         variables.append(Variable(name, ("trial",), values, unit, MEANING.get(name, in_words(name))))
     if signals:
-        time, recorded = _recorded(numbers, folder, signals)
+        time, recorded = _recorded(numbers, folder, [signals] if isinstance(signals, str) else signals)
         coordinates.append(time)
         variables += recorded
     return dataset(variables, coordinates, about)

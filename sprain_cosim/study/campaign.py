@@ -58,7 +58,7 @@ class Campaign(Plottable):
         """The tables that `sprain-cosim study` prints."""
         return study_listing(self.study, self.summary)
 
-    def to_xarray(self, signals: Sequence[str] = ()) -> xarray.Dataset:
+    def to_xarray(self, signals: Sequence[str] | str = ()) -> xarray.Dataset:
         """Inputs and responses as an xarray.Dataset over `trial`, each with `units` and `long_name`; `signals` of the
         recorded trials, such as ["plant.subtalar_angle"], over `trial` and `time` [s], NaN where there are none. Raises
         InputError, and EnvironmentProblem where xarray is not installed."""

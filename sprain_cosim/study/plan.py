@@ -302,6 +302,7 @@ class Plan(Card):
             raise InputError(f"--vary: is missing, and {self.source} has no [design]; name a parameter and its range")
         asked = self.goal if goal is None else parse_goal(goal)
         assert asked is not None
+        vary = [vary] if isinstance(vary, str) else vary
         system, ranges, units = self.scenario.system(), dict(self.vary), dict(self.units)
         if vary:
             ranges = {}

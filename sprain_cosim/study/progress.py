@@ -11,7 +11,7 @@ from importlib import import_module
 from typing import Any
 
 from .. import terminal
-from ..errors import InputError, nearest
+from ..errors import InputError, ipython_shell, nearest
 
 BAR, LEAST = 24, 5  # characters
 EVERY = 5.0  # s between lines where nothing renews itself
@@ -25,7 +25,7 @@ def shown_to(progress: Progress | str | None) -> Progress | None:
     if progress is None or callable(progress):
         return progress
     if progress not in KINDS:
-        raise InputError(f"progress = {progress!r}: no such kind{nearest(progress, KINDS)}, and no function")
+        raise InputError(f"progress = {progress!r}: no such kind{nearest(str(progress), KINDS)}, and no function")
     silent = progress == "auto" and not sys.stderr.isatty() and _display() is None
     return None if silent else reporter(progress)
 
@@ -72,8 +72,7 @@ def reporter(kind: str) -> Progress | None:
 
 def _display() -> Callable[..., Any] | None:
     """IPython's `display` in the kernel of a notebook; None elsewhere. Nothing is imported that is not there."""
-    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
-    if getattr(shell, "kernel", None) is None:
+    if getattr(ipython_shell(), "kernel", None) is None:
         return None
     display: Callable[..., Any] = import_module("IPython.display").display
     return display

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..units import whole_number
 from ..uq.distributions import Array
 from .plan import Plan
 
@@ -20,6 +21,18 @@ def shard(text: str) -> Shard:
     if not (slash and k.isdecimal() and n.isdecimal() and 1 <= int(k) <= int(n)):
         raise InputError(f"--shard {text}: must be K/N with K from 1 to N, such as 2/10")
     return int(k), int(n)
+
+
+def as_shard(part: Shard | str) -> Shard:
+    """(2, 10) or "2/10". Raises InputError."""
+    if isinstance(part, str):
+        return shard(part)
+    if not isinstance(part, tuple) or len(part) != 2:
+        raise InputError(f"shard = {part!r}: must be (k, n): the k-th of n parts, such as (2, 10)")
+    n = whole_number(part[1], "shard, number of parts", 1)
+    if not 1 <= (k := whole_number(part[0], "shard", 1)) <= n:
+        raise InputError(f"shard = {part!r}: there are {n} parts, from 1 to {n}")
+    return k, n
 
 
 def trial_numbers(study: Plan, shard: Shard | None = None, rows: int | None = None) -> NDArray[np.int64]:

@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ..errors import InputError
 from ..process import Limits
-from ..units import seconds
+from ..units import proportion, seconds, whole_number
 from . import runner
 from .campaign import Campaign
 from .plan import Plan
 from .progress import Progress, shown_to
+from .shards import as_shard
 from .trajectories import FIRST
 
 
@@ -35,10 +37,10 @@ class Study(Plan):
         out: Path | str | None = None,
         workers: int | None = None,
         scheduler: str | None = None,
-        shard: tuple[int, int] | None = None,
+        shard: tuple[int, int] | str | None = None,
         rows: int | None = None,
         resume: bool = False,
-        max_failed: float = 0.01,
+        max_failed: float | str = 0.01,
         trial_limit: float | str | None = None,
         limits: Limits | None = None,
         progress: Progress | str | None = "auto",
@@ -52,10 +54,10 @@ class Study(Plan):
         out           the folder; None: nothing is kept
         workers       processes; None: one per core
         scheduler     address of a Dask scheduler, or local-cluster; None: processes of this machine
-        shard         (k, n): the k-th of n parts, from 1; None: all trials
+        shard         (k, n) or "k/n": the k-th of n parts, from 1; None: all trials
         rows          the first so many trials of a sample alone; `resume` goes on with more; None: all
         resume        the folder may hold the study already
-        max_failed    share of failed trials that is accepted
+        max_failed    share of failed trials that is accepted, 0.01 or "1 %"
         trial_limit   wall time of a trial, "20 s" or a number in seconds; None: the plan's
         limits        of a trial and of its process in full
         progress      "auto": a bar on a terminal or under a notebook's cell, else silent; plain, json, none; or a
@@ -67,22 +69,25 @@ class Study(Plan):
 
         Raises InputError before any trial, SimulationError when too many failed or a search met a failed trial. An
         interrupt ends the workers; what is finished is in the folder, and `resume` continues."""
+        limit = self.trial_limit if trial_limit is None else seconds(trial_limit, "trial_limit")
+        if limit is not None and limit <= 0.0:
+            raise InputError(f"trial_limit = {trial_limit!r}: must be positive")
         plan = replace(
             self.with_until([until] if isinstance(until, str) else until, method),
-            trials=self.trials if trials is None else trials,
-            seed=self.seed if seed is None else seed,
+            trials=self.trials if trials is None else whole_number(trials, "trials", 1),
+            seed=self.seed if seed is None else whole_number(seed, "seed", 0),
             method=method or self.method,
-            trial_limit=self.trial_limit if trial_limit is None else seconds(trial_limit, "trial_limit"),
+            trial_limit=limit,
         )
         return runner.run(
             plan,
             out=out,
-            workers=workers,
+            workers=None if workers is None else whole_number(workers, "workers", 1),
             scheduler=scheduler,
-            shard=shard,
+            shard=None if shard is None else as_shard(shard),
             rows=rows,
             resume=resume,
-            max_failed=max_failed,
+            max_failed=proportion(max_failed, "max_failed"),
             limits=limits,
             progress=shown_to(progress),
             trajectories=trajectories,

@@ -208,7 +208,7 @@ def test_trials_as_labelled_arrays(landing: sc.Result, tmp_path: Path) -> None:
         (place / "trajectories" / f"{number:06d}.csv.gz").write_bytes(gzip.compress(short.csv().encode()))
     folder = sc.open_folder(place)
     assert isinstance(folder, StudyFolder)
-    data = folder.to_xarray(["plant.subtalar_angle"])
+    data = folder.to_xarray("plant.subtalar_angle")
     assert data.sizes == {"trial": 24, "time": 121} and data.attrs["n_completed"] == 24
     assert data["plant.drop_height"].attrs["units"] == "m" and data["status"].dtype.kind == "U"
     assert data[PEAK].attrs == {"units": "degree", "long_name": "largest supination about the subtalar axis"}
@@ -361,6 +361,46 @@ def test_other_values_that_do_not_fit_are_one_line(values: dict[str, Any], words
         with pytest.raises(sc.InputError, match=words) as caught:
             described.with_parameters(**values)
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"trials": "many"}, "trials = 'many': must be a whole number, 1 or more"),
+        ({"trials": 8.5}, "trials = 8.5: must be a whole number"),
+        ({"seed": -1}, "seed = -1: must be a whole number, 0 or more"),
+        ({"workers": 0}, "workers = 0: must be a whole number, 1 or more"),
+        ({"shard": (3, 2)}, r"shard = \(3, 2\): there are 2 parts"),
+        ({"shard": 2}, "shard = 2: must be"),
+        ({"shard": "3/2"}, "K from 1 to N"),
+        ({"max_failed": "200 %"}, "must lie between 0 % and 100 %"),
+        ({"trial_limit": "20"}, "trial_limit = 20: needs a unit"),
+        ({"trial_limit": "-1 s"}, "trial_limit = '-1 s': must be positive"),
+        ({"method": "monte"}, "did you mean monte-carlo"),
+        ({"progress": 5}, "progress = 5: no such kind"),
+    ],
+)
+def test_options_of_a_run_that_do_not_fit_are_one_line(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(sc.InputError, match=words) as caught:
+        sc.load_study("study6").run(**options)
+    assert "\n" not in str(caught.value)
+
+
+def test_options_of_a_comparison_that_do_not_fit_are_one_line(tmp_path: Path) -> None:
+    for braces, options, words in (
+        (["brace_linear"], {}, "must be {name: FMU}"),
+        ({"a": "brace_linear"}, {"trials": "many"}, "trials = 'many': must be a whole number"),
+        ({"a": "brace_linear"}, {"max_failed": 3}, "must lie between"),
+        ({"a": "brace_linear"}, {"step": "5"}, "needs a unit"),
+    ):
+        with pytest.raises(sc.InputError, match=words):
+            sc.compare_braces("study6", braces, out=tmp_path / "c", **options)  # type: ignore[arg-type]
+
+
+def test_a_signal_that_there_is_not_is_named(landing: sc.Result) -> None:
+    with pytest.raises(sc.InputError, match=r"no such signal \(did you mean plant.subtalar_angle\?\)"):
+        landing["plant.subtalar_angel"]
+    assert "plant.subtalar_angle" in landing._ipython_key_completions_()
 
 
 def test_times_with_units() -> None:
