@@ -15,7 +15,7 @@ from ..contract import is_excitation, is_impedance
 from ..cosim.assembly import conversion, member_layout
 from ..cosim.native_libraries import PLATFORMS_OF_CONTAINER, library_content
 from ..cosim.result import PEAK, Result
-from ..cosim.schedule import own_rates
+from ..cosim.schedule import RECORD, own_rates, schedule
 from ..cosim.system import System
 from ..errors import EnvironmentProblem, InputError, SimulationError, problems_to_error
 from ..files import write
@@ -93,7 +93,13 @@ def _problems(scenario: Scenario, system: System, parts: Mapping[str, Exported])
     """What a container cannot carry, one line each."""
     if scenario.master.adaptive:
         yield "adaptive: communication steps that are divided take a state back; leave adaptive out"
-    for name, rate in own_rates(system.components, scenario.master.communication_step).items():
+    step, rates = scenario.master.communication_step, own_rates(system.components, scenario.master.communication_step)
+    if not rates and not schedule(system.components, scenario.master.start, step, scenario.master.steps).regular:
+        yield (
+            f"communication step {1e3 * step:g} ms: the master stops the plant within it to record; leave it at "
+            f"{1e3 * RECORD:g} ms, of which the host's step may be a multiple"
+        )
+    for name, rate in rates.items():
         yield f"{name}: is called at a rate of its own, every {1e3 * rate.period:g} ms; a container has one rate"
     ends = {end for pair in system.connections.items() for end in pair}
     for component in system.components:

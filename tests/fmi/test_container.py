@@ -263,6 +263,10 @@ def undeclared(folder: Path) -> Scenario:
 
 REFUSED = {
     "adaptive": (lambda folder: load_scenario("incline30_brace").with_master(adaptive="0.1 %"), "leave adaptive out"),
+    "coarse": (
+        lambda folder: load_scenario("incline30_brace").with_master(communication_step="1 ms"),
+        "communication step 1 ms: the master stops the plant within it to record; leave it at 0.5 ms",
+    ),
     "iterative": (lambda folder: load_scenario("incline30_brace").with_master("iterative"), "choose one with --scheme"),
     "sampled": (sampled, "brace: is called at a rate of its own, every 10 ms; a container has one rate"),
     "sum": (cables, "brace.subtalar_torque: is the sum of several outputs"),
