@@ -164,7 +164,8 @@ class _Plan:
         excited = [target for target in system.connections if is_excitation(target) and target in self.place]
         self.rest = {target: self.zero + 1 + k for k, target in enumerate(excited)}
         self.variables = [*self._outputs(), *self._parameters()]
-        self.name = re.sub(r"\W", "_", Path(scenario.source).stem, flags=re.ASCII)
+        name = re.sub(r"\W", "_", Path(scenario.source).stem, flags=re.ASCII)
+        self.name = name if name[:1].isalpha() else f"landing_{name}"  # an identifier of C
 
     # ---- the plan
 
