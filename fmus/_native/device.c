@@ -209,8 +209,9 @@ static Status parameters_fit(Instance *m) {
         double value = m->call.values[k];
         if (v->causality != PARAMETER || (v->low <= value && value <= v->high)) continue;
         size_t used = strlen(text);
-        snprintf(text + used, sizeof text - used, "%s%s = %g%s%s: must lie between %g and %g", used ? "; " : "", v->name, value, *v->unit ? " " : "",
-                 v->unit, v->low, v->high);
+        const char *unit = strcmp(v->unit, "1") ? v->unit : "";
+        snprintf(text + used, sizeof text - used, "%s%s = %g%s%s: must lie between %g and %g", used ? "; " : "", v->name, value, *unit ? " " : "", unit,
+                 v->low, v->high);
     }
     return *text ? device_refuse(m, "%s", text) : OK;
 }

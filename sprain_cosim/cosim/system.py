@@ -90,8 +90,8 @@ class System(Card):
 
     def in_own_units(self, values: Mapping[str, float | str]) -> dict[str, float]:
         """{"component.parameter": number}: numbers are in the parameter's own unit already and stay as they are, a text
-        such as "0.35 m" or a choice is read. Raises InputError for a name that cannot be set, a text that does not fit,
-        and anything else."""
+        such as "0.35 m" or a choice is read. Raises InputError for a name that cannot be set, a number or a text that
+        does not fit, and anything else."""
         return {full: self.settable(full).number(value, full) for full, value in values.items()}
 
     def check(self, communication_step: float | None = None, span: float = 0.0) -> list[str]:

@@ -77,8 +77,8 @@ class Driver:
     ) -> None:
         """A new run from `time` to `stop` [s]. Parameters and inputs that are not named have their start values (inputs
         without one: 0). Outputs are read before and after the initialisation. `parameters` may name inputs that are not
-        fed, which hold their value. Raises InputError for a name that is no parameter or no input that is fed, or a
-        text that does not fit."""
+        fed, which hold their value. Raises InputError for a name that is no parameter or no input that is fed, and for
+        a value that does not fit: its kind, its declared range."""
         settable = self.element.parameters | {n: c for n, c in self.element.inputs.items() if n not in self._slots}
         for name in parameters or {}:
             if name not in settable:

@@ -99,16 +99,23 @@ class Connector:
 
     def number(self, entry: float | str, what: str) -> float:
         """A value from a program: a number is in the connector's own unit already and stays as it is, a text such as
-        "0.35 m" or a choice is read. Raises InputError for anything else."""
-        if isinstance(entry, float):  # as programs pass thousands of times
-            return entry
+        "0.35 m" or a choice is read. Raises InputError for anything else, and as `value` does for kind and range."""
+        if isinstance(entry, float) and self.kind == "real" and math.isfinite(entry):  # by the thousand
+            return self._in_range(entry, what, entry)
         if isinstance(entry, str):
             return self.value(entry, what)
-        if isinstance(entry, Real):
-            return float(entry)
-        own = self.unit
-        unit = f" in {own.name}, or a text with its unit" if own and not own.dimensionless else ""
-        raise InputError(f"{what} = {entry!r}: expected a number{unit}")
+        unit = f" {self.unit.name}" if self.unit and not self.unit.dimensionless else ""
+        if not isinstance(entry, Real) or (isinstance(entry, bool) and self.kind != "boolean"):
+            raise InputError(f"{what} = {entry!r}: expected a number{unit and f' in{unit}, or a text with its unit'}")
+        number = float(entry)
+        if self.items and number not in self.items.values():
+            raise InputError(f"{what} = {number:g}: must be one of {', '.join(self.items)}")
+        if self.kind == "boolean" and number not in (0.0, 1.0):
+            raise InputError(f"{what} = {number:g}: must be true or false")
+        if not math.isfinite(number) or (self.kind != "real" and number != int(number)):
+            kind = "finite" if self.kind == "real" else "whole"
+            raise InputError(f"{what} = {number:g}{unit}: must be a {kind} number")
+        return self._in_range(number, what, number)
 
     def value(self, entry: float | str | bool, what: str) -> float:
         """A value from a file or the command line in the connector's own unit. Raises InputError: unit, kind or
@@ -129,10 +136,14 @@ class Connector:
         number = quantity(entry, self.unit, what)
         if self.kind != "real" and number != int(number):
             raise InputError(f"{what} = {entry!r}: must be a whole number")
-        if not self.minimum <= number <= self.maximum:
-            unit = f" {self.unit.name}" if self.unit and not self.unit.dimensionless else ""
-            raise InputError(f"{what} = {entry}: outside its range {self.minimum:.6g} ... {self.maximum:.6g}{unit}")
-        return number
+        return self._in_range(number, what, entry)
+
+    def _in_range(self, number: float, what: str, entry: float | str) -> float:
+        if self.minimum <= number <= self.maximum:
+            return number
+        unit = f" {self.unit.name}" if self.unit and not self.unit.dimensionless else ""
+        shown = f"{entry:.6g}{unit}" if isinstance(entry, float) else entry
+        raise InputError(f"{what} = {shown}: outside its range {self.minimum:.6g} ... {self.maximum:.6g}{unit}")
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,10 @@ def peak_doubts(start: MotionStart) -> dict[str, float]:
     found = {}
     with start.scenario.open() as session:
         for name, values in starts.items():
-            result = session.run({n: value for n, (value, _) in start_parameters(values).items()})
+            try:
+                result = session.run({n: value for n, (value, _) in start_parameters(values).items()})
+            except InputError:
+                continue  # outside what the plant takes
             if PEAK in result.metrics:
                 found[name] = result.metrics[PEAK]
     return found

@@ -538,7 +538,8 @@ class Session:
 
     def run(self, parameters: Mapping[str, float | str] | None = None, judged: bool = True) -> Result:
         """`parameters` {"component.parameter": a number in the parameter's own unit, or a text such as "35 cm"} on top
-        of the scenario's; `judged` as in Master.run. Raises InputError for a text that does not fit."""
+        of the scenario's; `judged` as in Master.run. Raises InputError for a value that does not fit: unit, kind or
+        range."""
         return self._run(self.scenario.master, parameters, judged)
 
     def at_half_the_step(self, parameters: Mapping[str, float | str] | None = None) -> dict[str, float]:

@@ -123,7 +123,7 @@ def test_a_landing_without_python_is_ours(
     [
         (
             {"plant.drop_height": -1.0, "plant.tolerance": float("nan")},
-            "drop_height = -1 m: must lie between 0 and 5; tolerance = nan 1: must lie between 1e-09 and 1",
+            "drop_height = -1 m: must lie between 0 and 5; tolerance = nan: must lie between 1e-09 and 1",
         ),
         ({"plant.initial_pose": 7}, "initial_pose = 7: must lie between 0 and 2"),
         ({"plant.initial_pose": 2}, "plant: initial_pose = given: the foot is 34.6 mm inside the platform; raise "),

@@ -360,7 +360,7 @@ def test_every_parameter_out_of_range_is_named_at_once(tmp_path: Path) -> None:
     with pytest.raises(Exception, match="fmi2ExitInitializationMode failed"):
         host.start(angle_scale=-1.0, torque_scale=float("nan"))
     assert host.messages == [
-        "angle_scale = -1 1: must lie between 0 and 100; torque_scale = nan 1: must lie between 0 and 100"
+        "angle_scale = -1: must lie between 0 and 100; torque_scale = nan: must lie between 0 and 100"
     ]
 
 

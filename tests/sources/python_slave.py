@@ -208,9 +208,8 @@ class Fmi2Slave:
             variable, value = self.variables[k], self.values[k]
             low, high = variable.get("min", -math.inf), variable.get("max", math.inf)
             if not low <= value <= high:
-                raise ValueError(
-                    f"{variable['name']} = {value:g} {variable.get('unit', '')}: must lie between {low:g} and {high:g}"
-                )
+                unit = f" {variable['unit']}" if variable.get("unit", "1") != "1" else ""
+                raise ValueError(f"{variable['name']} = {value:g}{unit}: must lie between {low:g} and {high:g}")
         self.initialise()
         self._stale = False
 

@@ -436,6 +436,13 @@ def test_values_with_units_in_a_session(session: Session, landing: sc.Result) ->
         ("plant.drop_height", None, "expected a number in m"),
         ("plant.drop_height", [0.3], "expected a number in m"),
         ("plant.drop_height", "-5 m", "outside its range"),
+        ("plant.drop_height", -5, "plant.drop_height = -5 m: outside its range 0 ... 5 m"),
+        ("plant.drop_height", 5.5, "plant.drop_height = 5.5 m: outside its range 0 ... 5 m"),
+        ("plant.foot_scale_x", np.float32(4.0), "plant.foot_scale_x = 4: outside its range 0.5 ... 2"),
+        ("plant.drop_height", float("nan"), "plant.drop_height = nan m: must be a finite number"),
+        ("plant.drop_height", True, "expected a number in m"),
+        ("plant.initial_pose", 7, "plant.initial_pose = 7: must be one of touching, published, given"),
+        ("plant.initial_pose", 0.5, "must be one of touching"),
     ],
 )
 def test_a_value_that_does_not_fit_is_refused(session: Session, name: str, value: object, words: str) -> None:
