@@ -36,7 +36,10 @@ def sole_heights(scenario: Scenario, rows: Sequence[Mapping[str, float]]) -> Arr
     heights = np.empty(len(rows))
     with bare.with_master(stop="0.5 ms", communication_step="0.5 ms").open() as session:
         for k, row in enumerate(rows):
-            result = session.run(row)
+            try:
+                result = session.run(row)
+            except InputError as problem:  # a pose outside what the plant takes
+                raise SimulationError(str(problem)) from None
             if result.status != "completed":
                 raise SimulationError(result.message)
             heights[k] = row["plant.pelvis_ty_at_contact"] - result["plant.pelvis_ty"][0]
