@@ -8,6 +8,7 @@ from .law import calibration, torque_angle
 from .pairs import Column, pairs
 from .questions import Answer, Exceeded, questions
 from .samples import Sample, cdf, grid, level_search, percentiles, poses, published, tornado
+from .searches import event_search, variance_shares
 from .style import (
     ANATOMY,
     BRACE,
@@ -46,6 +47,7 @@ __all__ = [
     "cdf",
     "design_curve",
     "drawn_as",
+    "event_search",
     "fan",
     "forest",
     "grid",
@@ -66,4 +68,5 @@ __all__ = [
     "tornado",
     "torque_angle",
     "trade_off",
+    "variance_shares",
 ]

@@ -182,8 +182,13 @@ def _risks(
     axis.xaxis.set_minor_formatter(NullFormatter())
     axis.set_title("Probability that inversion exceeds the injury range", pad=PAD)
     axis.set_xlabel(f"[%], {INJURY_INVERSION_TEXT}° from neutral")
-    lines = [legend_line(INK, linewidth=5.5, alpha=0.45), legend_line(INK, linewidth=1.0, marker="|")]
-    axis.legend(lines, ["landings", "threshold"], ncols=2, loc="lower left", handletextpad=0.5)
+    keys: dict[str, Any] = {}
+    if any(e.half_width is not None for e in risks.values()):
+        keys["landings"] = legend_line(INK, linewidth=5.5, alpha=0.45)
+    if doubts.keys() & risks.keys():
+        keys["threshold"] = legend_line(INK, linewidth=1.0, marker="|")
+    if keys:
+        axis.legend(list(keys.values()), list(keys), ncols=2, loc="lower left", handletextpad=0.5)
 
 
 def _moments(axis: Axes, braces: Mapping[str, BraceSummary]) -> None:

@@ -24,7 +24,7 @@ from ..folders.study import PEAK, StudyFolder
 from ..literature import INJURY_INVERSION_TEXT
 from ..metrics import brace_torques
 from ..study.questions import law_name
-from ..study.summary import DesignSearch, LevelSearch
+from ..study.summary import DesignSearch, FormSearch, LevelSearch
 from .comparison import paired
 from .forest import Changed, Difference
 from .pairs import Column, most_inputs, strongest
@@ -34,6 +34,7 @@ from .samples import Sample
 from .selection import (
     FEWEST,
     Named,
+    as_interval,
     asking,
     in_reader_units,
     named_folders,
@@ -64,6 +65,8 @@ NEEDS = {  # figure: what it is drawn of
     "design": "a folder of `design`",
     "questions": "a study with questions",
     "amv": "a study by mean-value, amv, amv+ or hmv",
+    "form": "a study by form",
+    "sobol": "a study by sobol-indices",
     "tornado": "a Monte Carlo study",
     "grid": "a grid of one or two parameters",
     "fan": f"a sampled study of which the signals of {FAN} trials were kept (--trajectories {FAN})",
@@ -376,6 +379,8 @@ def _of_studies(studies: Studies) -> Iterator[Drawn]:
     yield from _designs(studies)
     yield from _questions(studies)
     yield from _searches(studies, distributions, samples)
+    yield from _events(studies)
+    yield from _indices(studies)
     for name, study in distributions:
         if pearson_intervals(study, study.response):
             yield _tornado(name, study, _end(study, len(distributions)))
@@ -598,6 +603,47 @@ def _searches(
         yield Drawn(f"amv{_end(study, len(searches))}", name, caption, drawn)
 
 
+def _events(studies: Studies) -> Iterator[Drawn]:
+    found = [(name, study, study.summary.search) for name, study in studies]
+    searches = [(name, study, form) for name, study, form in found if isinstance(form, FormSearch)]
+    for name, study, form in searches:
+        shapes = {law_name(law): p for law, p in (form.shapes or {}).items()}
+        event = f"{plots.label(form.response).partition(', +')[0]} above {form.threshold.distribution}"
+        answer = plots.Answer(
+            event, form.probability, _both((form.ci_low, form.ci_high)), _both(form.threshold_ci), shapes
+        )
+        orders = {"first order": form.first_order} | {
+            f"second order, {formula}": p for formula, p in (form.second_order or {}).items()
+        }
+        caption = (
+            "The probability of the event, from sampling about its design point, with what the landings and what the "
+            "threshold leave open; what first and second order alone say; which inputs lead to the event."
+        )
+        drawn = plots.event_search(
+            answer,
+            {method: p for method, p in orders.items() if p is not None},
+            {n: v for n, v in form.importance.items() if v is not None},
+            f"{pose_note([(name, study)])} Gate of the method: {form.status}.",
+        )
+        yield Drawn(f"form{_end(study, len(searches))}", f"How likely: {name}", caption, drawn, [(name, study)])
+
+
+def _indices(studies: Studies) -> Iterator[Drawn]:
+    searches = [(name, study, study.summary.sobol) for name, study in studies if study.summary.sobol]
+    for name, study, sobol in searches:
+        found = sobol.indices.items()
+        first = {n: as_interval(i.first, i.first_low, i.first_high) for n, i in found if i.first is not None}
+        total = {n: as_interval(i.total, i.total_low, i.total_high) for n, i in found if i.total is not None}
+        if not total:
+            continue
+        caption = (
+            "Share of the response's variance that each input explains, alone and in all with the others, with 95 % "
+            "intervals. A share lies between 0 and 100 %; what reaches beyond is doubt from few landings."
+        )
+        drawn = plots.variance_shares(first, total, response_label(sobol.response), name, pose_note([(name, study)]))
+        yield Drawn(f"sobol{_end(study, len(searches))}", f"Variance: {name}", caption, drawn, [(name, study)])
+
+
 def importance_of(amv: LevelSearch) -> dict[str, dict[str, float]]:
     """{level: {parameter: its part}}."""
     return {
@@ -627,21 +673,18 @@ def _grids(studies: Studies) -> Iterator[Drawn]:
         if not 1 <= len(axes) <= 2 or study.response not in study.done:
             continue
         done, rows = study.done.sort_values(axes[0]), []
-        levels = np.unique(done[axes[0]])
-        for level, part in done.groupby(axes[1]) if len(axes) == 2 else [("", done)]:
+        label, levels, sign = in_reader_units(axes[0], np.unique(done[axes[0]]))
+        for level, part in done.groupby(axes[1]) if len(axes) == 2 else [(0.0, done)]:
             if len(part) == len(levels):
-                title = f"{_with_unit(axes[1])} = {level:g}" if len(axes) == 2 else name
+                second, at, _ = in_reader_units(axes[-1], np.array([level]))
+                words = f"{at[0]:.6g}" if isinstance(level, float | int) else str(level)
+                title = f"{second} = {words}" if len(axes) == 2 else name
                 rows.append((title, part[study.response].to_numpy(float)))
         if rows:
-            note = pose_note([(name, study)])
-            drawn = plots.grid(levels, rows, _with_unit(axes[0]), response_label(study.response), note)
+            note, along = pose_note([(name, study)]), label + (f", + {sign}" if sign else "")
+            drawn = plots.grid(levels, rows, along, response_label(study.response), note)
             caption = "The response at the points of the grid. A grid is no sample: no probability is in it."
             yield Drawn(f"grid{_end(study, len(grids))}", name, caption, drawn)
-
-
-def _with_unit(column: str) -> str:
-    name, bracket, unit = column.partition(" [")
-    return plots.label(name) + bracket + unit
 
 
 def _fans(studies: Studies) -> Iterator[Drawn]:

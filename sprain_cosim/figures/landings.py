@@ -18,6 +18,7 @@ from ..metrics import IMPACT, Signals, brace_torques
 from .style import (
     BORNE,
     FAINT,
+    FORM,
     GROUND,
     INK,
     LINES,
@@ -236,7 +237,7 @@ def sharing(rows: Sequence[tuple[str, Array, Array]], note: str = "") -> Figure:
                     [start + low, start + high], [k + offset] * 2, color=INK, linewidth=0.8, marker="|", markersize=3
                 )
         share = 100 * b / (a + b) if a + b else 0.0
-        axis.text(0, k - 0.26, shorten(title, 58), fontsize=small(), va="bottom")
+        axis.text(0, k - 0.26, shorten(title, FORM.get().letters_in(58)), fontsize=small(), va="bottom")
         words = f"{a:.1f} + {b:.1f} N·m: {share:.0f} % brace" if len(brace) and b else f"{a:.1f} N·m: no brace"
         beside: Any = dict(textcoords="offset points", fontsize=small(), va="center")
         axis.annotate(words, (a + b, k), (4, 0), **beside)

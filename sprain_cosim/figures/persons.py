@@ -52,7 +52,9 @@ def _by_measure(axis: Axes, persons: Persons, name: str, metric: str, factor: fl
         offset = 0.004 * (bands[-1].high - bands[0].low) * (shift - 0.5 * (len(look) - 1))
         x = np.array([at + offset for at, _ in points])
         y = factor * np.array([e.value for _, e in points], float)
-        half = factor * np.array([e.half_width or 0.0 for _, e in points])
+        half = np.tile(factor * np.array([e.half_width or 0.0 for _, e in points]), (2, 1))
+        if metric == INJURY:  # no probability lies beyond 0 and 100 %
+            half = np.minimum(half, [y, 100.0 - y])
         drawn: Any = dict(color=one.colour, linestyle=one.line, marker=one.dot, markersize=2.5, capsize=1.5)
         axis.errorbar(x, y, yerr=half, **drawn)
     axis.set_xlabel(f"{label(name)} [{persons.units[name]}]")

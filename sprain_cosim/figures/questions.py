@@ -44,7 +44,7 @@ class Answer:
     @property
     def words(self) -> str:
         """Numbers stay with their units when a line is broken."""
-        words = self.title if self.value is None else f"{self.title}: {_percent(self.value)}"
+        words = self.title if self.value is None else f"{self.title}: {in_percent(self.value)}"
         return re.sub(r" (?=%|deg|N·m|±|\.\.\.)|(?<=±|=) |(?<=\.\.\.) ", "\u00a0", words)
 
 
@@ -75,7 +75,7 @@ def questions(answers: Sequence[Answer], curves: Sequence[Exceeded], note: str =
     if any(a.threshold for a in answers):
         entries.append((legend_line(VERMILION, linewidth=2.2), "what is open of the threshold (95 %, or its ends)"))
     shapes = [law for law in MARKERS if any(law in a.shapes for a in answers)]
-    entries += [(_shape(law), f"threshold {law}, of the same mean and SD") for law in shapes]
+    entries += [(shape_key(law), f"threshold {law}, of the same mean and SD") for law in shapes]
     legend_above(figure, entries)
     return figure
 
@@ -84,7 +84,7 @@ def _draw_answers(
     axis: Axes, answers: Sequence[Answer], titles: Sequence[Sequence[str]], heights: Sequence[float]
 ) -> None:
     """From above, in centimetres."""
-    least, top = 1.0, 0.0
+    least, top = 0.3, 0.0
     for answer, lines, height in zip(answers, titles, heights, strict=True):
         found = [*(answer.sampling or ()), *(answer.threshold or ()), *answer.shapes.values(), answer.value]
         least = min([least, *(v for v in found if v is not None and v > 0)])
@@ -96,9 +96,9 @@ def _draw_answers(
         _draw_answer(axis, answer, place + 0.16, place + 0.38)
         top += height
     axis.set_xscale("log")
-    axis.set_xlim(max(0.6 * least, FLOOR), 1.3)
+    axis.set_xlim(max(0.6 * least, FLOOR), 1.0)
     axis.xaxis.set_major_locator(LogLocator(10))
-    axis.xaxis.set_major_formatter(FuncFormatter(lambda p, _: _percent(p)))
+    axis.xaxis.set_major_formatter(FuncFormatter(lambda p, _: in_percent(p)))
     axis.xaxis.set_minor_formatter(NullFormatter())
     axis.set_ylim(top + 0.1, -0.05)
     axis.set_yticks([])
@@ -119,7 +119,8 @@ def _draw_answer(axis: Axes, answer: Answer, above: float, below: float) -> None
         axis.plot(ends, [below, below], color=INK, linewidth=0.6)
     for law, value in answer.shapes.items():
         mark = MARKERS[law] if value >= FLOOR else CARETLEFT  # points beyond the axis
-        axis.plot(max(value, FLOOR), below, mark, color="white", markeredgecolor=INK, markersize=4)
+        look: Any = dict(color="white", markeredgecolor=INK, markersize=4, clip_on=False, zorder=3)
+        axis.plot(max(value, FLOOR), below, mark, **look)
     if answer.value is not None:
         mark = "|" if answer.value >= FLOOR else CARETLEFT
         axis.plot(max(answer.value, FLOOR), above, mark, color=INK, markersize=8, markeredgewidth=1.4)
@@ -136,10 +137,10 @@ def _draw_curve(axis: Axes, curve: Exceeded) -> None:
     axis.set_xlabel(curve.quantity.replace(", +", ",\n+"))
 
 
-def _shape(law: str) -> Any:
+def shape_key(law: str) -> Any:
     return legend_line(INK, "none", marker=MARKERS[law], markerfacecolor="white", markersize=4)
 
 
-def _percent(p: float) -> str:
+def in_percent(p: float) -> str:
     share = 100 * p
     return f"{share:.0f} %" if share >= 10 else f"{share:.2g} %"

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from .style import (
     BLUE,
     DOTS,
     FAINT,
+    FORM,
     HATCHES,
     INK,
     LINES,
@@ -119,7 +121,7 @@ def level_search(
         {n for row in importance.values() for n in row},
         key=lambda n: max(abs(row.get(n, 0.0)) for row in importance.values()),
     )
-    figure, (top, below) = sheet([4.6, 1.2 + 0.58 * len(names)], note)
+    figure, (top, below) = sheet([4.6, height_of(names)], note)
     entries = _draw_levels(top, search, sample, theirs)
     probability_axis(top, quantity, True)
     if sample is None:
@@ -179,8 +181,8 @@ def _draw_importance(
                 published_circle(axis, known[parameter], float(place), 3.0, "white")
     if theirs is not None and theirs.importance:
         entries.append((published_key(3.0, "white"), "published, from the authors' design points"))
-    _names(axis, names)
-    axis.set_xlim(-1, 1)
+    name_inputs(axis, names)
+    axis.set(xlim=(-1, 1), xticks=[-1, -0.5, 0, 0.5, 1])
     axis.set_xlabel("importance (unit vector),\n+ raises the response")
     return entries
 
@@ -201,14 +203,14 @@ def tornado(
     panels = [(sensitivity, "Pearson's r, 95 %,\n+ raises it")] + (
         [(spread, "dSD/dSD, 95 %,\n+ widens it")] if spread else []
     )
-    figure, axes = sheet([1.2 + 0.6 * len(names)], note, len(panels), sharey=True)
+    figure, axes = sheet([height_of(names)], note, len(panels), sharey=True)
     for axis, (values, meaning) in zip(axes, panels, strict=True):
         for k, name in enumerate(names):
             if name in values:
                 value, low, high = values[name]
                 axis.barh(k, value, 0.62, color=BLUE if value >= 0 else VERMILION, alpha=0.85)
                 axis.plot([low, high], [k, k], color=INK, linewidth=0.9, marker="|", markersize=4)
-        _names(axis, names)
+        name_inputs(axis, names)
         axis.set_xlabel(meaning)
         axis.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
         reach = 1.08 * max([1e-3, *(max(abs(low), abs(high)) for _, low, high in values.values())])
@@ -236,11 +238,10 @@ def percentiles(samples: Sequence[Sample], quantity: str, note: str = "") -> Fig
             axis.plot(value, k, "|", color=color, markersize=8, markeredgewidth=1.4)
         for value in sample.published.values():
             published_circle(axis, value, k, 4.5)
-        axis.text(
-            0, k - 0.24, shorten(sample.title, 44), fontsize=small(), transform=axis.get_yaxis_transform(), va="bottom"
-        )
+        at: Any = dict(fontsize=small(), transform=axis.get_yaxis_transform(), va="bottom")
+        axis.text(0, k - 0.24, shorten(sample.title, FORM.get().letters_in(44)), **at)
         numbers = " / ".join(f"{v:.1f}" for v in values).replace("-", "−")
-        axis.text(1, k - 0.24, numbers, fontsize=small(), transform=axis.get_yaxis_transform(), va="bottom", ha="right")
+        axis.text(1, k - 0.24, numbers, ha="right", **at)
     axis.set_ylim(len(samples) - 0.5, -0.7)
     axis.set_yticks([])
     axis.spines["left"].set_visible(False)
@@ -259,7 +260,7 @@ def poses(pairs: Sequence[tuple[str, Sample]], quantity: str, note: str = "") ->
     Pearson's r with its intervals below."""
     names = [n for n in pairs[0][1].sensitivity if all(n in s.sensitivity for _, s in pairs)]
     names.sort(key=lambda n: max(abs(s.sensitivity[n][0]) for _, s in pairs))
-    figure, axes = sheet([4.6, 1.2 + 0.58 * len(names)] if names else [5.2], note)
+    figure, axes = sheet([4.6, height_of(names)] if names else [5.2], note)
     entries: Entries = []
     for j, ((pose, sample), look) in enumerate(zip(pairs, looks(len(pairs)), strict=True)):
         step_curve(axes[0], sample, look, True)
@@ -276,7 +277,7 @@ def poses(pairs: Sequence[tuple[str, Sample]], quantity: str, note: str = "") ->
     if any(s.published for _, s in pairs):
         entries.append((published_key(5), "published 5, 50, 95 % (Yoder et al. 2021)"))
     if names:
-        _names(axes[1], names)
+        name_inputs(axes[1], names)
         axes[1].set_xlabel("Pearson's r, 95 % interval,\n+ raises the response")
     legend_above(figure, entries)
     return figure
@@ -369,7 +370,13 @@ def probability_axis(axis: Axes, quantity: str, narrow: bool = False) -> None:
     axis.set_xlabel(quantity.replace(", +", ",\n+") if narrow else quantity)
 
 
-def _names(axis: Axes, names: Sequence[str]) -> None:
+def height_of(names: Sequence[str]) -> float:
+    """Of a panel with a row for each input [cm]: names with a sign take two lines."""
+    long = [", " in label(name) for name in names]
+    return 1.2 + (0.68 if any(a and b for a, b in pairwise(long)) else 0.6) * len(names)
+
+
+def name_inputs(axis: Axes, names: Sequence[str]) -> None:
     axis.set_yticks(range(len(names)), [label(n).replace(", ", "\n") for n in names])
     axis.set_ylim(-0.6, len(names) - 0.4)
     axis.tick_params(axis="y", length=0)

@@ -106,7 +106,7 @@ def sample_of(name: str, study: StudyFolder, response: str | None = None, with_p
     if response in study.summary.responses:
         for key, p in study.summary.responses[response].percentiles.items():
             if p.value is not None:
-                percentiles[float(key)] = _interval(p.value, p.ci_low, p.ci_high)
+                percentiles[float(key)] = as_interval(p.value, p.ci_low, p.ci_high)
     return Sample(name, values, low, high, percentiles, published, pearson_intervals(study, response))
 
 
@@ -116,7 +116,7 @@ def pearson_intervals(study: StudyFolder, response: str) -> dict[str, Interval]:
         return {}
     inputs = study.summary.sensitivity[response].inputs
     return {
-        name: _interval(s.pearson.value, s.pearson.low, s.pearson.high)
+        name: as_interval(s.pearson.value, s.pearson.low, s.pearson.high)
         for name, s in inputs.items()
         if s.pearson.value is not None
     }
@@ -128,7 +128,7 @@ def spread_intervals(study: StudyFolder, response: str) -> dict[str, Interval]:
         return {}
     inputs = study.summary.sensitivity[response].inputs
     return {
-        name: _interval(s.dsd_dsd, *(s.ci.dsd_dsd or (None, None)))
+        name: as_interval(s.dsd_dsd, *(s.ci.dsd_dsd or (None, None)))
         for name, s in inputs.items()
         if s.dsd_dsd is not None
     }
@@ -174,5 +174,5 @@ def pose_note(items: Sequence[tuple[str, RunFolder | StudyFolder]]) -> str:
     return f"Initial pose: {poses[0]}." if poses else ""
 
 
-def _interval(value: float, low: float | None, high: float | None) -> Interval:
+def as_interval(value: float, low: float | None, high: float | None) -> Interval:
     return value, value if low is None else low, value if high is None else high

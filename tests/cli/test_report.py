@@ -235,6 +235,10 @@ def test_text_can_be_read_on_its_ground() -> None:
         for ink in ("ink", "muted", "accent"):
             for ground in ("paper", "soft"):
                 assert contrast(colours[ink], colours[ground]) >= 4.5, (ink, ground)
+    (ground,) = re.findall(r"\.explore \{ --paper: (#\w+); --ink: (#\w+); --muted: (#\w+)", css)
+    assert contrast(ground[1], ground[0]) >= 4.5, "curves have a light ground in the dark"
+    assert contrast(ground[2], ground[0]) >= 4.5
+    assert contrast(UNBRACED, ground[0]) >= 4.5
     for colour in (*SERIES, UNBRACED, ANATOMY):
         assert contrast(letters(colour), "#ffffff") >= 4.5, colour
 

@@ -20,7 +20,7 @@ from sprain_cosim.errors import InputError
 from sprain_cosim.figures.gallery import figure_form, figure_kinds
 from sprain_cosim.figures.style import DOUBLE, SINGLE, Form, _style, drawn_as, palette, picture
 
-from .test_plots import FIGURES, run, sample
+from .test_plots import FIGURES, drawn, run, sample
 
 FORMS = {
     "single": Form(),
@@ -74,6 +74,18 @@ def test_panels_have_letters() -> None:
         titles = [axis.get_title(loc="left") for axis in FIGURES["landing"]().axes]
     assert [title[0] for title in titles] == list("ABCDEF")[: len(titles)]
     assert titles[0].endswith("subtalar angle [deg], + supination")
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_percent_axes_stay_within_0_and_100(name: str) -> None:
+    figure = drawn(name)
+    for axis in figure.axes:
+        for direction in (axis.xaxis, axis.yaxis):
+            labels = [tick.label1.get_text() for tick in direction._update_ticks()]
+            if "[%]" in direction.get_label_text() or any(text.endswith("%") for text in labels):
+                values = [float(text.rstrip(" %")) for text in labels if text]
+                assert values
+                assert all(0 <= value <= 100 for value in values), labels
 
 
 def marks(line: Line2D) -> tuple[object, ...]:

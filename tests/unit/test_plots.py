@@ -122,6 +122,25 @@ FIGURES: dict[str, Callable[[], Figure]] = {
         NOTE,
     ),
     "torque_angle": plots.torque_angle,
+    "form": lambda: plots.event_search(
+        plots.Answer(
+            "peak inversion from neutral above 35 ± 6 deg",
+            0.0157,
+            (0.0155, 0.0159),
+            None,
+            {"normal": 0.0157, "Weibull": 0.025},
+        ),
+        {"first order": 0.0207, "second order, Hohenbichler-Rackwitz": 0.0151, "second order, Tvedt": 0.0149},
+        {"plant.drop_height": 0.17, "plant.talocrural_angle_at_contact": -0.08, "threshold": -0.96},
+        NOTE,
+    ),
+    "sobol": lambda: plots.variance_shares(
+        {"plant.drop_height": (0.3, 0.1, 0.5), "controller.coactivation": (-0.02, -0.3, 0.2)},
+        {"plant.drop_height": (0.4, 0.2, 0.6), "controller.coactivation": (0.05, 0.0, 0.1)},
+        QUANTITY,
+        "Study 6",
+        NOTE,
+    ),
     "figure_1c": lambda: figure_1c(
         {
             name: {axis: (ANGLES, resisting(axis, ANGLES, scale) + 1.0) for axis in PASSIVE}
@@ -187,7 +206,7 @@ def test_files_are_letters_in_a_vector_file_and_the_same_each_time(name: str, tm
 def test_axes_name_units_and_signs_and_the_figure_its_pose(name: str) -> None:
     figure = drawn(name)
     words = " ".join(t.get_text() for t in texts(figure))
-    assert re.search(r"\[(deg|N·m|ms|kN|deg/s)\]", words) or name == "tornado"
+    assert re.search(r"\[(deg|N·m|ms|kN|deg/s|%)\]", words) or name == "tornado"
     assert "+ " in words
     assert "initial pose" in " ".join(words.lower().split())  # however the note is wrapped
     for axis in figure.axes:
@@ -226,6 +245,29 @@ def test_the_data_drawn_are_the_data_given() -> None:
     signals = {"plant.subtalar_angle": np.random.default_rng(1).normal(size=(40, len(TIME)))}
     median = plots.fan([("s", TIME, signals)]).axes[0].lines[0]
     np.testing.assert_allclose(median.get_ydata(), np.degrees(np.median(signals["plant.subtalar_angle"], axis=0)))
+
+
+def test_moments_share_one_scale() -> None:
+    """What is ten times as large looks ten times as high."""
+    for name, moments in (("landing", (3, 4)), ("fan", (3, 4)), ("moment_angle", (0, 1))):
+        anatomy, brace = (drawn(name).axes[k] for k in moments)
+        assert "moment" in anatomy.get_title("left")
+        assert "moment" in brace.get_title("left")
+        assert anatomy.get_ylim() == brace.get_ylim()
+
+
+def test_the_event_of_a_search_has_its_methods_and_both_doubts() -> None:
+    top, below = FIGURES["form"]().axes
+    places = {
+        float(line.get_xdata()[0]): float(line.get_ydata()[0]) for line in top.lines if len(line.get_xdata()) == 1
+    }
+    assert places[0.0157] == 4, "the threshold's shape last"
+    assert (places[0.0207], places[0.0151], places[0.0149]) == (1, 2, 3)
+    assert [tuple(line.get_xdata()) for line in top.lines if len(line.get_xdata()) == 2] == [
+        (0.0155, 0.0159),
+        (0.0157, 0.025),
+    ]
+    assert [bar.get_width() for bar in below.patches] == [-0.08, 0.17, -0.96], "the largest on top"
 
 
 def test_the_forest_has_each_difference_with_both_doubts() -> None:
