@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..folders.comparison import NONE, BraceSummary, ComparisonSummary, MeanEstimate
 from ..literature import INJURY_INVERSION_TEXT
 from ..metrics import Signals
-from .style import BORNE, FAINT, INK, Look, legend_line, letters, palette, sheet, shorten, small, styled
+from .style import BORNE, FAINT, INK, SeriesLook, legend_line, letters, palette, sheet, shorten, small, styled
 
 PEAKS = (  # response, name, marker, filled, place on the line
     ("peak_subtalar_angle_deg", "supination", "o", True, -0.14),
@@ -61,7 +61,7 @@ def comparison_figure(
     return drawn
 
 
-def _curves(axis: Axes, runs: Mapping[str, Signals], look: Mapping[str, Look]) -> None:
+def _curves(axis: Axes, runs: Mapping[str, Signals], look: Mapping[str, SeriesLook]) -> None:
     for name, run in runs.items():
         angle = math.degrees(1.0) * run["plant.subtalar_angle"]
         colour = look[name].colour
@@ -83,7 +83,7 @@ def _curves(axis: Axes, runs: Mapping[str, Signals], look: Mapping[str, Look]) -
     axis.grid(axis="y")
 
 
-def _distribution(axis: Axes, peaks: Mapping[str, NDArray[np.float64]], look: Mapping[str, Look]) -> None:
+def _distribution(axis: Axes, peaks: Mapping[str, NDArray[np.float64]], look: Mapping[str, SeriesLook]) -> None:
     """5 to 95 % as a line, the middle half as a bar, the median as a gap in it, the landings as ticks below."""
     for place, (name, values) in enumerate(peaks.items()):
         y = np.sort(values)
@@ -102,7 +102,7 @@ def _distribution(axis: Axes, peaks: Mapping[str, NDArray[np.float64]], look: Ma
 
 
 def _changes(
-    axis: Axes, summary: ComparisonSummary, names: Sequence[str], look: Mapping[str, Look], numbers: bool = False
+    axis: Axes, summary: ComparisonSummary, names: Sequence[str], look: Mapping[str, SeriesLook], numbers: bool = False
 ) -> None:
     """`numbers`: the change of the first peak in words at the right."""
     for key, label, marker, filled, shift in PEAKS:
@@ -136,7 +136,7 @@ def _interval_words(e: MeanEstimate) -> str:
 
 
 @styled
-def paired(summary: ComparisonSummary, doubts: Mapping[str, Doubt], look: Mapping[str, Look]) -> Figure:
+def paired(summary: ComparisonSummary, doubts: Mapping[str, Doubt], look: Mapping[str, SeriesLook]) -> Figure:
     """What each brace changed, paired over the same landings, and how likely the injury threshold is exceeded with
     each: the answer of a comparison with both of its doubts.
 
@@ -157,7 +157,7 @@ def paired(summary: ComparisonSummary, doubts: Mapping[str, Doubt], look: Mappin
 
 
 def _risks(
-    axis: Axes, risks: Mapping[str, MeanEstimate], doubts: Mapping[str, Doubt], look: Mapping[str, Look]
+    axis: Axes, risks: Mapping[str, MeanEstimate], doubts: Mapping[str, Doubt], look: Mapping[str, SeriesLook]
 ) -> None:
     """Probabilities on a logarithmic axis: thick what the landings leave open, thin what the threshold does;
     what lies below the floor of the axis points beyond it."""
@@ -218,7 +218,7 @@ def _moments(axis: Axes, braces: Mapping[str, BraceSummary]) -> None:
     _squares(axis, BORNE)
 
 
-def _motion(axis: Axes, resistance: Mapping[str, Mapping[str, float]], look: Mapping[str, Look]) -> None:
+def _motion(axis: Axes, resistance: Mapping[str, Mapping[str, float]], look: Mapping[str, SeriesLook]) -> None:
     """`resistance` {brace: {posture: moment [N·m]}}. Bars at 10 degrees, a tick in each at 5."""
     height = 0.25
     for k, (motion, strength) in enumerate(MOTIONS.items()):

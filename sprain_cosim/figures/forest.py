@@ -10,7 +10,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .style import FORM, INK, Look, legend_above, legend_line, letters, sheet, shorten, small, styled
+from .style import FORM, INK, SeriesLook, legend_above, legend_line, letters, sheet, shorten, small, styled
 
 ROW, OPEN = 0.72, 0.28  # height of a brace [cm], and of a line more of words
 BESIDE = 14.0  # cm of a journal's letters from which on panels stand side by side
@@ -46,7 +46,7 @@ class Changed:
 
 
 @styled
-def forest(panels: Sequence[Changed], reference: str, look: Mapping[str, Look], note: str = "") -> Figure:
+def forest(panels: Sequence[Changed], reference: str, look: Mapping[str, SeriesLook], note: str = "") -> Figure:
     """`panels` one below the other, two side by side on a wide sheet; a line at no difference to the `reference`."""
     form, braces = FORM.get(), list(dict.fromkeys(brace for panel in panels for brace in panel.rows))
     columns = 2 if form.width / form.scale >= BESIDE and len(panels) > 1 else 1
@@ -68,7 +68,7 @@ def forest(panels: Sequence[Changed], reference: str, look: Mapping[str, Look], 
     return figure
 
 
-def _draw_panel(axis: Axes, panel: Changed, look: Mapping[str, Look], against: str) -> None:
+def _draw_panel(axis: Axes, panel: Changed, look: Mapping[str, SeriesLook], against: str) -> None:
     beside: Any = dict(transform=axis.get_yaxis_transform(), ha="left", va="center", fontsize=small(), linespacing=1.1)
     axis.axvline(0, color=INK, linewidth=0.7, zorder=0)
     for place, (brace, found) in enumerate(panel.rows.items()):

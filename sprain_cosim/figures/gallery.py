@@ -3,39 +3,35 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from .. import __version__
 from .. import figures as plots
 from ..cosim.result import Result
-from ..errors import EnvironmentProblem, InputError
-from ..files import write
-from ..folders.comparison import NONE, ComparisonFolder
+from ..errors import InputError
+from ..folders.comparison import ComparisonFolder
 from ..folders.read import Folder
 from ..folders.run import RunFolder, RunSummary, coupling_note, write_run
-from ..folders.study import PEAK, StudyFolder
-from ..literature import INJURY_INVERSION_TEXT
+from ..folders.study import StudyFolder
 from ..metrics import brace_torques
 from ..study.questions import law_name
 from ..study.summary import DesignSearch, FormSearch, LevelSearch
-from .comparison import paired
-from .forest import Changed, Difference
+from .braces import draw_comparison
+from .drawn import Drawn, as_file_name, write_drawn
 from .pairs import Column, most_inputs, strongest
 from .persons import persons_figure
 from .records import published_records
 from .samples import Sample
 from .selection import (
     FEWEST,
-    Named,
     as_interval,
     asking,
+    both_ends,
     in_reader_units,
     named_folders,
     palette_of,
@@ -47,15 +43,14 @@ from .selection import (
     spread_intervals,
     study_devices,
 )
-from .style import DOUBLE, FORM, FORMATS, MOST_DRAWN, SINGLE, Look, palette, shorten
+from .style import DOUBLE, FORMATS, MOST_DRAWN, SINGLE, shorten
 
-CAPTIONS = "captions.txt"
 SCREEN, NARROWEST, WIDEST = 16.0, 8.0, 40.0  # cm
 FAN = 20  # trajectories for a fan
 SAMPLE = f"a sampled study of which {FEWEST} landings completed"
 NEEDS = {  # figure: what it is drawn of
     "paired": "a comparison of which a brace completed",
-    "forest": "a comparison of which a brace and the landings without one completed",
+    "forest": "a comparison of which a brace and the landings without one, or two braces, completed",
     "persons": "a comparison whose persons vary",
     "landing": "a run",
     "moment_angle": "a run",
@@ -75,29 +70,11 @@ NEEDS = {  # figure: what it is drawn of
     "sharing": SAMPLE,
     "published": "trials that repeat published ones, and SPRAIN_REFERENCE",
 }
-INVERSION, INJURY = "peak_inversion_from_neutral_deg", "probability_of_injury"
-COMPARED = {  # metric of a comparison: what it is called in a forest, unit of the differences, factor to it
-    PEAK: ("peak subtalar angle, + supination", "deg", 1.0),
-    INVERSION: ("peak inversion from neutral", "deg", 1.0),
-    INJURY: (f"probability of inversion beyond {INJURY_INVERSION_TEXT}°", "% points", 100.0),
-    "anatomy_subtalar_moment_Nm": ("subtalar moment of the anatomy at the peak", "N·m", 1.0),
-}
 
 Runs = Sequence[tuple[str, RunFolder]]
 Studies = Sequence[tuple[str, StudyFolder]]
 Values = NDArray[np.float64]
 K = TypeVar("K")
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """A figure with the name of its file, a title and a caption in words, and what it shows; None: all there is."""
-
-    name: str
-    title: str
-    caption: str
-    figure: Figure
-    shown: Sequence[Named] | None = None
 
 
 def landing_picture(result: Result, summary: RunSummary) -> bytes:
@@ -117,7 +94,7 @@ def draw(folders: Sequence[Folder]) -> Iterator[Drawn]:
     studies = [(name, item) for name, item in items if isinstance(item, StudyFolder)]
     for folder in folders:
         if isinstance(folder, ComparisonFolder):
-            yield from _of_comparison(folder, sum(isinstance(f, ComparisonFolder) for f in folders) > 1)
+            yield from draw_comparison(folder, sum(isinstance(f, ComparisonFolder) for f in folders) > 1)
     if runs:
         for name, run in runs:
             if "plant.subtalar_angle" not in run.result.index:
@@ -148,96 +125,6 @@ def draw(folders: Sequence[Folder]) -> Iterator[Drawn]:
     )
     title = "Torque-angle laws of the paper's ankle and braces"
     yield Drawn("torque_angle", title, caption, plots.torque_angle(), ())
-
-
-def _of_comparison(folder: ComparisonFolder, several: bool) -> Iterator[Drawn]:
-    if not folder.summary.completed.keys() - {NONE}:
-        return
-    suffix = f"_{_file_name(folder.path)}" if several else ""
-    caption = (
-        "What each brace changed against no brace over the same landings, and how likely inversion exceeds the range "
-        "in which ankles of cadavers failed. Thick: what the landings leave open; thin: the same threshold with a law "
-        "of another shape, or what its specimens leave open. More landings narrow the first alone."
-    )
-    looks: dict[str, Look | None] = {brace: FORM.get().palette.get(name) for brace, name in _names_of(folder).items()}
-    own = palette(list(folder.summary.braces), [NONE])
-    drawn = paired(folder.summary, threshold_doubts(folder), {b: looks.get(b) or own[b] for b in own})
-    title = f": {folder.title}" if several else ""
-    yield Drawn(f"paired{suffix}", f"What the braces change{title}", caption, drawn)
-    panels, reference = differences(folder)
-    if panels:
-        against = "no brace" if reference == NONE else reference
-        caption = (
-            f"Each brace minus {against}, paired over the same landings; left of the line is less. Thick: the 95 % "
-            "interval of the mean, what the landings leave open. Thin, of the probability: the same threshold with "
-            "laws of another shape, or the ends of what its specimens leave open, for both alike; more landings do "
-            "not narrow it."
-        )
-        note = f"{folder.summary.source}: {folder.summary.count}, the same for every brace. "
-        note += f"Initial pose: {folder.summary.initial_pose}." if folder.summary.initial_pose else ""
-        drawn = plots.forest(panels, against, {b: looks.get(b) or own[b] for b in own}, note.strip())
-        yield Drawn(f"forest{suffix}", f"Differences to {against}{title}", caption, drawn)
-
-
-def _names_of(folder: ComparisonFolder) -> dict[str, str]:
-    """{brace: its name in the palette} of a comparison that is drawn alone."""
-    return {brace: "no brace" if brace == NONE else brace for brace in folder.members}
-
-
-def threshold_doubts(folder: ComparisonFolder) -> dict[str, tuple[float, float]]:
-    """{brace: ends of the probability of injury as far as the threshold is known}, of studies that say them."""
-    found = {}
-    for brace, member in folder.members.items():
-        question = member.summary.questions.get(INVERSION) if isinstance(member, StudyFolder) else None
-        brace_summary = folder.summary.braces.get(brace)
-        ends = (_both(question.threshold_ci) or _least_and_most(question.shapes)) if question else None
-        ends = ends or (brace_summary.injury_doubt if brace_summary else None)
-        if ends:
-            found[brace] = ends
-    return found
-
-
-def differences(folder: ComparisonFolder) -> tuple[list[Changed], str]:
-    """What each brace changed, a panel for each response, and what it is compared with: no brace, or the first brace
-    where the landings without one failed."""
-    summary = folder.summary
-    names = list(summary.completed)
-    reference = NONE if NONE in names else names[0]
-    panels = []
-    for metric, (quantity, unit, factor) in COMPARED.items():
-        rows = {}
-        for name in names:
-            to_first = summary.pairs.get(f"{name} - {reference}", {})
-            e = (summary.braces[name].difference_to_none if reference == NONE else to_first).get(metric)
-            if name == reference or e is None or e.value is None:
-                continue
-            sampling = _both((e.ci_low, e.ci_high))
-            threshold = _doubt_of_difference(folder, name, reference) if metric == INJURY else None
-            pairs = (None if pair is None else (factor * pair[0], factor * pair[1]) for pair in (sampling, threshold))
-            rows[name] = Difference(factor * e.value, *pairs)
-        if rows:
-            panels.append(Changed(quantity, unit, rows))
-    return panels, reference
-
-
-def _doubt_of_difference(folder: ComparisonFolder, brace: str, reference: str) -> tuple[float, float] | None:
-    """Ends of the difference of two probabilities against one threshold: with each law of the same mean and SD, or with
-    the ends of what its specimens leave open, which move both probabilities the same way."""
-    members = (folder.members.get(name) for name in (brace, reference))
-    ours, theirs = (m.summary.questions.get(INVERSION) if isinstance(m, StudyFolder) else None for m in members)
-    if ours is None or theirs is None:
-        return None
-    ends = _both(ours.threshold_ci), _both(theirs.threshold_ci)
-    if ends[0] and ends[1]:
-        found = [a - b for a, b in zip(ends[0], ends[1], strict=True)]
-    else:
-        one, other = ours.shapes or {}, theirs.shapes or {}
-        found = [one[law] - other[law] for law in one if law in other]
-    return (min(found), max(found)) if found else None
-
-
-def _least_and_most(shapes: Mapping[str, float] | None) -> tuple[float, float] | None:
-    return (min(shapes.values()), max(shapes.values())) if shapes else None
 
 
 def figure_form(width: str | None, screen: bool, panels: bool) -> plots.Form:
@@ -301,58 +188,14 @@ def write_figures(
     return written
 
 
-def write_drawn(figures: Iterable[Drawn], folders: Sequence[Folder], target: Path, kinds: Sequence[str]) -> list[Path]:
-    """Each of the `figures` of these folders as files of the `kinds` in `target`, captions.txt beside them. Raises
-    EnvironmentProblem."""
-    written, captions = list[Path](), list[str]()
-    try:
-        for drawn in figures:
-            target.mkdir(parents=True, exist_ok=True)
-            written += plots.save(drawn.figure, target / drawn.name, kinds)
-            captions.append(_caption(drawn, folders))
-        if captions:
-            write(target / CAPTIONS, "\n\n".join(captions) + "\n")
-            written.append(target / CAPTIONS)
-    except OSError as problem:
-        raise EnvironmentProblem(f"{target}: cannot be written: {problem.strerror or problem}") from None
-    return written
-
-
 def is_of_kind(figure: str, name: str) -> bool:
     """Whether `name` is the figure's, or its kind: cdf is also of cdf_peak_inversion_from_neutral_deg."""
     return figure == name or bool(re.match(rf"{re.escape(name)}(_|\d*$)", figure))
 
 
-def _caption(drawn: Drawn, folders: Sequence[Folder]) -> str:
-    """What a journal prints below: what is shown, of how many landings, which intervals, from which versions."""
-    counts, versions = list[str](), dict[str, None]()
-    shown = named_folders(folders) if drawn.shown is None else drawn.shown
-    for name, item in shown:
-        if isinstance(item, RunFolder):
-            counts.append(f"{name}: one landing")
-            versions[f"sprain-cosim {item.summary.version}" if item.summary.version else ""] = None
-        else:
-            failed = f", {item.summary.n_failed} failed" if item.summary.n_failed else ""
-            counts.append(f"{name}: n = {item.summary.n_completed}{failed} ({item.summary.method})")
-            versions[", ".join(f"{k} {v}" for k, v in item.manifest.versions.items())] = None
-    made = " | ".join(v for v in versions if v)
-    parts = (
-        f"{drawn.name}. {drawn.title}. {drawn.caption}",
-        f"{'; '.join(counts)}. Intervals are 95 % where shown." if counts else "",
-        pose_note(shown),
-        f"Computed with {made}." if made else "",
-        f"Drawn with sprain-cosim {__version__}.",
-    )
-    return " ".join(part for part in parts if part)
-
-
 def _end(study: StudyFolder, of: int) -> str:
     """What a file name ends in that stands for one study of several."""
-    return "" if of == 1 else "_" + _file_name(study.path)
-
-
-def _file_name(folder: Path) -> str:
-    return re.sub(r"[^\w.-]", "_", folder.resolve().name)
+    return "" if of == 1 else "_" + as_file_name(study.path)
 
 
 def _of_runs(runs: Runs) -> Iterator[Drawn]:
@@ -420,8 +263,8 @@ def _questions(studies: Studies) -> Iterator[Drawn]:
                 f"{plots.label(q.response or key).partition(', +')[0]} {q.event}"
                 + ("" if q.source == "own" else " (literature)"),
                 q.probability,
-                _both(q.sampling_ci or (q.ci_low, q.ci_high)),
-                _both(q.threshold_ci),
+                both_ends(q.sampling_ci or (q.ci_low, q.ci_high)),
+                both_ends(q.threshold_ci),
                 {law_name(law): p for law, p in (q.shapes or {}).items()},
             )
             for key, q in summary.questions.items()
@@ -485,7 +328,7 @@ def _designs(studies: Studies) -> Iterator[Drawn]:
 def _designed(design: DesignSearch, quantity: str) -> plots.Designed:
     (point,) = design.points
     curve, at = point.curve, point.comfort
-    resistance = {m: [(c.value, *_at_both(c.resistance_Nm, m)) for c in at] for m in point.motions[0]}
+    resistance = {m: [(c.value, *_atboth_ends(c.resistance_Nm, m)) for c in at] for m in point.motions[0]}
     event = design.goal.partition("(")[2].rpartition(")")[0].partition(" ")
     return plots.Designed(
         f"{plots.label(event[0]).partition(', +')[0]} {event[2]}".replace(" = ", "\u00a0=\u00a0"),
@@ -502,7 +345,7 @@ def _designed(design: DesignSearch, quantity: str) -> plots.Designed:
     )
 
 
-def _at_both(resistance: Mapping[str, float | None], motion: str) -> tuple[float, float]:
+def _atboth_ends(resistance: Mapping[str, float | None], motion: str) -> tuple[float, float]:
     """N·m at 5 and 10 degrees."""
     five, ten = (resistance.get(f"{motion}_{d}deg") for d in (5, 10))
     return five or 0.0, ten or 0.0
@@ -510,12 +353,6 @@ def _at_both(resistance: Mapping[str, float | None], motion: str) -> tuple[float
 
 def _labelled(name: str, unit: str) -> str:
     return plots.label(name) + (f" [{unit}]" if unit else "")
-
-
-def _both(pair: tuple[float | None, float | None] | None) -> tuple[float, float] | None:
-    if pair is None or pair[0] is None or pair[1] is None:
-        return None
-    return pair[0], pair[1]
 
 
 def _tornado(name: str, study: StudyFolder, end: str) -> Drawn:
@@ -610,7 +447,7 @@ def _events(studies: Studies) -> Iterator[Drawn]:
         shapes = {law_name(law): p for law, p in (form.shapes or {}).items()}
         event = f"{plots.label(form.response).partition(', +')[0]} above {form.threshold.distribution}"
         answer = plots.Answer(
-            event, form.probability, _both((form.ci_low, form.ci_high)), _both(form.threshold_ci), shapes
+            event, form.probability, both_ends((form.ci_low, form.ci_high)), both_ends(form.threshold_ci), shapes
         )
         orders = {"first order": form.first_order} | {
             f"second order, {formula}": p for formula, p in (form.second_order or {}).items()

@@ -87,7 +87,7 @@ def landing_signals(runs: Sequence[tuple[str, Signals]], note: str = "") -> Figu
     axes[-1].set_xlabel(TIME)
     axes[-1].set_xlim(0, max(1e3 * run.time[-1] for _, run in runs))
     names = [
-        title if len(runs) <= 2 else f"{title} (peak {peak:.1f}°)"
+        title if len(runs) <= 2 else f"{title} (peak\u00a0{peak:.1f}°)"
         for (title, _), (_, peak) in zip(runs, peaks, strict=True)
     ]
     legend_above(

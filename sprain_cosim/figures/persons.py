@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from ..folders.comparison import NONE, ComparisonSummary, Persons
 from ..literature import INJURY_INVERSION_TEXT
-from .style import Look, label, legend_above, palette, sheet, styled
+from .style import SeriesLook, label, legend_above, palette, sheet, styled
 
 INJURY = "probability_of_injury"
 HEIGHT = 3.4  # cm of a panel
@@ -42,7 +42,9 @@ def persons_figure(summary: ComparisonSummary) -> Figure:
     return drawn
 
 
-def _by_measure(axis: Axes, persons: Persons, name: str, metric: str, factor: float, look: Mapping[str, Look]) -> None:
+def _by_measure(
+    axis: Axes, persons: Persons, name: str, metric: str, factor: float, look: Mapping[str, SeriesLook]
+) -> None:
     bands = persons.bands[name]
     for shift, (brace, one) in enumerate(look.items()):
         found = [band.metrics[brace].get(metric) for band in bands]

@@ -28,7 +28,7 @@ from .style import (
     SERIES,
     SKY,
     VERMILION,
-    Look,
+    SeriesLook,
     label,
     legend_above,
     legend_line,
@@ -136,7 +136,7 @@ def level_search(
 def _draw_levels(axis: Axes, search: Sample, sample: Sample | None, theirs: Authors | None) -> Entries:
     entries: Entries = []
     if sample is not None and len(sample.values):
-        step_curve(axis, sample, Look(FAINT, "-", ""), True)
+        step_curve(axis, sample, SeriesLook(FAINT, "-", ""), True)
         entries.append((legend_line(FAINT, linewidth=2), f"Monte Carlo, {len(sample.values)} landings, 95 % bounds"))
     for level, (value, low, high) in ({} if theirs is None else theirs.sampled).items():
         axis.plot([low, high], [level / 100] * 2, color=INK, linewidth=0.9, marker="|", markersize=4, zorder=4)
@@ -147,7 +147,7 @@ def _draw_levels(axis: Axes, search: Sample, sample: Sample | None, theirs: Auth
         right = search.published.get(level, value) < value  # away from the published level
         beside |= dict(ha="left" if right else "right")
         if theirs is None:
-            axis.annotate(f"{value:.1f}", (value, level / 100), (7 if right else -7, 0), **beside)
+            axis.annotate(f"{value:.1f}", (value, level / 100), ((7 if right else -7) * FORM.get().scale, 0), **beside)
     for level, value in search.published.items():
         published_circle(axis, value, level / 100, 6.5, zorder=6)
     numbers = ["", ""]
@@ -336,7 +336,7 @@ def grid(levels: Array, rows: Sequence[tuple[str, Array]], parameter: str, quant
     return figure
 
 
-def step_curve(axis: Axes, sample: Sample, look: Look, bounds: bool = False) -> None:
+def step_curve(axis: Axes, sample: Sample, look: SeriesLook, bounds: bool = False) -> None:
     """The empirical distribution function of a sample, with its bounds as a band."""
     values = np.sort(sample.values)
     at = drawn_ranks(len(values))

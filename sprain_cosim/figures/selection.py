@@ -18,7 +18,7 @@ from ..study.summary import LevelSearch
 from ..units import unit
 from ..uq import statistics
 from .samples import Interval, Sample
-from .style import PARAMETERS, Look, label, palette
+from .style import PARAMETERS, SeriesLook, label, palette
 
 LEVELS = (5.0, 50.0, 95.0)
 FEWEST = 4  # completed trials for a distribution
@@ -62,7 +62,7 @@ def asking(folders: Sequence[Folder], response: str) -> list[Folder]:
     return found
 
 
-def palette_of(folders: Sequence[Folder]) -> dict[str, Look]:
+def palette_of(folders: Sequence[Folder]) -> dict[str, SeriesLook]:
     """{name of `named_folders`: its look}. Landings without a brace look alike wherever others have one."""
     items, compared = named_folders(folders), list[Folder | RunFolder | StudyFolder]()
     keys: list[str] = []  # in the order of the folders, braces that failed included, so that no colour moves up
@@ -176,3 +176,9 @@ def pose_note(items: Sequence[tuple[str, RunFolder | StudyFolder]]) -> str:
 
 def as_interval(value: float, low: float | None, high: float | None) -> Interval:
     return value, value if low is None else low, value if high is None else high
+
+
+def both_ends(pair: tuple[float | None, float | None] | None) -> tuple[float, float] | None:
+    if pair is None or pair[0] is None or pair[1] is None:
+        return None
+    return pair[0], pair[1]

@@ -141,7 +141,7 @@ RESPONSES = {
 P = ParamSpec("P")
 
 
-class Look(NamedTuple):
+class SeriesLook(NamedTuple):
     """How a result is drawn wherever it stands: no two of twelve differ in colour alone.
 
     colour  of everything
@@ -182,7 +182,7 @@ class Form:
     width: float = SINGLE
     screen: bool = False
     panels: bool = False
-    palette: Mapping[str, Look] = field(default_factory=dict)
+    palette: Mapping[str, SeriesLook] = field(default_factory=dict)
 
     @property
     def scale(self) -> float:
@@ -305,17 +305,17 @@ def legend_above(figure: Figure, entries: Sequence[tuple[Any, str]], columns: in
     grow(figure, 0.33 * max(rows, default=0) + 0.1)
 
 
-def looks(count: int, first: int = 0) -> list[Look]:
+def looks(count: int, first: int = 0) -> list[SeriesLook]:
     """Of each of `count` series, from the `first` place of line styles on: colours, line styles and marks in turn, the
     marks on the lines once every line style is taken."""
     places = range(first, first + count)
     return [
-        Look(SERIES[(k - first) % len(SERIES)], LINES[k % len(LINES)], DOTS[k % len(DOTS)], k >= len(LINES))
+        SeriesLook(SERIES[(k - first) % len(SERIES)], LINES[k % len(LINES)], DOTS[k % len(DOTS)], k >= len(LINES))
         for k in places
     ]
 
 
-def palette(names: Sequence[str], unbraced: Collection[str] = ()) -> dict[str, Look]:
+def palette(names: Sequence[str], unbraced: Collection[str] = ()) -> dict[str, SeriesLook]:
     """{name: its look}: UNBRACED for those without a brace, the series' colours in turn for the others. The one place
     where a result gets its colour: figures, page, film and the landing to turn take it from here."""
     bare = [name for name in names if name in unbraced]
@@ -324,7 +324,7 @@ def palette(names: Sequence[str], unbraced: Collection[str] = ()) -> dict[str, L
     return found | dict(zip(rest, looks(len(rest), len(bare)), strict=True))
 
 
-def looks_of(titles: Sequence[str]) -> list[Look]:
+def looks_of(titles: Sequence[str]) -> list[SeriesLook]:
     """Of each title as the form's palette has it; in turn where it does not."""
     known = FORM.get().palette
     return [known.get(title, look) for title, look in zip(titles, looks(len(titles)), strict=True)]

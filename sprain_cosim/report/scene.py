@@ -22,7 +22,7 @@ from ..animate.moving import HALF_PLATFORM, MovingBodies
 from ..animate.stage import PLATFORM, Stage, part_colour
 from ..errors import InputError, SprainError
 from ..figures.selection import Named
-from ..figures.style import ANATOMY, GROUND, Look
+from ..figures.style import ANATOMY, GROUND, SeriesLook
 from ..folders.comparison import ComparisonFolder
 from ..folders.landing import Landing, choose_common_trial, load_landing
 from ..folders.read import Folder
@@ -58,7 +58,7 @@ class Scene:
 
 
 def landing_scene(
-    folders: Sequence[Folder], items: Sequence[Named], looks: Mapping[str, Look], trial: str | None = None
+    folders: Sequence[Folder], items: Sequence[Named], looks: Mapping[str, SeriesLook], trial: str | None = None
 ) -> Scene:
     """The landings of the first MOST `items` in the colours of `looks`. Of a comparison's study the same trial of every
     brace: the one that is `trial` (a number, worst, pXX; default p50) without a brace. A folder whose landing cannot be
@@ -114,7 +114,7 @@ def _same_trials(folders: Sequence[Folder], trial: str | None) -> dict[Path, str
 
 
 def _content(
-    motions: Sequence[tuple[str, MovingBodies]], shown: Sequence[int], looks: Mapping[str, Look]
+    motions: Sequence[tuple[str, MovingBodies]], shown: Sequence[int], looks: Mapping[str, SeriesLook]
 ) -> dict[str, Any]:
     """Numbers as 32-bit floats in base64: a page of four landings grows by 150 kB."""
     top = max(float(np.linalg.norm(m.force[m.time > 0.005], axis=1).max(initial=1.0)) for _, m in motions)

@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from .. import figures as plots
 from ..brace.estimates import INJURY, INVERSION
-from ..figures.gallery import threshold_doubts
+from ..figures.braces import threshold_doubts
 from ..figures.selection import Named, response_label, same_question
 from ..folders.comparison import NONE, ComparisonFolder, Decisions, PairLook
 from ..folders.read import Folder

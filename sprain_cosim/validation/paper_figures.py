@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from ..brace.probe import Rig
 from ..errors import InputError
-from ..figures.gallery import Drawn, importance_of, write_drawn
+from ..figures.drawn import Drawn, write_drawn
+from ..figures.gallery import importance_of
 from ..figures.law import AXES, SPAN, resisting
 from ..figures.paper import LAWS, Repeated, figure_1c, figure_4, signed_gap
 from ..figures.records import REFERENCE, authors_peaks

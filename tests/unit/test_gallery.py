@@ -12,6 +12,7 @@ import pytest
 
 from sprain_cosim.errors import InputError
 from sprain_cosim.figures import Difference, gallery
+from sprain_cosim.figures.braces import brace_differences
 from sprain_cosim.figures.selection import named_folders, palette_of, sample_of
 from sprain_cosim.figures.style import SERIES, UNBRACED, Form, drawn_as
 from sprain_cosim.folders.comparison import BraceSummary, ComparisonFolder, ComparisonSummary, MeanEstimate
@@ -182,7 +183,7 @@ def comparison(folder: Path, without_none: bool = False) -> ComparisonFolder:
 def test_the_forest_of_a_comparison(tmp_path: Path) -> None:
     """Threshold: the same law for both, so that its doubt cancels as far as both share it."""
     compared = comparison(tmp_path)
-    panels, reference = gallery.differences(compared)
+    panels, reference = brace_differences(compared)
     assert reference == "none"
     assert [p.quantity.partition(",")[0] for p in panels] == [
         "peak subtalar angle",
@@ -200,7 +201,7 @@ def test_the_forest_of_a_comparison(tmp_path: Path) -> None:
 
 
 def test_the_forest_without_landings_without_a_brace(tmp_path: Path) -> None:
-    panels, reference = gallery.differences(comparison(tmp_path, without_none=True))
+    panels, reference = brace_differences(comparison(tmp_path, without_none=True))
     assert reference == "soft"
     assert {p.quantity.partition(",")[0]: dict(p.rows) for p in panels} == {
         "peak subtalar angle": {"stiff": Difference(-5.0, (-6.0, -4.0))}
