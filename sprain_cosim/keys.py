@@ -167,18 +167,20 @@ class Table:
     more: Mapping[str, Any] = field(default_factory=dict)
     words: str = "table"
     unit: str = ""
+    others: Mapping[str, str] = field(default_factory=dict)  # {what people also call a key: the key}
 
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(key.name for key in self.keys)
 
+    def _meant(self, name: str) -> str:
+        return f" (did you mean {self.others[name]}?)" if name in self.others else nearest(name, self.names)
+
     def read(self, value: Any, place: str, problems: list[str]) -> Any:
         if not isinstance(value, Mapping):
             problems.append(_fill(self.says, at=place))
             return MISSING
-        problems += [
-            _at(place, f"unknown key {name!r}{nearest(name, self.names)}") for name in value if name not in self.names
-        ]
+        problems += [_at(place, f"unknown key {name!r}{self._meant(name)}") for name in value if name not in self.names]
         found: dict[str, Any] = {}
         for key in self.keys:
             if key.name not in value:

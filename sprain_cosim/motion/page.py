@@ -8,6 +8,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from ..errors import visible
+from .offsets import PLANT_PLACES, measured_length
+from .osim import AS_THEY_STAND, SEGMENTS, UNSCALED
 from .start import MotionStart, StartValue
 
 WHY = {
@@ -25,7 +27,8 @@ def motion_warnings(start: MotionStart) -> list[str]:
     if start.side == "left":
         found.append("a left-footed landing is mirrored: the plant's right leg is the person's left one")
     if start.model is not None:
-        found.append(f"{start.model.name}: factors are against the model that was scaled; is that of the plant's size?")
+        told = (note for note in start.model.notes if note.endswith((UNSCALED, AS_THEY_STAND, "1 is taken")))
+        found += [f"{start.model.name}: {note}" for note in told]
     if start.drop == 0.0:
         found.append("the pelvis does not fall at this instant: is it before the landing?")
     unsure = [c for c, v in start.values.items() if v.tried and v.high - v.low > 0.5 * max(abs(v.speed), 0.5)]
@@ -154,10 +157,18 @@ def _person(start: MotionStart) -> Iterator[str]:
         yield "The person of the base scenario: no model was named (`--model FILE.osim`). Angles are kept, lengths not."
         return
     yield f"`{model.name}`: {model.mass:.4g} kg; the shares of the bodies are those of the plant.\n"
-    for segment, (x, y, z) in model.factors.items():
-        yield f"- {segment}: {x:.4g} × {y:.4g} × {z:.4g}"
-    yield "- factors are those that the scale tool wrote, against the model it scaled: they give the size of this plant"
-    yield "  only if that model was as large (1.80 m, 67.5 kg)"
+    for segment in SEGMENTS:
+        x, y, z = model.factors.get(segment, (1.0, 1.0, 1.0))
+        line = f"- {segment}: {x:.4g} × {y:.4g} × {z:.4g}"
+        if segment in model.lengths:
+            plant = measured_length(segment, PLANT_PLACES[segment])
+            own = " × ".join(f"{f:.4g}" for f in model.stated.get(segment, (1.0, 1.0, 1.0)))
+            line += (
+                f"; its joints are {model.lengths[segment]:.4f} m apart, the plant's {plant:.4f} m (in the file: {own})"
+            )
+        yield line
+    yield "- factors are against this plant; those in the file are against the model that was scaled. The distance of a"
+    yield "  segment's joints says how long it is, the file's factors how its axes differ"
     for note in model.notes:
         yield f"- {note}"
     if model.others:

@@ -9,14 +9,13 @@ from dataclasses import replace
 from ..cosim.system import System
 from ..errors import InputError
 from ..fmu.element import Connector
-from ..subject.anthropometry import MEASURES, SEXES, anthropometry, unit_of_measure
+from ..subject.anthropometry import MEASURES, SEXES, range_of_measure, unit_of_measure
 from ..subject.person import PASSIVE, SEGMENTS, Person, Subject
 from ..units import unit
 
 OWNER = "subject."
 SEX = f"{OWNER}sex"
 PLANT = "plant."
-SPREAD = (0.2, 4.0)  # of the smallest and the largest mean: beyond lies a mistake of units
 
 
 class SexConnector(Connector):
@@ -37,8 +36,7 @@ def subject_connectors(subject: Subject) -> dict[str, Connector]:
         SEX: SexConnector("sex", -1, "parameter", "real", None, float(SEXES.index(subject.sex)), 0.0, 1.0)
     }
     for name in MEASURES:
-        means = [anthropometry(sex).mean[name] for sex in SEXES]
-        low, high = SPREAD[0] * min(means), SPREAD[1] * max(means)
+        low, high = range_of_measure(name)
         found[f"{OWNER}{name}"] = Connector(
             name, -1, "parameter", "real", unit(unit_of_measure(name)), own[name], low, high
         )

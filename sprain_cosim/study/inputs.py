@@ -14,7 +14,8 @@ from ..cosim.system import System
 from ..errors import InputError, nearest, problems_to_error
 from ..files import read_csv
 from ..fmu.element import Connector
-from ..scenario.body import is_of_subject
+from ..scenario.body import is_of_subject, plant_values, with_measures
+from ..subject.person import Subject
 from ..units import Unit
 from ..uq.distributions import Array
 
@@ -90,6 +91,20 @@ def read_table(path: Path, system: System, varied: Sequence[str]) -> InputTable:
     problems_to_error(str(path), columns.problems)
     values = {name: np.array(column) for name, column in columns.values.items()}
     return InputTable(values, columns.units, numbers, tuple(columns.warnings))
+
+
+def persons_problems(rows: InputTable, subject: Subject, system: System) -> list[str]:
+    """The rows whose measures make no person of the plant, a line each, the first few."""
+    measured = {name: values for name, values in rows.columns.items() if is_of_subject(name)}
+    found = list[str]()
+    for k, number in enumerate(rows.numbers if measured else ()):
+        try:
+            plant_values(with_measures(subject, {name: float(v[k]) for name, v in measured.items()}), system)
+        except InputError as problem:
+            found.append(f"trial {number}: {problem}")
+            if len(found) > ENOUGH:
+                break
+    return found
 
 
 @dataclass

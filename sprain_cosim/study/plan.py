@@ -30,7 +30,7 @@ from ..uq.measured import Measured
 from .goal import GRAMMAR, LANDINGS, Goal, goal_problems, parse_goal, parse_vary
 from .identity import digest_of, identity
 from .inputs import parameter as varied_parameter
-from .inputs import read_table
+from .inputs import persons_problems, read_table
 from .marginals import Fitted
 from .methods import METHODS, SEARCHES, USED_BY
 from .population import Population
@@ -657,7 +657,8 @@ class Plan(Card):
         numbering them.
 
         Marginals without a column stay at their mean. Raises InputError naming row and column."""
-        rows = read_table(path, self.scenario.system(), self.names)
+        system = self.scenario.system()
+        rows = read_table(path, system, self.names)
         n, persons = len(rows.numbers), {name for name in rows.columns if is_of_subject(name)}
         if self.population is not None and (not persons or (SEX in self.marginals and SEX not in persons)):
             lacking = f"a column {SEX}" if persons else "columns of the persons, such as subject.stature [m]"
@@ -675,6 +676,8 @@ class Plan(Card):
         scenario = self.scenario
         if self.population is not None and scenario.subject is not None:
             scenario = replace(scenario, subject=replace(scenario.subject, measures=self.population.fixed))
+        if scenario.subject is not None:
+            problems_to_error(str(path), persons_problems(rows, scenario.subject, system))
         return replace(
             self,
             scenario=scenario,

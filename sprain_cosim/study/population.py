@@ -22,6 +22,7 @@ from ..subject.anthropometry import (
     unit_of_measure,
 )
 from ..subject.person import FORCE_RULES, PASSIVE_RULES, SCALE_TOOL, Subject
+from ..subject.words import ALSO
 from ..uq.distributions import (
     Array,
     Choices,
@@ -52,7 +53,7 @@ def _measures(value: Any, place: str) -> tuple[str, ...]:
         raise InputError(f"{place}: must be a list of different measures, such as {list(SCALING[:3])}")
     for name in value:
         if name not in MEASURES:
-            raise InputError(f"{place}: unknown measure {name!r}{nearest(str(name), MEASURES)}")
+            raise InputError(f"{place}: unknown measure {name!r}{nearest(ALSO.get(str(name), str(name)), MEASURES)}")
     return tuple(value)
 
 

@@ -26,6 +26,7 @@ SEXES = ("female", "male")  # in the order of their numbers in tables
 NOUNS = {"female": "woman", "male": "man"}
 NOUNS_OF_MANY = {"female": "women", "male": "men"}
 USUAL = (0.001, 0.999)  # of a population; a measure outside is worth a word
+SPREAD = (0.2, 4.0)  # of the smallest and the largest mean: beyond lies a mistake of units
 YOUNGEST, OLDEST = 17, 58  # years of those who were measured
 
 
@@ -158,6 +159,12 @@ def anthropometry(sex: str) -> Anthropometry:
 
 
 MEASURES = anthropometry(SEXES[0]).names
+
+
+def range_of_measure(name: str) -> tuple[float, float]:
+    """Between which a measure of an adult lies, whatever the person."""
+    means = [anthropometry(sex).mean[name] for sex in SEXES]
+    return SPREAD[0] * min(means), SPREAD[1] * max(means)
 
 
 def _below(score: float) -> float:

@@ -12,7 +12,17 @@ from dataclasses import dataclass, field
 from functools import cache, cached_property
 
 from ..errors import InputError, nearest
-from .anthropometry import MASS, MEASURES, NOUNS, OLDEST, SEXES, YOUNGEST, anthropometry
+from .anthropometry import (
+    MASS,
+    MEASURES,
+    NOUNS,
+    OLDEST,
+    SEXES,
+    YOUNGEST,
+    anthropometry,
+    range_of_measure,
+    unit_of_measure,
+)
 
 AXES = ("x", "y", "z")
 SEGMENTS = ("pelvis", "thigh", "shank", "foot", "torso")
@@ -30,6 +40,7 @@ VOLUME = (
     47.05,
     1289.6,
 )  # cm³/(kg·m), cm³: of a leg's muscles; Handsfield et al. 2014, doi 10.1016/j.jbiomech.2013.12.002
+ELDEST = 120  # years
 BODY_MASS, MUSCLE_FORCE = "body_mass", "muscle_force_scale"
 PASSIVE = tuple(f"passive_{axis}_{power}" for axis in AXES for power in ("linear", "quadratic", "cubic"))
 
@@ -57,7 +68,9 @@ class Subject:
         """Itself. Raises InputError that begins with `place`."""
         if self.sex not in SEXES:
             raise InputError(f"{place}: sex {self.sex!r}: must be female or male, whose measures the tables hold")
-        if self.age is not None and not YOUNGEST <= self.age <= 120:
+        if self.age is not None and not 0 <= self.age <= ELDEST:
+            raise InputError(f"{place}: age {self.age:g}: must lie between 0 and {ELDEST} years")
+        if self.age is not None and self.age < YOUNGEST:
             raise InputError(
                 f"{place}: age {self.age:g}: those measured were {YOUNGEST} to {OLDEST} years old, and a growing body "
                 "is no small adult; name the plant's factors instead"
@@ -68,9 +81,20 @@ class Subject:
         for kind, rule, rules in (("force", self.force, FORCE_RULES), ("passive", self.passive, PASSIVE_RULES)):
             if rule not in rules:
                 raise InputError(f"{place}: {kind} = {rule!r}: must be {' or '.join(rules)}")
-        for name, value in (*self.measures.items(), *((n, f) for n, factors in self.scales.items() for f in factors)):
+        for name, value in (
+            *self.measures.items(),
+            *((f"{n}_scale", f) for n, factors in self.scales.items() for f in factors),
+        ):
             if not value > 0:
                 raise InputError(f"{place}: {name} = {value:g}: must be positive")
+        for name, value in self.measures.items():
+            low, high = range_of_measure(name)
+            if not low <= value <= high:
+                own = unit_of_measure(name)
+                raise InputError(
+                    f"{place}: {name} = {value:g} {own}: no adult's, which lie in {low:.3g} ... {high:.3g} {own}; look "
+                    "at its unit"
+                )
         for name in self.scales:
             if name not in SEGMENTS:
                 raise InputError(f"{place}: no segment {name!r}{nearest(name, SEGMENTS)}; one of {', '.join(SEGMENTS)}")

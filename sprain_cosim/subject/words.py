@@ -16,12 +16,24 @@ SPELLED = {"woman": "female", "f": "female", "w": "female", "man": "male", "m": 
     zip(SEXES, SEXES, strict=True)
 )
 YEARS = re.compile(r"(\d+(?:\.\d+)?)\s*(?:years?|yrs?|y|a)(?:\s+old)?", re.IGNORECASE)
+AGE = re.compile(r"age\s*[=:]?\s*([-+]?\d+(?:\.\d+)?)\s*(?:years?|yrs?|y|a)?(?:\s+old)?", re.IGNORECASE)
+FEET = re.compile(r"(\d+)\s*(?:ft|feet|foot|['′’])\s*(\d+(?:\.\d+)?)\s*(?:in|inch|inches|[\"″”]|'')?", re.IGNORECASE)
+STONES = re.compile(r"(\d+(?:\.\d+)?)\s*(?:st|stones?)(?:\s*(\d+(?:\.\d+)?)\s*(?:lbs?|pounds?)?)?", re.IGNORECASE)
+WORD = re.compile(r"([-+]?[\d.]+)\s*([a-z]+)", re.IGNORECASE)
+UNITS = {unit: unit for unit in ("m", "cm", "mm", "kg", "ft", "in", "lb")} | {  # as people write them, in small letters
+    **dict.fromkeys(("metre", "metres", "meter", "meters"), "m"),
+    **dict.fromkeys(("feet", "foot"), "ft"),
+    **dict.fromkeys(("inch", "inches"), "in"),
+    **dict.fromkeys(("kgs", "kilo", "kilos", "kilogram", "kilograms"), "kg"),
+    **dict.fromkeys(("lbs", "pound", "pounds"), "lb"),
+}
 NAMED = re.compile(r"([A-Za-z][A-Za-z_ ]*?)\s*[=:]?\s*([-+]?[\d.].*)")
 RULE = re.compile(r"(force|passive)\s*[=:]?\s*([a-z-]+)")
 DECIMAL_COMMA = re.compile(r"\d,\d")
 EXAMPLE = '"female, 1.63 m, 62 kg"'
 LENGTH, WEIGHT = unit("m"), unit("kg")
 SCALE = "_scale"
+ALSO = {"height": STATURE, "weight": MASS}
 
 
 def _scales(value: Any, place: str) -> tuple[float, float, float]:
@@ -64,7 +76,8 @@ SUBJECT = keys.Table(
             )
             for name in SEGMENTS
         ),
-    )
+    ),
+    others=ALSO,
 )
 
 
@@ -100,23 +113,36 @@ def parse_subject(text: str, place: str = "--subject") -> Subject:
 
 
 def _part(part: str, place: str) -> tuple[str, Any]:
-    if (sex := SPELLED.get(part.lower())) is not None:
+    if (sex := SPELLED.get(part.lower().removeprefix("sex").strip(" =:"))) is not None:
         return "sex", sex
-    if years := YEARS.fullmatch(part.lower().removeprefix("age").strip(" =:")):
+    if years := YEARS.fullmatch(part) or AGE.fullmatch(part):
         return "age", float(years[1])
     if rule := RULE.fullmatch(part):
         return rule[1], rule[2]
+    part = _metric(part)
     if (bare := split(part)) is not None:
         return _bare(part, bare[1], place)
     if (named := NAMED.fullmatch(part)) is None:
         raise InputError(f"{place}: cannot read {part!r}{nearest(part.lower(), SPELLED)}; write a person as {EXAMPLE}")
+    if named[1].split()[0].lower() in SPELLED:
+        raise InputError(f"{place}: cannot read {part!r}; write commas between the parts: {EXAMPLE}")
     name = re.sub(r"[\s_]+", "_", named[1].strip().lower())
-    name = {"height": STATURE, "weight": MASS}.get(name, name)
+    name = ALSO.get(name, name)
     if name.removesuffix(SCALE) in SEGMENTS and name.endswith(SCALE):
         return name, _scales(quantity(named[2], unit("1"), f"{place}: {name}"), f"{place}: {name}")
     if name not in MEASURES:
-        raise InputError(f"{place}: unknown measure {name!r}{nearest(name, MEASURES)}; {', '.join(MEASURES)}")
-    return name, quantity(named[2], unit(unit_of_measure(name)), f"{place}: {name}")
+        raise InputError(f"{place}: unknown measure {name!r}{nearest(name, MEASURES)}; one of {', '.join(MEASURES)}")
+    return name, quantity(_metric(named[2]), unit(unit_of_measure(name)), f"{place}: {name}")
+
+
+def _metric(text: str) -> str:
+    """A length or a mass with a unit that is known, where people write it otherwise: 5 ft 4 in, 5'4", 137 lbs, 9 st."""
+    if feet := FEET.fullmatch(text):
+        return f"{12.0 * float(feet[1]) + float(feet[2])!r} in"
+    if stones := STONES.fullmatch(text):
+        return f"{14.0 * float(stones[1]) + float(stones[2] or 0.0)!r} lb"
+    word = WORD.fullmatch(text)
+    return f"{word[1]} {UNITS[word[2].lower()]}" if word and word[2].lower() in UNITS else text
 
 
 def _bare(part: str, name_of_unit: str, place: str) -> tuple[str, float]:
@@ -124,7 +150,7 @@ def _bare(part: str, name_of_unit: str, place: str) -> tuple[str, float]:
     try:
         own: Unit = unit(name_of_unit or "1")
     except InputError as problem:
-        raise InputError(f"{place}: {part!r}: {problem}") from None
+        raise InputError(f"{place}: {part!r}: {problem}; write a person as {EXAMPLE}") from None
     for name, target in ((STATURE, LENGTH), (MASS, WEIGHT)):
         if own.same_dimension(target):
             return name, quantity(part, target, f"{place}: {name}")

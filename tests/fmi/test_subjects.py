@@ -287,3 +287,12 @@ def test_a_landing_that_cannot_start_is_bad_input(
         lines = capsys.readouterr().err.splitlines()
         assert end.value.code == 2
         assert [line for line in lines if line.startswith("error: ") and words in line] == lines[-1:]
+
+
+def test_rows_that_are_no_persons_are_named_before_any_landing(tmp_path: Path) -> None:
+    table = tmp_path / "team.csv"
+    table.write_text(
+        "trial,subject.sex,subject.stature [in],subject.trochanterion_height [m]\n3,female,64,0.85\n7,male,71,0.3\n"
+    )
+    with pytest.raises(InputError, match=r"team.csv: trial 7: subject: the measures leave a thigh length of -15 mm"):
+        sc.load_study("population_mixed").with_inputs(table)

@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from sprain_cosim.animate.skeleton import Skeleton
 from sprain_cosim.cli import _run
 from sprain_cosim.cosim.result import Result
 from sprain_cosim.errors import InputError
@@ -19,6 +20,7 @@ from sprain_cosim.export.landing import COORDINATES, TRANSLATIONS, write_landing
 from sprain_cosim.folders.landing import Landing
 from sprain_cosim.motion.contact import first_contact
 from sprain_cosim.motion.coordinates import MIRRORED, read_course
+from sprain_cosim.motion.offsets import PLANT_PLACES, measured_length
 from sprain_cosim.motion.osim import read_osim
 from sprain_cosim.motion.page import motion_page, motion_warnings
 from sprain_cosim.motion.speeds import smoothed, spline_speed, value_at
@@ -362,6 +364,92 @@ def test_the_size_of_a_person_comes_from_a_model_file(tmp_path: Path) -> None:
         assert words in page
     assert "torso: the file has no scale factors of torso; 1 is taken" in page
     assert read_osim(tmp_path / "x.osim", "left").parameters()["thigh_scale_x"] == 0.95
+
+
+FACTORS = {"pelvis": (0.95, 0.96, 0.97), "femur_r": (1.1, 1.1, 1.1), "tibia_r": (1.0, 1.05, 1.0), "calcn_r": (0.9,) * 3}
+ENDS = {"pelvis": "femur_r", "femur_r": "tibia_r", "tibia_r": "talus_r", "calcn_r": "toes_r"}
+SEGMENT = {"pelvis": "pelvis", "femur_r": "thigh", "tibia_r": "shank", "calcn_r": "foot"}
+
+
+KNEE = """<TransformAxis name="translation2"><axis>0 1 0</axis><function><MultiplierFunction><function>
+<SimmSpline><x>-2 0 0.1</x><y>-0.5 -0.1 0</y></SimmSpline></function><scale>1.2</scale></MultiplierFunction></function>
+</TransformAxis>"""
+JOINT = {
+    3: """<Joint><CustomJoint><parent_body>{inner}</parent_body><location_in_parent>{at}</location_in_parent>
+<location>0 0.01 0</location>{moved}</CustomJoint></Joint>""",
+    4: """<CustomJoint><socket_parent_frame>{inner}_offset</socket_parent_frame>
+<socket_child_frame>{body}_offset</socket_child_frame><frames>
+<PhysicalOffsetFrame name="{inner}_offset"><socket_parent>/bodyset/{inner}</socket_parent>
+<translation>{at}</translation></PhysicalOffsetFrame>
+<PhysicalOffsetFrame name="{body}_offset"><socket_parent>/bodyset/{body}</socket_parent>
+<translation>0 0.01 0</translation></PhysicalOffsetFrame></frames>{moved}</CustomJoint>""",
+}
+DRAWN = {
+    3: """<VisibleObject><GeometrySet><objects><DisplayGeometry><scale_factors>1 1 1</scale_factors></DisplayGeometry>
+</objects></GeometrySet><scale_factors>{}</scale_factors></VisibleObject>""",
+    4: """<FrameGeometry><scale_factors>0.2 0.2 0.2</scale_factors></FrameGeometry>
+<attached_geometry><Mesh><scale_factors>{}</scale_factors></Mesh></attached_geometry>""",
+}
+
+
+def scaled_osim(path: Path, version: int) -> Path:
+    """As OpenSim 3 and 4 write a model nine tenths of the plant's size after scaling it: the drawings of frames, the
+    factors of meshes, a joint with a place in either body, the knee as a spline that is not 0 at 0."""
+
+    def three(values: Iterable[float]) -> str:
+        return " ".join(f"{v:.9g}" for v in values)
+
+    bodies, joints = "", ""
+    for body in (*FACTORS, "talus_r", "toes_r"):
+        joint = ""
+        for inner in (b for b, end in ENDS.items() if end == body):
+            place = 0.9 * np.array(FACTORS[inner]) * np.array(PLANT_PLACES[SEGMENT[inner]])
+            place[1] += 0.01 + 0.12 * (body == "tibia_r")
+            moved = KNEE if body == "tibia_r" else ""
+            joint = JOINT[version].format(inner=inner, body=body, at=three(place), moved=moved)
+        drawn = DRAWN[version].format(three(FACTORS.get(body, (1.0, 1.0, 1.0))))
+        bodies += f'<Body name="{body}">{drawn}<mass>10</mass>{joint if version == 3 else ""}</Body>'
+        joints += joint if version == 4 else ""
+    sets = f"<BodySet><objects>{bodies}</objects></BodySet><JointSet><objects>{joints}</objects></JointSet>"
+    path.write_text(f"<OpenSimDocument><Model name='S'>{sets}</Model></OpenSimDocument>")
+    return path
+
+
+@pytest.mark.parametrize("version", [3, 4])
+def test_factors_are_against_the_plant_whatever_model_was_scaled(version: int, tmp_path: Path) -> None:
+    found = read_osim(scaled_osim(tmp_path / "x.osim", version))
+    for body, factors in FACTORS.items():
+        segment = SEGMENT[body]
+        assert found.stated[segment] == pytest.approx(factors)
+        assert found.factors[segment] == pytest.approx([0.9 * f for f in factors], abs=2e-6), segment
+        plant = measured_length(segment, np.array(PLANT_PLACES[segment]) * factors)
+        assert found.lengths[segment] == pytest.approx(0.9 * plant, rel=1e-6)
+    assert not any("as they stand" in note for note in found.notes)
+    assert "torso: the file has no scale factors of torso; 1 is taken" in found.notes
+
+
+def test_places_of_the_plants_joints_are_its_tables() -> None:
+    from fmus.plant.model import load_bodies
+
+    bodies = {body.name: body for body in load_bodies()}
+    for segment, end in (("pelvis", "femur_r"), ("shank", "talus_r"), ("foot", "toes_r"), ("torso", "humerus_r")):
+        assert PLANT_PLACES[segment] == pytest.approx(tuple(bodies[end].at_parent)), segment
+    pose = Skeleton.read(PLANT).pose(dict.fromkeys(Skeleton.read(PLANT).coordinates, 0.0))
+    (hip, turn), (knee, _) = pose["femur_r"], pose["tibia_r"]
+    assert turn.T @ (knee - hip) == pytest.approx(np.array(PLANT_PLACES["thigh"]), abs=1e-6)
+
+
+def test_a_model_as_it_came_and_a_model_of_something_else(tmp_path: Path) -> None:
+    text = scaled_osim(tmp_path / "x.osim", 4).read_text()
+    for factors in FACTORS.values():
+        text = text.replace(f"<scale_factors>{' '.join(f'{f:.9g}' for f in factors)}<", "<scale_factors>1 1 1<")
+    (tmp_path / "y.osim").write_text(text)
+    assert "all scale factors are 1" in read_osim(tmp_path / "y.osim").notes[-1]
+    for body in (*FACTORS, "talus_r", "toes_r"):
+        text = text.replace(f'<Body name="{body}">', f'<Body name="my_{body}">')
+    (tmp_path / "z.osim").write_text(text)
+    with pytest.raises(InputError, match=r"none of its bodies is one of this plant's .* it has my_pelvis"):
+        read_osim(tmp_path / "z.osim")
 
 
 @pytest.mark.parametrize(

@@ -106,6 +106,19 @@ def test_a_person_in_words(text: str, words: str) -> None:
         ("female, 1.6 m, force strong", "must be scale-tool or handsfield"),
         ("female, lateral epicondyle height 1.2 m, trochanterion height 0.8 m", "leave a thigh length of -400 mm"),
         ("", "says no sex"),
+        ("female 1.63 m 62 kg", "write commas between the parts"),
+        ("female, 163 m", "stature = 163 m: no adult's, which lie in 0.326 ... 7.02 m; look at its unit"),
+        ("female, foot length 240 m", "foot_length = 240 m: no adult's"),
+        ("female, age 12", "age 12: those measured were 17 to 58"),
+        ("female, age -5", "age -5: must lie between 0 and 120 years"),
+        ("female, 250 years", "age 250: must lie between 0 and 120 years"),
+        ("female, age 30, 31 years", "age is given twice"),
+        ("female, sex male", "sex is given twice"),
+        ("female, 62 kg, 8 stone", "mass is given twice"),
+        ("female, nan m", "cannot read 'nan m'"),
+        ("female, -1.63 m", "stature = -1.63: must be positive"),
+        ("female, foot_scale -1", "foot_scale = -1: must be positive"),
+        ("female, 1.63 x", "unknown symbol 'x'; write a person as \"female, 1.63 m, 62 kg\""),
     ],
 )
 def test_words_that_are_no_person_get_one_line(text: str, part: str) -> None:
@@ -113,6 +126,23 @@ def test_words_that_are_no_person_get_one_line(text: str, part: str) -> None:
         parse_subject(text)
     assert part in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "64 in, 137 lb",
+        "5 ft 4 in, 137 lbs",
+        "5'4\", 9 st 11 lb",
+        "64 inches, 137 pounds",
+        "5ft 4, 9.785714285714286 stone",
+    ],
+)
+def test_feet_and_pounds_as_people_write_them(text: str) -> None:
+    found = parse_subject(f"female, {text}, age 30 years").measures
+    assert found["stature"] == pytest.approx(64 * 0.0254, rel=1e-12)
+    assert found["mass"] == pytest.approx(137 * 0.45359237, rel=1e-12)
+    assert parse_subject("Female, 1.63M, 62 KG").measures == {"stature": 1.63, "mass": 62.0}
 
 
 def test_unusual_measures_are_told() -> None:
