@@ -19,7 +19,7 @@ from matplotlib.text import Text
 
 from ..errors import InputError, visible
 from ..figures import DEGREES
-from ..figures.style import ANATOMY, BRACE, FAINT, GROUND, INK, MUTED, SUBTALAR, TALOCRURAL, lines_of, palette
+from ..figures.style import ANATOMY, BRACE, DOTS, FAINT, GROUND, INK, MUTED, SUBTALAR, TALOCRURAL, lines_of, palette
 from ..folders.landing import Landing
 from ..metrics import brace_torques
 from .moving import HALF_PLATFORM, platform_axes, platform_edge, platform_place
@@ -192,6 +192,8 @@ class Stage:
                 self.page.plot(
                     [left, left + 22], [20, 20], color=self.colours[n], linewidth=3.5, solid_capstyle="round"
                 )
+                mark: Any = dict(markersize=8, markeredgecolor="white", markeredgewidth=0.8)
+                self.page.plot([left + 11], [20], DOTS[n % len(DOTS)], color=self.colours[n], **mark)
                 left += 30
             for k, line in enumerate(self.titles[n]):
                 self._text(left, 20 + LINE * k, line, TITLE, INK, weight="bold")
@@ -241,7 +243,8 @@ class Stage:
             for where, values, colour, label, style in lines:
                 if (many and colour == TALOCRURAL) or (colour == BRACE and not actor.braced):
                     continue
-                charts[where].add(ms, values, self.colours[n] if many else colour, "" if many else label, style)
+                shown, dot = (self.colours[n], DOTS[n % len(DOTS)]) if many else (colour, "o")
+                charts[where].add(ms, values, shown, "" if many else label, style, dot)
         ends = max(1e3 * run.result.time[-1] for run in self.runs)
         for where, chart in enumerate(charts):
             chart.axes.set_xlim(0, ends)
@@ -431,11 +434,11 @@ class _Chart:
         self.labels: list[tuple[str, str]] = []
         self.now = axes.axvline(0, color=INK, linewidth=0.7, alpha=0.5, animated=True)
 
-    def add(self, ms: np.ndarray, values: np.ndarray, colour: str, label: str, style: object) -> None:
+    def add(self, ms: np.ndarray, values: np.ndarray, colour: str, label: str, style: object, mark: str) -> None:
         self.axes.plot(ms, values, color=colour, linewidth=1.0, alpha=0.28, linestyle=style)
         line = self.axes.plot([], [], color=colour, linewidth=1.7, animated=True, linestyle=style)[0]
         dot = self.axes.plot(
-            [], [], "o", color=colour, markersize=4, markeredgecolor="white", markeredgewidth=0.6, animated=True
+            [], [], mark, color=colour, markersize=4, markeredgecolor="white", markeredgewidth=0.6, animated=True
         )[0]
         self.curves.append((ms, values, line, dot))
         if label:

@@ -537,7 +537,7 @@ def _fans(studies: Studies) -> Iterator[Drawn]:
             "Percentiles at each moment over the trials whose signals were kept. A band joins different landings: none "
             "of them need follow it."
         )
-        drawn = plots.fan(groups[k : k + 3], pose_note(studies))
+        drawn = plots.fan(groups[k : k + 3], pose_note(studies), groups)
         yield Drawn(f"fan{k // 3 or ''}", "Many landings over time", caption, drawn)
 
 

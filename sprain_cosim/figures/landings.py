@@ -255,9 +255,14 @@ def sharing(rows: Sequence[tuple[str, Array, Array]], note: str = "") -> Figure:
 
 
 @styled
-def fan(groups: Sequence[tuple[str, Array, Mapping[str, Array]]], note: str = "") -> Figure:
+def fan(
+    groups: Sequence[tuple[str, Array, Mapping[str, Array]]],
+    note: str = "",
+    others: Sequence[tuple[str, Array, Mapping[str, Array]]] = (),
+) -> Figure:
     """Many landings over time: median, 25 ... 75 % and 5 ... 95 % at each moment. `groups` are (title, time (t,) [s],
-    {signal: (n, t)}), up to three."""
+    {signal: (n, t)}), up to three; moments have a scale that holds those of the `others` as well, which are drawn
+    elsewhere."""
     drawn = [p for p in PANELS if any(p[1] in signals for _, _, signals in groups)]
     figure, axes = sheet([2.9] + [2.3] * (len(drawn) - 1), note, sharex=True)
     chosen = looks_of([title for title, _, _ in groups])
@@ -279,6 +284,12 @@ def fan(groups: Sequence[tuple[str, Array, Mapping[str, Array]]], note: str = ""
                     if signal in signals
                 ],
             )
+    for axis, (_, signal, factor) in zip(axes, drawn, strict=True):
+        for _, _, signals in others if signal.endswith("_subtalar_moment") else ():
+            if signal in signals:
+                ends = np.percentile(factor * signals[signal], [5, 95], axis=0)
+                axis.update_datalim([(0.0, float(ends.min())), (0.0, float(ends.max()))], updatex=False)
+                axis.autoscale_view(scalex=False)
     _share_moments(axes, drawn)
     axes[-1].set_xlabel(TIME)
     axes[-1].set_xlim(0, max(1e3 * time[-1] for _, time, _ in groups))

@@ -264,6 +264,7 @@ def test_long_headings_take_two_lines_and_end_at_a_word(braced: Landing) -> None
         assert last.endswith("…")
         assert title.startswith(f"{first} {last[:-1]} ")
     assert len(long.titles[0][0]) > len(long.titles[1][0])  # beside the clock
+    assert [dot.get_marker() for *_, dot in long.charts[0].curves] == ["o", "s"], "the curves' dots differ in shape"
     assert long.height - Stage([braced] * 2, 20.0).height in (18, 20)
     word = lines_of("Einbeinlandung" * 9, 200.0, 10.0)
     assert len(word) == 1

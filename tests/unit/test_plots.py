@@ -256,6 +256,14 @@ def test_moments_share_one_scale() -> None:
         assert anatomy.get_ylim() == brace.get_ylim()
 
 
+def test_moments_share_one_scale_between_figures() -> None:
+    """Braces of a comparison that stand in two fans."""
+    moments = [(f"b{k}", TIME, {"plant.brace_subtalar_moment": np.full((20, len(TIME)), 10.0**k)}) for k in range(3)]
+    first, second = (plots.fan(moments[k : k + 2], "", moments).axes[0].get_ylim() for k in (0, 2))
+    assert first == pytest.approx(second)
+    assert first[1] > 100
+
+
 def test_the_event_of_a_search_has_its_methods_and_both_doubts() -> None:
     top, below = FIGURES["form"]().axes
     places = {
