@@ -114,7 +114,7 @@ def summarise_comparison(
     return ComparisonSummary(
         kind="scenario" if study is None else "study",
         source=source.source,
-        title=source.heading,
+        title=source.heading_of_braces,
         initial_pose=scenario.initial_pose(),
         method=None if study is None else study.method,
         seed=None if study is None else study.seed,

@@ -67,6 +67,7 @@ def _bands(
             float(measure[rows].max()),
             len(rows),
             {name: _means(table.iloc[rows], keys, random) for name, table in tables.items()},
+            float(measure[rows].mean()),
         )
         for rows in parts
     )

@@ -48,7 +48,8 @@ def _by_measure(
     bands = persons.bands[name]
     for shift, (brace, one) in enumerate(look.items()):
         found = [band.metrics[brace].get(metric) for band in bands]
-        points = [(0.5 * (b.low + b.high), e) for b, e in zip(bands, found, strict=True) if e and e.value is not None]
+        middles = [0.5 * (b.low + b.high) if b.mean is None else b.mean for b in bands]
+        points = [(at, e) for at, e in zip(middles, found, strict=True) if e and e.value is not None]
         if not points:
             continue
         offset = 0.004 * (bands[-1].high - bands[0].low) * (shift - 0.5 * (len(look) - 1))

@@ -148,12 +148,14 @@ class PersonBand(Record):
     low, high  ends of the part, in the measure's unit
     n          landings that completed with every brace
     metrics    {brace: {metric: mean over them}}
+    mean       of the measure over them; None in a file that does not have it
     """
 
     low: float
     high: float
     n: int
     metrics: Mapping[str, Estimates] = field(default_factory=dict)
+    mean: float | None = None
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,8 @@ from markupsafe import Markup
 
 from ..errors import visible
 
+LONG, PIECE = 24, 12  # letters of a word, and of its parts
+
 
 @cache
 def _environment() -> Environment:
@@ -24,7 +26,17 @@ def _environment() -> Environment:
         keep_trailing_newline=True,
     )
     engine.globals["style"] = asset("style.css")
+    engine.filters["breakable"] = breakable
     return engine
+
+
+def breakable(text: str) -> Markup:
+    """A text in which words that are longer than a column of a table may break."""
+    words = (
+        Markup("<wbr>").join(word[k : k + PIECE] for k in range(0, len(word), PIECE)) if len(word) > LONG else word
+        for word in str(text).split(" ")
+    )
+    return Markup(" ").join(words)
 
 
 def asset(name: str) -> Markup:

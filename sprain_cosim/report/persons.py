@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from ..brace.estimates import INJURY
 from ..figures.style import PARAMETERS, label
-from ..folders.comparison import NONE, MeanEstimate, Persons
+from ..folders.comparison import NONE, MeanEstimate, Persons, WorstInput
 from ..folders.run import RunFolder
 from ..folders.study import StudyFolder
 from ..scenario.body import is_of_subject
 from ..study.summary import VarianceShare
+from ..units import SHOWN, unit
 from .blocks import Block, Cell, Heading, PageTable, Paragraph, Row
 from .words import ends, percent, percentage, percentage_ends, rounded, signed
 
@@ -94,7 +96,7 @@ def _bands(persons: Persons) -> PageTable:
                 found = band.metrics.get(brace, {})
                 row += [_mean(found.get(persons.response)), _risk(found.get(INJURY))]
             rows.append(row)
-    heads = [f"{_named(b)}: {what}" for b in braces for what in ("peak inversion [°]", "P(injury)")]
+    heads = [f"{_named(b)}: {what}" for b in braces for what in ("peak inversion [°]", "P(injury) [%]")]
     return PageTable(["persons", *heads], rows)
 
 
@@ -106,14 +108,22 @@ def _worst(persons: Persons, brace: str) -> PageTable:
     rows: list[Row] = [
         [
             Cell(PARAMETERS[name][0], name=name) if name in PARAMETERS else Cell(name, code=True),
-            i.unit,
-            rounded(i.worst),
-            rounded(i.rest),
+            *_read(name, i),
             Cell(signed(i.shift.value, 2), ends(i.shift.ci_low, i.shift.ci_high)),
         ]
         for name, i in chosen.items()
     ]
     return PageTable([f"{worst.n} landings from {worst.above:.1f}°", "unit", "there", "elsewhere", "shift [SD]"], rows)
+
+
+def _read(name: str, i: WorstInput) -> tuple[str, str, str]:
+    """Unit and both means as people read them, with three figures of the larger: they may lie near each other."""
+    shown = PARAMETERS[name][1] if name in PARAMETERS else SHOWN.get(i.unit, i.unit)
+    factor = unit(i.unit).factor / unit(shown).factor if i.unit and shown else 1.0
+    worst, rest = factor * i.worst, factor * i.rest
+    digits = max(0, 2 - math.floor(math.log10(max(abs(worst), abs(rest), 1e-9))))
+    there, elsewhere = (f"{value + 0.0:.{digits}f}".replace("-", "−") for value in (worst, rest))
+    return shown, there, elsewhere
 
 
 def groups_table(response: str, shares: Mapping[str, VarianceShare]) -> list[Block]:

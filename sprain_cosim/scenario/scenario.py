@@ -106,14 +106,24 @@ class Scenario(Card):
         step = f"{1e3 * master.communication_step:g} ms, {master.scheme}, until {1e3 * master.stop:g} ms"
         return self.heading, [*rows, ("step", step)]
 
+    @property
+    def heading_of_braces(self) -> str:
+        """That of a comparison of braces on it."""
+        return self.heading_with({}, compared=True)
+
     def heading_with(
-        self, means: Mapping[str, Value], varied: Collection[str] = (), own: str | None = None, person: str = ""
+        self,
+        means: Mapping[str, Value],
+        varied: Collection[str] = (),
+        own: str | None = None,
+        person: str = "",
+        compared: bool = False,
     ) -> str:
         """The heading of a study of this scenario: parameters at their `means`, those `varied` over several values,
-        under the study's `own` title (None: the scenario's); `person`: who lands, in place of the scenario's
-        subject."""
+        under the study's `own` title (None: the scenario's); `person`: who lands, in place of the scenario's subject;
+        `compared`: with several braces."""
         person = person or (self.subject.words if self.subject else "")
-        ran = Ran(self.fmus, {**self.parameters, **means}, self._start, varied, person)
+        ran = Ran(self.fmus, {**self.parameters, **means}, self._start, varied, person, compared)
         description, named = ran.described()
         return heading(self.title if own is None else own, description or Path(self.source).stem, self.changes, named)
 
@@ -148,9 +158,14 @@ class Scenario(Card):
             number = self._described().find(parameter).value(value, parameter)
             return self.with_subject(with_measures(self.subject, {parameter: number}))
         changed = replace(self, parameters={**self.parameters, parameter: value})
-        system = changed._described()
-        system.settable(parameter).value(value, parameter)
-        return changed.noted(f"{parameter} = {value}")
+        connector = changed._described().settable(parameter)
+        number, before = connector.value(value, parameter), connector.start
+        if parameter in self.parameters:
+            try:
+                before = connector.value(self.parameters[parameter], parameter)
+            except InputError:  # a value that is mended here
+                before = None
+        return changed if number == before else changed.noted(f"{parameter} = {value}")
 
     def with_parameters(
         self, values: Mapping[str, float | str] | None = None, /, **of_component: Mapping[str, float | str]

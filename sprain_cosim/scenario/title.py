@@ -49,6 +49,7 @@ class Ran:
     start       gives the start value of a parameter that is not set, in the same form; None where it is not known
     varied      parameters that take several values
     person      who lands, in words; empty for the person with whom the plant was made
+    compared    several braces take turns, so that none is named
     """
 
     fmus: Mapping[str, Path]
@@ -56,6 +57,7 @@ class Ran:
     start: Callable[[str], float | int | str | None]
     varied: Collection[str] = field(default_factory=tuple)
     person: str = ""
+    compared: bool = False
 
     def described(self) -> tuple[str, set[str]]:
         """The description and the names of parameters and components in it. Empty for a system without a plant of the
@@ -126,6 +128,8 @@ class Ran:
 
     def _brace(self) -> tuple[list[str], set[str]]:
         path = self.fmus.get("brace")
+        if self.compared:
+            return [], {"brace", ANGLE_SCALE, TORQUE_SCALE}
         if path is None:
             return ["no brace"], {"brace"}
         scales = {name: self._value(name, ONE) for name in (ANGLE_SCALE, TORQUE_SCALE)}

@@ -130,12 +130,21 @@ class Plan(Card):
     def heading(self) -> str:
         """The heading of tables and figures: the file's title, else the scenario's, else what runs, at the means of
         what varies; with the changes since."""
+        return self._heading()
+
+    @property
+    def heading_of_braces(self) -> str:
+        """That of a comparison of braces over it."""
+        return self._heading(compared=True)
+
+    def _heading(self, compared: bool = False) -> str:
         means = {
             n: f"{m.mean!r} {self.units[n]}" if self.units[n] else m.mean
             for n, m in self.marginals.items()
             if n not in self.vary and not is_of_subject(n)
         }
-        return self.scenario.heading_with(means, (*self.grid, *self.vary), self.title or None, self._persons)
+        varied = (*self.grid, *self.vary)
+        return self.scenario.heading_with(means, varied, self.title or None, self._persons, compared)
 
     def card(self) -> tuple[str, Rows]:
         rows = [("method", f"{self.method}, {self.trials} trials, seed {self.seed}")]

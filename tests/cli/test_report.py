@@ -22,6 +22,7 @@ from sprain_cosim.errors import InputError
 from sprain_cosim.figures.style import ANATOMY, SERIES, UNBRACED, letters
 from sprain_cosim.folders.read import read_folder, read_folders
 from sprain_cosim.report import page as report
+from sprain_cosim.report.html import breakable
 
 from .test_run import call
 
@@ -331,3 +332,9 @@ def test_a_thousand_trials_in_ten_seconds_and_five_megabytes(results: Path, tmp_
     target = report.write_report([read_folder(tmp_path / "s")], tmp_path / "r.html")
     assert process_time() - began < 10
     assert target.stat().st_size < 5e6
+
+
+def test_long_words_of_a_table_may_break_and_nothing_else_changes() -> None:
+    assert breakable("P(injury) [%] <b>") == "P(injury) [%] &lt;b&gt;"
+    word = "Einbeinlandungsversuchsreihe<"
+    assert breakable(f"a {word}") == "a Einbeinlandu<wbr>ngsversuchsr<wbr>eihe&lt;"

@@ -11,6 +11,7 @@ from sprain_cosim.brace.persons import persons_listing, persons_of
 from sprain_cosim.figures.persons import persons_figure
 from sprain_cosim.folders.comparison import BraceSummary, ComparisonSummary
 from sprain_cosim.literature import INJURY_INVERSION
+from sprain_cosim.report.blocks import PageTable
 from sprain_cosim.report.persons import groups_table, persons_sentence, persons_tables
 from sprain_cosim.study.groups import group_of_input, groups_listing, input_groups
 from sprain_cosim.study.summary import VarianceShare
@@ -19,6 +20,7 @@ from sprain_cosim.uq.distributions import Normal
 from sprain_cosim.uq.groups import group_share
 
 HEADINGS = ["subject.sex", "subject.stature [m]", "subject.mass [kg]", "plant.subtalar_angle_at_contact [rad]"]
+SHOWN_INPUTS = ("subject.mass", "plant.subtalar_angle_at_contact")
 N = 400
 
 
@@ -54,6 +56,7 @@ def test_bands_show_for_whom_a_brace_works(summary: ComparisonSummary) -> None:
     assert means == sorted(means)
     assert means[0] == pytest.approx(lightest[INVERSION].mean(), rel=1e-12)
     assert bands[0].low == rows["subject.mass [kg]"].min()
+    assert all(band.mean is not None and band.low < band.mean < band.high for band in bands)
     assert bands[0].metrics["none"][INVERSION].half_width is not None
     found = bands[0].metrics["none"][INJURY]
     asked = statistics.exceedance(lightest[INVERSION], Normal(*INJURY_INVERSION))
@@ -78,7 +81,13 @@ def test_a_summary_with_persons_travels_and_is_shown(summary: ComparisonSummary)
     assert ComparisonSummary.from_json(summary.to_json(), "x").persons == summary.persons
     assert summary.persons is not None
     assert len(persons_figure(summary).axes) == 4
-    assert len(persons_tables(summary.persons)) == 7
+    tables = persons_tables(summary.persons)
+    assert len(tables) == 7
+    bands, worst = (block for block in tables[:4] if isinstance(block, PageTable))
+    assert bands.heads[2] == "no brace: P(injury) [%]"
+    mass, posture = (next(row for row in worst.rows if getattr(row[0], "name", "") == n) for n in SHOWN_INPUTS)
+    assert [str(c) for c in mass[1:4]] == ["kg", "100", "72"]
+    assert str(posture[1]) == "deg"
     said = persons_sentence(summary.persons, "none")
     assert said.startswith(" With none that probability depends on the body mass: ")
     assert persons_sentence(summary.persons, "absent") == persons_sentence(None, "none") == ""

@@ -112,3 +112,14 @@ def test_a_copy_of_a_shipped_fmu_is_described_as_what_it_is(tmp_path: Path) -> N
     assert "brace_bushing.fmu" in replace(study, scenario=replace(study.scenario, fmus=copies)).heading, (
         "the name of a shipped FMU with another content is no shipped FMU"
     )
+
+
+def test_a_comparison_names_no_brace_and_no_value_that_stands_already() -> None:
+    study = sc.load_study("population_mixed")
+    who = "30° slope, population of women and men (50 : 50 %)"
+    assert study.heading == f"{who}, 150 % brace, co-activation 20 %, reflex gain 5"  # its parameters are the defaults
+    assert study.heading_of_braces == f"{who}, co-activation 20 %, reflex gain 5"
+    braced = load_scenario("incline30_brace")
+    assert braced.heading_of_braces == "30° slope, ankle muscles off"
+    assert braced.override("plant.drop_height", "300 mm").heading == braced.heading
+    assert braced.override("plant.drop_height", "31 cm").heading == f"{braced.heading} · plant.drop_height = 31 cm"
