@@ -90,12 +90,10 @@ def pose_problem(system: System, values: Mapping[str, float], varied: Collection
         value == 1.0 for name, value in values.items() if name.startswith(lengths)
     ):
         return ""
-    more = (
-        f' and {PLANT}fibre_start = "equilibrium"' if values.get(f"{PLANT}fibre_start", fibres.start) == record else ""
-    )
+    more = f" and {PLANT}fibre_start=equilibrium" if values.get(f"{PLANT}fibre_start", fibres.start) == record else ""
     return (
         f"{PLANT}initial_pose = published: is the height of the base person's pelvis, which leaves another one's foot "
-        f'far above or inside the platform; set {PLANT}initial_pose = "touching"{more}'
+        f"far above or inside the platform; set {PLANT}initial_pose=touching{more}"
     )
 
 

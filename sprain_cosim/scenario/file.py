@@ -226,7 +226,10 @@ def _with_bases(path: Path, heirs: tuple[Path, ...]) -> dict[str, Any]:
 
 def _read(path: Path) -> dict[str, Any]:
     problems: list[str] = []
-    content: dict[str, Any] = FILE.table.read(read_toml(path), "", problems)
+    raw = read_toml(path)
+    if "scenario" in raw and not raw.keys() & {"base", "components"}:
+        raise InputError(f"{path}: is a study, many landings; `sprain-cosim study {path.name}` runs it")
+    content: dict[str, Any] = FILE.table.read(raw, "", problems)
     problems_to_error(str(path), problems)
     return content
 

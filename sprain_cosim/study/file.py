@@ -265,7 +265,13 @@ def load_study(name: str | Path) -> Study:
         )
     text = read_text(path)
     problems: list[str] = []
-    content: dict[str, Any] = FILE.table.read(parse_toml(text, str(path)), "", problems)
+    raw = parse_toml(text, str(path))
+    if raw.keys() & {"base", "components"} and "scenario" not in raw:
+        raise InputError(
+            f"{path}: is a scenario, one landing; `sprain-cosim run {path.name}` runs it, a study file names it: "
+            f'scenario = "{path.name}"'
+        )
+    content: dict[str, Any] = FILE.table.read(raw, "", problems)
     if "scenario" not in content:
         problems_to_error(str(path), problems)
     try:

@@ -419,6 +419,7 @@ class Plan(Card):
         method = method or self.method
         written = parse_toml(self.text, self.source).get("study", {}) if self.text else {}
         lost = [f"study.{key}" for key, methods in USED_BY.items() if key in written and method not in methods]
+        lost = [key for key in lost if (key, method) != ("study.trials", "table")]  # its rows are as many as they are
         lost += ["grid"] if self.grid and method != "grid" else []
         lost += ["questions"] if self.questions and method == "design" else []
         return tuple(f"{key}: method {method} does not look at it" for key in lost)
@@ -677,7 +678,7 @@ class Plan(Card):
         marginals = {**own, **{name: Fixed(0.0) for name in rows.columns if name not in own}}
         table = np.column_stack([rows.columns.get(name, np.full(n, m.mean)) for name, m in marginals.items()])
         held = ", ".join(
-            f"{name} ({m.mean:.5g} {self.units[name]})".replace(" )", ")")
+            f"{name} ({_read(m.mean, self.units[name])})"
             for name, m in own.items()
             if name not in rows.columns and not m.is_fixed
         )
@@ -701,3 +702,10 @@ class Plan(Card):
             grid={},
             warnings=(*self.warnings, *rows.warnings, *left),
         )
+
+
+def _read(value: float, own: str) -> str:
+    """A value as people read it."""
+    shown = SHOWN.get(own, own)
+    factor = unit(own).factor / unit(shown).factor if shown != own else 1.0
+    return f"{factor * value:.5g} {shown}".strip()

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from ..records import Record
 from .anthropometry import MEASURES, anthropometry, unit_of_measure
-from .person import Person, Subject, base_person
+from .person import BODY_MASS, Person, Subject, base_person
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,7 @@ def subject_listing(subject: Subject) -> str:
     of_base = base.lengths()
     for name, length in own.lengths().items():
         lines.append(f"{name:34}{f'{length:.3f} m':>24}{f'{of_base[name]:.3f} m':>14}{length / of_base[name]:10.4f}")
-    lines += ["", *(f"{name:34}{number:24.5g}" for name, number in found.parameters.items())]
+    units = {BODY_MASS: " kg"}
+    lines += ["", *(f"{name:34}{number:24.5g}{units.get(name, '')}" for name, number in found.parameters.items())]
     lines += [f"note: {line}" for line in subject.warnings]
     return "\n".join([*lines, "", f"Estimates (± one standard deviation): {found.source}"])

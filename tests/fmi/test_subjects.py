@@ -245,7 +245,7 @@ def test_the_published_pose_is_the_base_persons(mixed: Scenario) -> None:
     """Known before any landing, so that it is an input matter, of scenarios and of studies."""
     published = mixed.override("plant.initial_pose", "published")
     assert published.with_subject("female, 1.80 m, 67.54377325440001 kg").system().parameters["plant.body_mass"] > 0
-    words = 'published: is the height of the base person.* set plant.initial_pose = "touching"'
+    words = "published: is the height of the base person.* set plant.initial_pose=touching"
     for other in (
         lambda: published.with_subject(WOMAN).system(),
         lambda: published.override("plant.foot_scale_x", 0.95).system(),
@@ -254,7 +254,7 @@ def test_the_published_pose_is_the_base_persons(mixed: Scenario) -> None:
         with pytest.raises(InputError, match=words + "$"):
             other()
     study = sc.load_study("study6")
-    with pytest.raises(InputError, match=words + ' and plant.fibre_start = "equilibrium"$'):
+    with pytest.raises(InputError, match=words + " and plant.fibre_start=equilibrium$"):
         study.with_subject(WOMAN).checked()
     varied = replace(
         study,

@@ -13,9 +13,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from sprain_cosim.cosim.coupling import SCHEMES
-from sprain_cosim.errors import SprainError
+from sprain_cosim.errors import InputError, SprainError
 from sprain_cosim.scenario import load_scenario
 from sprain_cosim.shipped import PACKAGE, scenario_folder, shipped_scenarios
+from sprain_cosim.study.file import load_study
 
 SCHEMA = json.loads((PACKAGE / "scenario.schema.json").read_text())
 
@@ -118,3 +119,15 @@ def test_no_file_breaks_the_parser(key: str, name: str, value: object, tmp_path:
         (tmp_path / "x.toml").write_bytes(text.encode("utf-8", "surrogatepass"))
         with contextlib.suppress(SprainError):
             load_scenario(tmp_path / "x.toml").system()
+
+
+def test_a_study_is_no_scenario_and_a_scenario_no_study(tmp_path: Path) -> None:
+    scenario, study = tmp_path / "one.toml", tmp_path / "many.toml"
+    scenario.write_text('base = "incline30"\n')
+    study.write_text('scenario = "one.toml"\n[marginals]\n[study]\ntrials = 5\n')
+    with pytest.raises(
+        InputError, match=r"many.toml: is a study, many landings; `sprain-cosim study many.toml` runs it"
+    ):
+        load_scenario(study)
+    with pytest.raises(InputError, match=r'one.toml: is a scenario, one landing; .* names it: scenario = "one.toml"'):
+        load_study(scenario)
