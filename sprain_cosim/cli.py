@@ -1134,7 +1134,8 @@ def motion_command(
     from .units import quantity, unit
 
     def of(text: str | None, name: str, option: str) -> dict[str, float]:
-        return {} if text is None else {option: quantity(text, unit(name), f"--{option}")}
+        proposed = "s" if name == "s" else ""  # an instant in a file, not one after contact
+        return {} if text is None else {option: quantity(text, unit(name), f"--{option}", proposed)}
 
     numbers = of(at, "s", "at") | of(cutoff, "Hz", "cutoff") | of(turn, "rad", "turn")
     start = motion_start(file, side=side, pose=pose, base=base, knee=knee, angles=angles, model=model, **numbers)
