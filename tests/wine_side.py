@@ -76,45 +76,33 @@ def kills(folder: Path) -> Any:
 
 
 def stops(folder: Path) -> Any:
-    """{event: [exit code, last words, rows kept, rows after --resume, exit code of that]} of a study that is asked to
-    stop at the console, and of a run whose device hangs."""
+    """Ctrl-C at the console of a study, and of a run whose device hangs: exit code and last words of both; of the study
+    also the rows that it kept, those after --resume, and the exit code of that. The C library of wine does not hand on
+    Ctrl-Break."""
     console = ctypes.WinDLL("kernel32")  # type: ignore[attr-defined]
     console.FreeConsole()
     console.AllocConsole()
-    signal.signal(signal.SIGINT, lambda *_: None)  # Ctrl-C goes to all processes of the console
-    hanging = ["run", "incline30", "--fmu", f"brace={folder / 'hanging.fmu'}"]
-    found = {}
-    for event in ("CTRL_C_EVENT", "CTRL_BREAK_EVENT"):
-        out = folder / event
-        options = ["--trials", str(MANY), "--workers", "2", "--progress", "none", "--trial-limit", "300 s"]
-        study = ["study", "study6", *options, "--out", str(out)]
-        with _typed(event, study) as driver:
-            while len(_rows(out)) < 5:
-                assert driver.poll() is None, driver.communicate()
-                time.sleep(0.05)
-            code, words = _stopped(driver, event)
-        kept = len(_rows(out))
-        again = subprocess.run([*COMMAND, *study, "--resume"], capture_output=True)
-        found[event] = [code, words, kept, len(_rows(out)), again.returncode]
-        with _typed(event, hanging) as driver:
-            time.sleep(20.0)
-            found[f"{event} of a run"] = list(_stopped(driver, event))
-    return found
+    signal.signal(signal.SIGINT, lambda *_: None)  # it goes to all processes of the console
+    out = folder / "stopped"
+    options = ["--trials", str(MANY), "--workers", "2", "--progress", "none", "--trial-limit", "300 s"]
+    study = [*COMMAND, "study", "study6", *options, "--out", str(out)]
+    with subprocess.Popen(study, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as driver:
+        while len(_rows(out)) < 5:
+            assert driver.poll() is None, driver.communicate()
+            time.sleep(0.05)
+        of_study = _stopped(driver, console)
+    kept = len(_rows(out))
+    again = subprocess.run([*study, "--resume"], capture_output=True)
+    run = [*COMMAND, "run", "incline30", "--fmu", f"brace={folder / 'hanging.fmu'}"]
+    with subprocess.Popen(run, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as driver:
+        time.sleep(20.0)
+        of_run = _stopped(driver, console)
+    return {"study": of_study, "kept": kept, "finished": len(_rows(out)), "again": again.returncode, "run": of_run}
 
 
-def _typed(event: str, arguments: list[str]) -> subprocess.Popen[str]:
-    """Ctrl-Break can be sent to a group of its own, Ctrl-C is not taken there."""
-    flags = {"creationflags": 0x200} if event == "CTRL_BREAK_EVENT" else {}  # CREATE_NEW_PROCESS_GROUP
-    return subprocess.Popen(
-        [*COMMAND, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, **flags
-    )  # type: ignore[call-overload, no-any-return]
-
-
-def _stopped(driver: subprocess.Popen[str], event: str) -> tuple[int, str]:
-    """Exit code and last words within a minute."""
-    kernel = ctypes.WinDLL("kernel32")  # type: ignore[attr-defined]
-    number = getattr(signal, event)
-    assert kernel.GenerateConsoleCtrlEvent(number, driver.pid if event == "CTRL_BREAK_EVENT" else 0)
+def _stopped(driver: subprocess.Popen[str], console: Any) -> tuple[int, str]:
+    """Exit code and last words, within a minute."""
+    assert console.GenerateConsoleCtrlEvent(0, 0)
     words = driver.communicate(timeout=60.0)[1].strip().splitlines()
     return driver.returncode, " / ".join(words[-3:])
 

@@ -89,16 +89,25 @@ def run(folder: Path, *arguments: str, place: str = "/work", limit: float = 600.
 
 
 def start(
-    folder: Path, *arguments: str, place: str = "/work", output: int = subprocess.DEVNULL
+    folder: Path,
+    *arguments: str,
+    place: str = "/work",
+    output: int = subprocess.DEVNULL,
+    program: str = "/usr/lib/wine/wine64",
 ) -> subprocess.Popen[bytes]:
     variables = [f"{name}={value}" for name, value in VARIABLES.items()]
     enter = ["chroot", str(folder), "env", "-i", *variables, "/bin/sh", "-c", 'cd "$1"; shift; exec "$@"', "sh", place]
     return subprocess.Popen(
-        [*PROC, str(folder), *enter, "/usr/lib/wine/wine64", *arguments],
+        [*PROC, str(folder), *enter, program, *arguments],
         stdin=subprocess.DEVNULL,
         stdout=output,
         stderr=output,
     )
+
+
+def end(folder: Path) -> None:
+    """Whatever still runs there."""
+    start(folder, "-k", program="/usr/lib/wine/wineserver64").wait()
 
 
 def python(folder: Path, *arguments: str, place: str = "/work", limit: float = 600.0) -> tuple[int, str]:

@@ -65,5 +65,20 @@ def test_a_word_that_is_not_understood_is_seen() -> None:
     parsed(["brace", "new", "my_brace", "--lang", "c"])
 
 
+def test_the_workflow_types_what_there_is() -> None:
+    """Commands, and targets of the Makefile, of the public CI, which no test can run."""
+    lines = re.findall(
+        r"^      - run: (.+?)(?: # .*)?$", (ROOT / ".github/workflows/tests.yml").read_text("utf-8"), re.M
+    )
+    commands = [shlex.split(line) for line in lines]
+    targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text("utf-8"), re.M))
+    for program, *words in commands:
+        if program == "sprain-cosim":
+            parsed(words)
+        elif program == "make":
+            assert set(words) <= targets
+    assert {"make", "sprain-cosim"} <= {program for program, *_ in commands}
+
+
 def test_the_citation_names_this_version() -> None:
     assert f"\nversion: {__version__}\n" in (ROOT / "CITATION.cff").read_text("utf-8")
