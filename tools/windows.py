@@ -1,11 +1,11 @@
 """A Windows Python under wine on Linux, to try this package where its users are. Wine is not Windows.
 
-    python tools/windows.py wheels              whether pip finds wheels of all that is needed, for each Python
+    python tools/windows.py wheels              whether pip finds wheels of all that is needed, for each Python (600 MB)
     python tools/windows.py set-up FOLDER       once: downloads Debian trixie with wine 10, CPython for Windows, wheels;
                                                 each time: makes the wheel of this clone and installs it by pip
     python tools/windows.py python FOLDER ...   runs the Windows Python there with these arguments
 
-`make windows` does the first two, and runs the tests of tests/robust/test_under_wine.py. Debian, as root: the system
+`make windows` does the second, and runs the tests of tests/robust/test_under_wine.py. Debian, as root: the system
 lies in a folder of its own (`debootstrap`) that is entered by chroot; nothing of this machine's is changed but for the
 packages debootstrap and mingw-w64. $DEBIAN_MIRROR names another mirror; apt and pip go by their own configuration.
 

@@ -17,8 +17,9 @@ import sqlite3
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, Self
+from urllib.parse import quote
 
 import numpy as np
 
@@ -213,7 +214,9 @@ class Ledger:
         tidy = ("mode=rw",) if not path.with_name(f"{FILE}-wal").exists() else ()
         for mode in (*tidy, "mode=ro", "immutable=1"):
             try:
-                ledger._database = sqlite3.connect(f"{path.absolute().as_uri()}?{mode}", uri=True, isolation_level=None)
+                ledger._database = sqlite3.connect(
+                    f"{_address(path.absolute())}?{mode}", uri=True, isolation_level=None
+                )
                 ledger._database.execute("PRAGMA query_only=ON")
                 version = ledger._database.execute("PRAGMA user_version").fetchone()[0]
                 facts = dict(ledger._database.execute("SELECT key, value FROM study"))
@@ -453,6 +456,12 @@ def _place_of(path: Path) -> tuple[int, int] | None:
     except OSError:
         return None
     return status.st_dev, status.st_ino
+
+
+def _address(path: PurePath) -> str:
+    """The URI by which SQLite opens a file; it knows no servers, so that of a Windows share stands in the path."""
+    place = path.as_posix()
+    return f"file://{'' if place.startswith('/') else '/'}{quote(place, safe='/:')}"
 
 
 def _trouble(folder: Path | None, problem: Exception) -> EnvironmentProblem:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 import numpy as np
 import pytest
 
 from sprain_cosim.errors import EnvironmentProblem, InputError, SprainError
-from sprain_cosim.study.ledger import BEFORE_CHECKSUMS, FILE, Ledger, Row
+from sprain_cosim.study.ledger import BEFORE_CHECKSUMS, FILE, Ledger, Row, _address
 from sprain_cosim.study.worker import Outcome
 
 IDENTITY = {"seed": 7, "fmus": {"plant": "0" * 64}}
@@ -155,6 +155,16 @@ def test_rows_of_another_study_do_not_count(written: Path, tmp_path: Path) -> No
         Ledger(folder, "other", IDENTITY)
     with Ledger(folder, "digest", IDENTITY) as ledger:  # the rows say what they belong to
         assert len(ledger.finished()[0]) == TRIALS
+
+
+def test_a_folder_of_any_name_is_read(written: Path, tmp_path: Path) -> None:
+    """What would mean something in a URI, and the folders of Windows, on a drive and on a server."""
+    folder = tmp_path / "50 % of what? #1 – λ"
+    shutil.copytree(written, folder)
+    with Ledger.read(folder) as ledger:
+        assert ledger.count() == TRIALS
+    assert _address(PureWindowsPath("C:/my runs/ledger.sqlite")) == "file:///C:/my%20runs/ledger.sqlite"
+    assert _address(PureWindowsPath("//server/share/ledger.sqlite")) == "file:////server/share/ledger.sqlite"
 
 
 def test_reading_leaves_nothing_beside_and_disturbs_no_writer(written: Path, tmp_path: Path) -> None:
