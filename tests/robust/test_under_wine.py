@@ -55,7 +55,11 @@ def answer(what: str, work: Path, limit: float = 1500.0) -> Any:
 
 
 def prompt(line: str, work: Path, limit: float = 600.0) -> tuple[int, str]:
-    """What a user types at the prompt of Windows, in the folder."""
+    """What a user types at the prompt of Windows, in the folder. With quotation marks it goes by a file: wine escapes
+    those of an argument."""
+    if '"' in line:
+        (work / "line.bat").write_text("@" + line.replace("%", "%%") + "\r\n")
+        line = "line.bat"
     return windows.run(FOLDER, "cmd", "/c", line, place="/" + str(work.relative_to(FOLDER)), limit=limit)
 
 
