@@ -13,7 +13,6 @@ from .fmu.build.link import PLATFORMS, has_compiler
 from .machine.here import SYSTEM
 from .sandbox.kernel import offered
 
-FOR_LINUX = ("plant_mujoco",)  # MuJoCo's library is part of it
 REQUIRED = ("fmpy", "numpy", "scipy", "pandas", "matplotlib", "click")
 
 Finding = tuple[bool, str, str]
@@ -70,14 +69,14 @@ def _sandbox() -> Finding:
 
 def _fmus() -> list[Finding]:
     from .fmu.component import Component
-    from .shipped import FMUS, shipped_fmus
+    from .shipped import FMUS, runs_here, shipped_fmus
 
     names = shipped_fmus()
     if not names:
         return [(False, "FMUs", "none built; run `sprain-cosim build`")]
     rows: list[Finding] = []
     for name in names:
-        if name in FOR_LINUX and platform.system() != "Linux":
+        if not runs_here(name):
             rows.append((True, name, "for Linux alone"))
             continue
         try:

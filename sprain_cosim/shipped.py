@@ -16,6 +16,7 @@ LIBRARIES = {  # what a library of the package's own ends in, by system and mach
     ("Darwin", "x86_64"): "darwin64.dylib",
     ("Darwin", "arm64"): "darwin64.dylib",
 }
+FOR_LINUX = ("plant_mujoco",)  # MuJoCo's library is part of it
 SOURCES = PACKAGE.parent / "fmus"  # the models' sources, in a clone only
 
 
@@ -36,6 +37,11 @@ def shipped_studies() -> list[str]:
 def shipped_fmus() -> list[str]:
     """Names of the models that ship, as FMI 2.0."""
     return sorted(p.stem for p in FMUS.glob("*.fmu") if not p.stem.endswith(FMI3))
+
+
+def runs_here(name: str) -> bool:
+    """Whether a shipped FMU has a library for this system."""
+    return name not in FOR_LINUX or machine.system() == "Linux"
 
 
 def library(name: str) -> Path | None:

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from sprain_cosim import shipped
 from sprain_cosim.errors import InputError
+from sprain_cosim.validation.checks import fmi
 from sprain_cosim.validation.laboratory import Laboratory
 
 
@@ -31,3 +33,10 @@ def test_the_environment_or_the_caller_names_the_folder(monkeypatch: pytest.Monk
     table = laboratory.table("landing/index.csv")
     assert list(table["case"]) == ["base"]
     assert laboratory.table("landing/index.csv") is table
+
+
+def test_what_is_for_linux_alone_is_left_out_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "plant_mujoco" in fmi.fmus()
+    monkeypatch.setattr(shipped.machine, "system", lambda: "Windows")
+    assert fmi.fmus() == [name for name in shipped.shipped_fmus() if name != "plant_mujoco"]
+    assert Laboratory().missing("plant_mujoco").startswith("no plant_mujoco.fmu, which is for 64-bit Linux")

@@ -17,7 +17,7 @@ from ...fmu.component import Component
 from ...fmu.driver import Driver
 from ...fmu.instance import Values
 from ...scenario import load_scenario
-from ...shipped import FMI3, FMUS, SOURCES, shipped_fmus
+from ...shipped import FMI3, FMUS, SOURCES, runs_here, shipped_fmus
 from ..check import Check, CheckRow
 from ..laboratory import Laboratory, scenario
 
@@ -29,8 +29,13 @@ def component(name: str) -> Component:
     return Component.read(name, FMUS / f"{name}.fmu")
 
 
+def fmus() -> list[str]:
+    """Those that ship and have a library for this system."""
+    return [name for name in shipped_fmus() if runs_here(name)]
+
+
 def braces() -> list[str]:
-    return [name for name in shipped_fmus() if name.startswith("brace_")]
+    return [name for name in fmus() if name.startswith("brace_")]
 
 
 def moved(driver: Driver, k: int) -> Values:
@@ -41,14 +46,14 @@ def moved(driver: Driver, k: int) -> Values:
 
 
 def complaints(_: Laboratory) -> list[CheckRow]:
-    names = [name + version for name in shipped_fmus() for version in ("", FMI3)]
+    names = [name + version for name in fmus() for version in ("", FMI3)]
     return [CheckRow(name, float(len(component(name).complaints())), 0, 0, "complaints") for name in names]
 
 
 def units(_: Laboratory) -> list[CheckRow]:
     """Inputs, outputs and parameters without a unit, and inputs and parameters without a start value."""
     rows = []
-    for name in shipped_fmus():
+    for name in fmus():
         bad = [
             c
             for c in component(name).connectors.values()
@@ -61,7 +66,7 @@ def units(_: Laboratory) -> list[CheckRow]:
 def reset_instances(_: Laboratory) -> list[CheckRow]:
     """Largest difference of any output over 20 steps between a reset instance and a fresh one."""
     rows = []
-    for name in shipped_fmus():
+    for name in fmus():
         chosen = component(name)
         with Driver(chosen) as driver:
             driver.start(stop=1.0)
@@ -91,7 +96,7 @@ def landings_repeat(_: Laboratory) -> list[CheckRow]:
 def saved_states(_: Laboratory) -> list[CheckRow]:
     """After going back to a saved state the same steps give the same outputs."""
     rows = []
-    for name in shipped_fmus():
+    for name in fmus():
         chosen = component(name)
         if not chosen.capabilities.state:
             continue
