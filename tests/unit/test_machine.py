@@ -87,7 +87,7 @@ def test_no_call_is_missing_on_another_system(system: str, tmp_path: Path) -> No
     command = [sys.executable, "-m", "mypy", "--platform", system, "--cache-dir", str(tmp_path), "--no-error-summary"]
     said = subprocess.run(command, capture_output=True, text=True, cwd=PACKAGE.parent).stdout
     found = [line for line in said.splitlines() if not line.startswith(OF_ONE_SYSTEM)]
-    assert [line for line in found if "ITIMER_REAL" not in line and "setitimer" not in line] == []  # asked for before
+    assert [line for line in found if "itimer" not in line.lower()] == []  # asked for before
 
 
 def test_systems_are_told_apart_in_one_room() -> None:
