@@ -5,12 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
+from typing import Any
 
 from ..cosim.system import System
 from ..errors import InputError
 from ..fmu.element import Connector
 from ..subject.anthropometry import MEASURES, SEXES, range_of_measure, unit_of_measure
-from ..subject.person import PASSIVE, SEGMENTS, Person, Subject
+from ..subject.person import MUSCLE_FORCE, PASSIVE, SEGMENTS, Person, Subject
 from ..units import unit
 
 OWNER = "subject."
@@ -73,6 +74,31 @@ def plant_values(subject: Subject, system: System) -> dict[str, float]:
             )
         found[full] = value
     return found
+
+
+def of_person(subject: Subject) -> set[str]:
+    """The plant's parameters that such a person makes."""
+    return {PLANT + name for name in subject.parameters()}
+
+
+def without_person(
+    parameters: Mapping[str, Any], subject: Subject, kept: Collection[str] = ()
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """The parameters without those that say something of another person than `subject`, but those `kept`; a warning
+    that names what is gone. Raises InputError where a rule that the subject names contradicts one of them: both were
+    written on purpose."""
+    gone = [name for name in parameters if name in of_person(subject) and name not in kept]
+    ruled = [name for name in gone if name.removeprefix(PLANT) in (*PASSIVE, MUSCLE_FORCE)]
+    if ruled:
+        named = f"{', '.join(ruled[:3])}{' ...' * (len(ruled) > 3)}"
+        raise InputError(
+            f"subject: {' and '.join(subject.rules)} contradicts {named}, which the scenario sets; leave one out"
+        )
+    left = {name: value for name, value in parameters.items() if name not in gone}
+    if not gone:
+        return left, ()
+    more = f" and {len(gone) - 2} more parameters of the scenario" if len(gone) > 2 else ", which the scenario set"
+    return left, (f"subject: takes the place of {', '.join(gone[:2])}{more}",)
 
 
 def pose_problem(system: System, values: Mapping[str, float], varied: Collection[str] = ()) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from ..shipped import fmu_path, is_file, names_a_place, scenario_folder, shipped
 from ..ssp.flat import Flat, flattened
 from ..subject.words import SUBJECT, subject_of
 from ..units import SECOND
+from .body import without_person
 from .package import SUFFIXES, is_package, package_content
 from .scenario import Scenario, Value, share
 from .title import RAN
@@ -187,7 +187,7 @@ def _scenario(path: Path, title: str, content: dict[str, Any]) -> Scenario:
     )
     if "subject" not in content:
         return scenario
-    return replace(scenario.with_subject(subject_of(content["subject"], f"{path}: subject")), changes=())
+    return scenario.landing(subject_of(content["subject"], f"{path}: subject"), kept=scenario.parameters)
 
 
 def _find(name: str, beside: Path | None = None) -> Path:
@@ -221,7 +221,11 @@ def _with_bases(path: Path, heirs: tuple[Path, ...]) -> dict[str, Any]:
     if base.resolve() in chain:
         circle = " -> ".join(p.stem for p in (*chain[chain.index(base.resolve()) :], base))
         raise InputError(f"{path}: base {content['base']!r}: the bases form a circle ({circle}); leave one of them out")
-    return _merge(_with_bases(base, chain), content)
+    merged = _with_bases(base, chain)
+    if "subject" in content:  # in the place of what the base says of a person
+        person = subject_of(content["subject"], f"{path}: subject")
+        merged["parameters"], _ = without_person(merged.get("parameters", {}), person, content.get("parameters", {}))
+    return _merge(merged, content)
 
 
 def _read(path: Path) -> dict[str, Any]:

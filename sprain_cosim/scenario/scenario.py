@@ -31,7 +31,15 @@ from ..subject.person import Subject
 from ..subject.words import parse_subject
 from ..units import plain_number, quantity, seconds, stated
 from .apart import Apart
-from .body import is_of_subject, plant_values, pose_problem, subject_connectors, with_measures
+from .body import (
+    is_of_subject,
+    of_person,
+    plant_values,
+    pose_problem,
+    subject_connectors,
+    with_measures,
+    without_person,
+)
 from .isolation import Isolation, isolation
 from .package import device, is_package, parameter_set_values
 from .settable import settable_table, settables
@@ -199,10 +207,16 @@ class Scenario(Card):
     def with_subject(self, subject: Subject | str) -> Self:
         """The same landing of another person, such as "female, 1.63 m, 62 kg". Raises InputError."""
         person = parse_subject(subject) if isinstance(subject, str) else subject.checked("subject")
-        changed = replace(self, subject=person)
+        return self.landing(person).noted(f"subject = {person.words}")
+
+    def landing(self, person: Subject, kept: Collection[str] = ()) -> Self:
+        """The same landing of another person, in the place of what its parameters say of one, with a warning; `kept`:
+        those that hold for this person too. Raises InputError."""
+        parameters, gone = without_person(self.parameters, person, kept)
+        changed = replace(self, subject=person, parameters=parameters)
         changed.system()
         unusual = tuple(line for line in self.warnings if self.subject is None or line not in self.subject.warnings)
-        return replace(changed.noted(f"subject = {person.words}"), warnings=(*unusual, *person.warnings))
+        return replace(changed, warnings=(*unusual, *person.warnings, *gone))
 
     def replace_fmu(self, name: str, fmu: Path | str, mapping: Path | str | None = None) -> Self:
         """Another device under a component's name, or one more: its connections are made anew from its contract
@@ -445,6 +459,11 @@ class Scenario(Card):
                     f"plant.drop_height has no effect: the pelvis falls with {-speed:.3g} m/s, as "
                     'plant.pelvis_vertical_velocity says; set that to "0 m/s" for a drop'
                 )
+        measures = [name for name in names if is_of_subject(name)]
+        if measures and self.subject is not None and (fixed := of_person(self.subject) & self.parameters.keys()):
+            found.append(
+                f"{', '.join(sorted(fixed))}: set by the scenario, so that {', '.join(measures)} cannot move it"
+            )
         if "plant.pelvis_ty_at_contact" in names and (pose := self.initial_pose()) != "given":
             found.append(f"plant.pelvis_ty_at_contact has no effect with plant.initial_pose = {pose}; it needs given")
         return found

@@ -7,17 +7,20 @@ description of what runs: slope, body, brace, muscles."""
 from __future__ import annotations
 
 import filecmp
+import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..errors import InputError
 from ..shipped import FMI3, FMUS
+from ..subject.person import SEGMENTS
 from ..units import Unit, quantity, unit
 
 RAN = "{ran}"  # what stands in a title for the description
 ONE = Unit("1")
 SHIPPED = {"plant": "plant", "controller": "reflex_controller"}  # not worth a word
+FACTOR = re.compile(rf"plant\.({'|'.join(SEGMENTS)})_scale_[xyz]")
 INCLINE, MASS = "plant.platform_incline", "plant.body_mass"
 COACTIVATION, GAIN = "controller.coactivation", "controller.reflex_gain"
 PASSIVE_SCALE, EVERTORS = "plant.passive_angle_scale", "plant.evertor_strength_scale"
@@ -109,8 +112,9 @@ class Ran:
         return words, named
 
     def _body(self) -> tuple[list[str], set[str]]:
-        if self.person:
-            return [self.person], {"subject"}
+        if self.person:  # with what is set of the body in place of the person's own
+            own = {n: v for n, v in self.parameters.items() if n == MASS or FACTOR.fullmatch(n)}
+            return [self.person, *(f"{n.partition('.')[2]} {_short(v)}" for n, v in own.items())], {"subject", *own}
         if MASS not in self.parameters:
             return [], set()
         mass = self._value(MASS, unit("kg"))

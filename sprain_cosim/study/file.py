@@ -328,7 +328,8 @@ def _check_population(content: Mapping[str, Any], scenario: Scenario, path: Path
 def _of_population(study: Study, content: Mapping[str, Any], path: Path) -> Study:
     if "population" not in content:
         return study
-    return study.with_population(*population_of(content["population"], f"{path}: population"))
+    population, rules = population_of(content["population"], f"{path}: population")
+    return study.with_population(population, rules, kept=content.get("parameters", {}))
 
 
 def _design(

@@ -4,7 +4,7 @@ picklable; it knows no files and runs nothing (study.py does)."""
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -19,7 +19,7 @@ from ..fmu.component import Component
 from ..metrics import NAMES
 from ..notebook import Card, Rows
 from ..scenario import Scenario, Value
-from ..scenario.body import OWNER, SEX, is_of_subject, pose_problem
+from ..scenario.body import OWNER, SEX, is_of_subject, pose_problem, without_person
 from ..subject.anthropometry import SEXES
 from ..subject.person import Subject
 from ..units import SHOWN, unit
@@ -570,16 +570,23 @@ class Plan(Card):
         scenario = self.scenario.with_subject(subject)
         return replace(self, scenario=scenario, warnings=(*self.warnings, *scenario.warnings))
 
-    def with_population(self, population: Population, subject: Subject | None = None) -> Self:
-        """The same study of persons from a population, before its other inputs. `subject`: whose rules hold for all.
-        Raises InputError for a plant that cannot be other persons."""
+    def with_population(
+        self, population: Population, subject: Subject | None = None, kept: Collection[str] = ()
+    ) -> Self:
+        """The same study of persons from a population, before its other inputs, in the place of what parameters say of
+        one, but those `kept`. `subject`: whose rules hold for all. Raises InputError for a plant that cannot be other
+        persons."""
         subject = subject or Subject(SEXES[0])
         sex = subject.sex if subject.sex in population.shares else next(iter(population.shares))
-        scenario = replace(self.scenario, subject=replace(subject, sex=sex, measures=dict(population.fixed)))
+        one = replace(subject, sex=sex, measures=dict(population.fixed))
+        parameters, gone = without_person(
+            self.scenario.parameters, one, self.scenario.parameters if self.population else kept
+        )
+        scenario = replace(self.scenario, subject=one, parameters=parameters)
         scenario.system()
         others = {name: m for name, m in self.marginals.items() if not is_of_subject(name)}
-        kept = [k for k, name in enumerate(self.marginals) if name in others]
-        rest = None if self.correlation is None else self.correlation[np.ix_(kept, kept)]
+        rows = [k for k, name in enumerate(self.marginals) if name in others]
+        rest = None if self.correlation is None else self.correlation[np.ix_(rows, rows)]
         marginals = {**population.marginals, **others}
         return replace(
             self,
@@ -588,6 +595,7 @@ class Plan(Card):
             marginals=marginals,
             units={**population.units, **{name: unit for name, unit in self.units.items() if not is_of_subject(name)}},
             correlation=population.correlations(list(marginals), rest),
+            warnings=(*self.warnings, *gone),
         )
 
     def replace_fmu(self, name: str, fmu: Path | str, mapping: Path | str | None = None) -> Self:

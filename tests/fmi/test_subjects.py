@@ -296,3 +296,37 @@ def test_rows_that_are_no_persons_are_named_before_any_landing(tmp_path: Path) -
     )
     with pytest.raises(InputError, match=r"team.csv: trial 7: subject: the measures leave a thigh length of -15 mm"):
         sc.load_study("population_mixed").with_inputs(table)
+
+
+def test_a_person_takes_the_place_of_what_the_scenario_says_of_one(tmp_path: Path) -> None:
+    """Factors in a file, as of a scaled model or of an SSP package, are another person's."""
+    other = tmp_path / "other.toml"
+    other.write_text(
+        'base = "incline30_mixed"\n[parameters]\n"plant.body_mass" = "90 kg"\n"plant.foot_scale_x" = 1.2\n'
+    )
+    bare, plain = load_scenario(other), load_scenario("incline30_mixed").with_subject(WOMAN).system().parameters
+    woman = bare.with_subject(WOMAN)
+    assert woman.system().parameters == plain
+    assert woman.warnings[-1] == (
+        "subject: takes the place of plant.body_mass, plant.foot_scale_x, which the scenario set"
+    )
+    heir = tmp_path / "heir.toml"
+    who = '[subject]\nsex = "female"\nstature = "1.63 m"\nmass = "62 kg"\n'
+    heir.write_text(f'base = "other.toml"\n{who}')
+    assert load_scenario(heir).system().parameters == plain
+    own = tmp_path / "own.toml"
+    own.write_text(f'base = "other.toml"\n{who}[parameters]\n"plant.foot_scale_x" = 1.1\n')
+    stated = load_scenario(own)
+    assert stated.system().parameters == {**plain, "plant.foot_scale_x": 1.1}
+    assert stated.heading.startswith("30° slope, woman, 1.63 m, 62 kg, foot_scale_x 1.1, 150 % brace")
+    study = tmp_path / "study.toml"
+    study.write_text('scenario = "other.toml"\n[population]\nmen = 1\n[study]\ntrials = 20\n')
+    men = sc.load_study(study)
+    assert not {"plant.body_mass", "plant.foot_scale_x"} & men.scenario.parameters.keys()
+    assert any("takes the place of plant.body_mass" in line for line in men.warnings)
+    lax = bare.override("plant.passive_x_linear", "20 N.m/rad")
+    with pytest.raises(InputError, match=r"mass times stature contradicts plant.passive_x_linear, which the scenario"):
+        lax.with_subject(f"{WOMAN}, passive mass-height")
+    assert lax.with_subject(WOMAN).parameters["plant.passive_x_linear"] == "20 N.m/rad"
+    idle = stated.without_effect(["subject.mass"])
+    assert idle == ["plant.foot_scale_x: set by the scenario, so that subject.mass cannot move it"]
