@@ -75,7 +75,10 @@ def test_trials_of_a_study(place: Path) -> None:
         assert landing.parameters["brace.angle_scale"] == 1.5
     made = call("animate", "many", "--trial", "worst", "--out", "worst.png", cwd=place)
     assert made.returncode == 0, made.stderr
-    assert made.stderr == f"many, trial {peaks.idxmax()}, largest peak_subtalar_angle_deg\n"
+    assert (
+        made.stderr
+        == f"many, trial {peaks.idxmax()}, largest peak_subtalar_angle_deg: 30° slope, 150 % brace, ankle muscles off\n"
+    )
     made = call("export", "many", "--trial", "2", "-o", "two.csv", cwd=place)
     assert made.returncode == 0, made.stderr
     assert pd.read_csv(place / "two.csv")["plant.subtalar_angle [rad]"].max() * 57.29577951308232 == pytest.approx(
