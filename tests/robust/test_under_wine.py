@@ -272,7 +272,8 @@ def test_a_file_that_another_program_holds_open(desk: Path) -> None:
 def test_a_folder_that_cannot_be_written(desk: Path) -> None:
     closed = desk / "closed"
     closed.mkdir()
-    subprocess.run(["chattr", "+i", str(closed)], check=True)
+    if subprocess.run(["chattr", "+i", str(closed)]).returncode:  # root may write everywhere else
+        pytest.skip("this file system has no immutable folders")
     try:
         for line in ("run incline30 --out closed", "study study6 --trials 2 --out closed"):
             ended, said = prompt(f"sprain-cosim {line}", desk)
