@@ -672,13 +672,13 @@ class Plan(Card):
         """The same without a sandbox around foreign FMUs."""
         return replace(self, scenario=self.scenario.unconfined())
 
-    def with_inputs(self, path: Path) -> Self:
+    def with_inputs(self, path: Path | str) -> Self:
         """Method table: the rows of a CSV file with header `component.parameter [unit]`, an optional column `trial`
         numbering them.
 
         Marginals without a column stay at their mean. Raises InputError naming row and column."""
         system = self.scenario.system()
-        rows = read_table(path, system, self.names)
+        rows = read_table(path := Path(path), system, self.names)
         n, persons = len(rows.numbers), {name for name in rows.columns if is_of_subject(name)}
         if self.population is not None and (not persons or (SEX in self.marginals and SEX not in persons)):
             lacking = f"a column {SEX}" if persons else "columns of the persons, such as subject.stature [m]"
