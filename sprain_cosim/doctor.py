@@ -69,14 +69,14 @@ def _sandbox() -> Finding:
 
 def _fmus() -> list[Finding]:
     from .fmu.component import Component
-    from .shipped import FMUS, runs_here, shipped_fmus
+    from .shipped import FMUS, has_library_here, shipped_fmus
 
     names = shipped_fmus()
     if not names:
         return [(False, "FMUs", "none built; run `sprain-cosim build`")]
     rows: list[Finding] = []
     for name in names:
-        if not runs_here(name):
+        if not has_library_here(name):
             rows.append((True, name, "for Linux alone"))
             continue
         try:

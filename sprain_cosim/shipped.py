@@ -39,7 +39,7 @@ def shipped_fmus() -> list[str]:
     return sorted(p.stem for p in FMUS.glob("*.fmu") if not p.stem.endswith(FMI3))
 
 
-def runs_here(name: str) -> bool:
+def has_library_here(name: str) -> bool:
     """Whether a shipped FMU has a library for this system."""
     return name not in FOR_LINUX or machine.system() == "Linux"
 

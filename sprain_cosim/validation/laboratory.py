@@ -18,7 +18,7 @@ from ..errors import InputError, SimulationError
 from ..files import read_toml
 from ..fmu.build.link import COMPILERS
 from ..scenario import Scenario, Value, load_scenario
-from ..shipped import FMUS, SOURCES, runs_here
+from ..shipped import FMUS, SOURCES, has_library_here
 from ..study.file import load_study
 from ..study.study import Study
 
@@ -153,7 +153,7 @@ def _clone(_: Laboratory) -> str:
 
 
 def _plant_mujoco(_: Laboratory) -> str:
-    if (FMUS / "plant_mujoco.fmu").is_file() and runs_here("plant_mujoco"):
+    if (FMUS / "plant_mujoco.fmu").is_file() and has_library_here("plant_mujoco"):
         return ""
     return "no plant_mujoco.fmu, which is for 64-bit Linux; in a clone run `sprain-cosim build plant_mujoco`"
 

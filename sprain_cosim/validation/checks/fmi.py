@@ -17,7 +17,7 @@ from ...fmu.component import Component
 from ...fmu.driver import Driver
 from ...fmu.instance import Values
 from ...scenario import load_scenario
-from ...shipped import FMI3, FMUS, SOURCES, runs_here, shipped_fmus
+from ...shipped import FMI3, FMUS, SOURCES, has_library_here, shipped_fmus
 from ..check import Check, CheckRow
 from ..laboratory import Laboratory, scenario
 
@@ -31,7 +31,7 @@ def component(name: str) -> Component:
 
 def fmus() -> list[str]:
     """Those that ship and have a library for this system."""
-    return [name for name in shipped_fmus() if runs_here(name)]
+    return [name for name in shipped_fmus() if has_library_here(name)]
 
 
 def braces() -> list[str]:
