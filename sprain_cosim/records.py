@@ -28,6 +28,11 @@ KINDS: Mapping[Any, tuple[tuple[type, ...], str]] = {  # what JSON may hold for 
 LARGEST: Mapping[Any, float] = {int: 2**128, float: sys.float_info.max}  # seeds are whole numbers of up to 128 bits
 
 
+def ends_of(named: Mapping[str, float] | None) -> tuple[float, float] | None:
+    """The least and the greatest of named numbers; None where there are none."""
+    return (min(named.values()), max(named.values())) if named else None
+
+
 def known_format(content: dict[str, Any], path: Path) -> dict[str, Any]:
     """The content of a summary.json or compare.json. Raises InputError for a file of a later version than this one."""
     found = content.get("format", 1)

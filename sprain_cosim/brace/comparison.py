@@ -10,14 +10,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..folders.comparison import NONE, BraceSummary, ComparisonSummary, Decisions, Estimates, MeanEstimate, Persons
+from ..folders.comparison import (
+    INJURY,
+    INVERSION,
+    NONE,
+    BraceSummary,
+    ComparisonSummary,
+    Decisions,
+    Estimates,
+    MeanEstimate,
+    Persons,
+)
 from ..literature import INJURY_INVERSION_TEXT
 from ..scenario import Scenario
 from ..scenario.postures import POSTURES
 from ..study.questions import QUESTIONS
 from ..study.study import Study
 from ..uq.sequential import spent
-from .estimates import INJURY, INVERSION, THRESHOLD, injury_estimate, injury_of_other_shapes, mean_estimate
+from .estimates import THRESHOLD, injury_estimate, injury_of_other_shapes, mean_estimate
 from .persons import persons_listing, persons_of
 
 if TYPE_CHECKING:

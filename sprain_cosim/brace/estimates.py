@@ -6,13 +6,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..folders.comparison import MeanEstimate
+from ..folders.comparison import INVERSION, MeanEstimate
 from ..records import finite
 from ..study.questions import QUESTIONS
 from ..uq import statistics
 from ..uq.exceedance import of_shapes
 
-INVERSION, INJURY = "peak_inversion_from_neutral_deg", "probability_of_injury"
 THRESHOLD = QUESTIONS[INVERSION][1]
 
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..folders.comparison import Estimates, MeanEstimate, PersonBand, Persons, WorstInput, WorstTenth
+from ..folders.comparison import INJURY, INVERSION, Estimates, MeanEstimate, PersonBand, Persons, WorstInput, WorstTenth
 from ..scenario.body import OWNER, is_of_subject
 from ..subject.anthropometry import MASS
 from ..subject.person import STATURE
-from .estimates import INJURY, INVERSION, injury_estimate, mean_estimate
+from .estimates import injury_estimate, mean_estimate
 
 if TYPE_CHECKING:
     import pandas as pd

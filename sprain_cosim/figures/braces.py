@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
-from ..folders.comparison import NONE, ComparisonFolder
+from ..folders.comparison import INJURY, INVERSION, NONE, ComparisonFolder
 from ..folders.study import PEAK, StudyFolder
 from ..literature import INJURY_INVERSION_TEXT
+from ..records import ends_of
 from .comparison import paired
 from .drawn import Drawn, as_file_name
 from .forest import Changed, Difference, forest
 from .selection import both_ends
 from .style import FORM, SeriesLook, palette
 
-INVERSION, INJURY = "peak_inversion_from_neutral_deg", "probability_of_injury"
 COMPARED = {  # metric of a comparison: what it is called in a forest, unit of the differences, factor to it
     PEAK: ("peak subtalar angle, + supination", "deg", 1.0),
     INVERSION: ("peak inversion from neutral", "deg", 1.0),
@@ -65,7 +65,7 @@ def threshold_doubts(folder: ComparisonFolder) -> dict[str, tuple[float, float]]
     for brace, member in folder.members.items():
         question = member.summary.questions.get(INVERSION) if isinstance(member, StudyFolder) else None
         brace_summary = folder.summary.braces.get(brace)
-        ends = (both_ends(question.threshold_ci) or _least_and_most(question.shapes)) if question else None
+        ends = (both_ends(question.threshold_ci) or ends_of(question.shapes)) if question else None
         ends = ends or (brace_summary.injury_doubt if brace_summary else None)
         if ends:
             found[brace] = ends
@@ -109,7 +109,3 @@ def _doubt_of_difference(folder: ComparisonFolder, brace: str, reference: str) -
         one, other = ours.shapes or {}, theirs.shapes or {}
         found = [one[law] - other[law] for law in one if law in other]
     return (min(found), max(found)) if found else None
-
-
-def _least_and_most(shapes: Mapping[str, float] | None) -> tuple[float, float] | None:
-    return (min(shapes.values()), max(shapes.values())) if shapes else None

@@ -11,24 +11,35 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
-from matplotlib.markers import CARETLEFT
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 
-from ..folders.comparison import NONE, BraceSummary, ComparisonSummary, MeanEstimate
+from ..folders.comparison import INJURY, NONE, BraceSummary, ComparisonSummary, MeanEstimate
 from ..literature import INJURY_INVERSION_TEXT
 from ..metrics import Signals
-from .style import BORNE, FAINT, INK, SeriesLook, legend_line, letters, palette, sheet, shorten, small, styled
+from .style import (
+    BORNE,
+    FAINT,
+    FLOOR,
+    INK,
+    SeriesLook,
+    legend_line,
+    letters,
+    on_axis,
+    palette,
+    sheet,
+    shorten,
+    small,
+    styled,
+)
 
 PEAKS = (  # response, name, marker, filled, place on the line
     ("peak_subtalar_angle_deg", "supination", "o", True, -0.14),
     ("peak_inversion_from_neutral_deg", "inversion", "s", False, 0.14),
 )
-INJURY = "probability_of_injury"
 PAD = 8.0  # points between a panel and its title
 MOTIONS = {"plantarflexion": 0.3, "dorsiflexion": 0.6, "supination": 1.0}  # how strong the brace's colour is
-FLOOR = 1e-5  # of a probability on a logarithmic axis
 Doubt = tuple[float, float]
 
 
@@ -168,12 +179,13 @@ def _risks(
             low, high = (100 * max(FLOOR, d) for d in doubts[name])
             axis.plot([low, high], [place] * 2, color=colour, linewidth=1.0, marker="|", markersize=5)
             if doubts[name][0] < FLOOR:
-                axis.plot(low, place, marker=CARETLEFT, color=colour, markersize=5)
+                axis.plot(low, place, on_axis(doubts[name][0], "|")[1], color=colour, markersize=5)
         if e.ci_low is not None and e.ci_high is not None:
             low, high = (100 * max(FLOOR, d) for d in (e.ci_low, e.ci_high))
             axis.plot([low, high], [place] * 2, color=colour, linewidth=5.5, alpha=0.45, solid_capstyle="butt")
         share = e.value or 0.0
-        axis.plot(100 * max(FLOOR, share), place, "o" if share >= FLOOR else CARETLEFT, color=colour)
+        at_axis, mark = on_axis(share, "o")
+        axis.plot(100 * at_axis, place, mark, color=colour)
         words = f"{100 * share:.2g} %" if share >= FLOOR else f"< {100 * FLOOR:g} %"
         axis.text(1.02, place, words, color=letters(colour), **at)
     _named(axis, list(risks), 0.75)

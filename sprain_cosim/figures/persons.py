@@ -9,11 +9,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..folders.comparison import NONE, ComparisonSummary, Persons
+from ..folders.comparison import INJURY, NONE, ComparisonSummary, Persons
 from ..literature import INJURY_INVERSION_TEXT
 from .style import SeriesLook, label, legend_above, palette, sheet, styled
 
-INJURY = "probability_of_injury"
 HEIGHT = 3.4  # cm of a panel
 
 

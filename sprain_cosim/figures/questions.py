@@ -12,17 +12,16 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.markers import CARETLEFT
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from .style import BLUE, FAINT, FORM, INK, VERMILION, legend_above, legend_line, sheet, small, styled
+from ..records import ends_of
+from .style import BLUE, FAINT, FLOOR, FORM, INK, VERMILION, legend_above, legend_line, on_axis, sheet, small, styled
 
 Array = NDArray[np.float64]
 Pair = tuple[float, float]
 MARKERS: Mapping[str, str] = {"normal": "o", "lognormal": "^", "Weibull": "s"}
 ROW, LINE = 0.6, 0.32  # height of an answer's bars and of a line of words [cm]
-FLOOR = 1e-5  # smallest probability that is drawn
 
 
 @dataclass(frozen=True)
@@ -114,16 +113,15 @@ def _draw_answer(axis: Axes, answer: Answer, above: float, below: float) -> None
     if answer.threshold is not None:
         ends = np.maximum(answer.threshold, FLOOR)
         axis.plot(ends, [below, below], color=VERMILION, linewidth=2.2, solid_capstyle="butt")
-    if answer.shapes:
-        ends = np.maximum([min(answer.shapes.values()), max(answer.shapes.values())], FLOOR)
-        axis.plot(ends, [below, below], color=INK, linewidth=0.6)
+    if (shapes := ends_of(answer.shapes)) is not None:
+        axis.plot(np.maximum(shapes, FLOOR), [below, below], color=INK, linewidth=0.6)
     for law, value in answer.shapes.items():
-        mark = MARKERS[law] if value >= FLOOR else CARETLEFT  # points beyond the axis
+        place, mark = on_axis(value, MARKERS[law])
         look: Any = dict(color="white", markeredgecolor=INK, markersize=4, clip_on=False, zorder=3)
-        axis.plot(max(value, FLOOR), below, mark, **look)
+        axis.plot(place, below, mark, **look)
     if answer.value is not None:
-        mark = "|" if answer.value >= FLOOR else CARETLEFT
-        axis.plot(max(answer.value, FLOOR), above, mark, color=INK, markersize=8, markeredgewidth=1.4)
+        place, mark = on_axis(answer.value, "|")
+        axis.plot(place, above, mark, color=INK, markersize=8, markeredgewidth=1.4)
 
 
 def _draw_curve(axis: Axes, curve: Exceeded) -> None:

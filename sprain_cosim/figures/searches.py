@@ -10,9 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from .questions import FLOOR, Answer, in_percent, shape_key
+from ..records import ends_of
+from .questions import Answer, in_percent, shape_key
 from .samples import Interval, height_of, name_inputs
-from .style import BLUE, INK, ORANGE, VERMILION, legend_above, legend_line, sheet, styled
+from .style import BLUE, FLOOR, INK, ORANGE, VERMILION, legend_above, legend_line, on_axis, sheet, styled
 
 ROW = 0.62  # cm of a method
 
@@ -48,16 +49,16 @@ def _draw_event(axis: Axes, rows: Sequence[tuple[str, float | None]], answer: An
         entries.append((legend_line(BLUE, linewidth=5.5, alpha=0.6), "what the landings leave open (95 %)"))
     for place, (_, value) in enumerate(rows):
         if value is not None:
-            axis.plot(max(value, FLOOR), place, "|", color=INK, markersize=8, markeredgewidth=1.4)
-    last, doubt = len(rows), answer.threshold
-    if doubt is None and answer.shapes:
-        doubt = min(answer.shapes.values()), max(answer.shapes.values())
+            at, mark = on_axis(value, "|")
+            axis.plot(at, place, mark, color=INK, markersize=8, markeredgewidth=1.4)
+    last, doubt = len(rows), answer.threshold or ends_of(answer.shapes)
     if doubt is not None:
         axis.plot([max(end, FLOOR) for end in doubt], [last, last], color=VERMILION, linewidth=2.2)
         entries.append((legend_line(VERMILION, linewidth=2.2), "what is open of the threshold"))
     for law, value in answer.shapes.items():
         key = shape_key(law)
-        axis.plot(max(value, FLOOR), last, key.get_marker(), color="white", markeredgecolor=INK, markersize=4)
+        at, mark = on_axis(value, key.get_marker())
+        axis.plot(at, last, mark, color="white", markeredgecolor=INK, markersize=4)
         entries.append((key, f"threshold {law}, of the same mean and SD"))
     labels = [name.replace(", ", ",\n") for name, _ in rows] + (["threshold"] if doubt is not None else [])
     axis.set_yticks(range(len(labels)), labels)

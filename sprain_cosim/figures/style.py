@@ -26,6 +26,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
+from matplotlib.markers import CARETLEFT
 from matplotlib.text import Text
 from matplotlib.textpath import TextToPath
 
@@ -395,6 +396,15 @@ def label(name: str) -> str:
         .replace("grf", "ground reaction")
         .replace("_", " ")
     )
+
+
+FLOOR = 1e-5  # the smallest probability that a logarithmic axis shows
+
+
+def on_axis(probability: float, mark: Any) -> tuple[float, Any]:
+    """Where a probability is drawn on a logarithmic axis, and with which mark: one below FLOOR at the end of the axis,
+    pointing beyond it."""
+    return (probability, mark) if probability >= FLOOR else (FLOOR, CARETLEFT)
 
 
 FORMATS = ("pdf", "svg", "png", "tiff")

@@ -9,13 +9,14 @@ from pathlib import Path
 from ..errors import InputError
 from ..files import read_json
 from ..notebook import Card, Plottable, Rows, with_interval
-from ..records import FORMAT, Record, Summary, known_format, optional
+from ..records import FORMAT, Record, Summary, ends_of, known_format, optional
 from .run import RunFolder
 from .study import PEAK, StudyFolder
 
 FILE = "compare.json"
 SHOWN = 6  # braces that are shown in brief
 NONE = "none"  # the name under which the landings without a brace stand
+INVERSION, INJURY = "peak_inversion_from_neutral_deg", "probability_of_injury"  # metrics
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ class BraceSummary(Record):
     @property
     def injury_doubt(self) -> tuple[float, float] | None:
         """The least and the greatest probability of injury that a threshold of another law gives."""
-        return (min(self.injury_shapes.values()), max(self.injury_shapes.values())) if self.injury_shapes else None
+        return ends_of(self.injury_shapes)
 
 
 @dataclass(frozen=True)

@@ -85,16 +85,14 @@ def load_landings(folder: Path, trial: str | None = None) -> list[Landing]:
     braces = read_comparison_summary(folder).completed
     places = {name: member_path(folder, brace.folder or name) for name, brace in braces.items()}
     tables = {name: read_trials(place) for name, place in places.items() if (place / TRIALS).is_file()}
-    how = ""
-    if tables:
-        with Ledger.read(next(iter(places.values()))) as ledger:
-            response = load_study_plan(next(iter(places.values())), ledger).responses[0]
-        number, how = choose_common_trial(tables, response, trial or "p50", str(folder))
-        trial = str(number)
+    if not tables:
+        return [replace(load_landing(place, trial), title=name) for name, place in places.items()]
+    first = places[next(iter(tables))]
+    with Ledger.read(first) as ledger:
+        response = load_study_plan(first, ledger).responses[0]
+    number, how = choose_common_trial(tables, response, trial or "p50", str(folder))
     return [
-        replace(landing, title=name, label=f"{place}, {how}" if how else landing.label)
-        for name, place in places.items()
-        for landing in [load_landing(place, trial)]
+        replace(load_landing(place, str(number)), title=name, label=f"{place}, {how}") for name, place in places.items()
     ]
 
 

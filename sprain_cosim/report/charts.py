@@ -12,11 +12,11 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from .. import figures as plots
-from ..brace.estimates import INVERSION
 from ..figures.samples import drawn_ranks
 from ..figures.selection import FEWEST, Named, response_label, sample_of
 from ..figures.style import LINES, MOST_DRAWN
 from ..figures.style import SeriesLook as StyledLook
+from ..folders.comparison import INVERSION
 from ..folders.run import RunFolder
 from ..folders.study import PEAK, StudyFolder
 from ..literature import INJURY_INVERSION

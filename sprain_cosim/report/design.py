@@ -8,6 +8,7 @@ from markupsafe import Markup
 
 from .. import figures as plots
 from ..folders.study import StudyFolder
+from ..records import ends_of
 from ..study.summary import DesignPoint, DesignSearch
 from .blocks import Block, Cell, PageTable, Paragraph, Row, Verdict, rich
 from .words import fine_ends, percent, rounded
@@ -104,7 +105,7 @@ def _threshold(found: DesignSearch, point: DesignPoint) -> Markup:
     behind = f"the {p.specimens} specimens behind the threshold" if p.specimens else "the ends of the threshold"
     known = [f"as far as {behind} know it, it may be {e} %" for e in fine_ends(*(p.threshold_ci or (None, None)))]
     if p.shapes and not p.specimens:
-        ends = fine_ends(min(p.shapes.values()), max(p.shapes.values()))
+        ends = fine_ends(*(ends_of(p.shapes) or (None, None)))
         known = [f"with a threshold of another shape it would be {e} %" for e in ends]
     if not known:
         return Markup("")
@@ -156,7 +157,7 @@ def _rows(found: DesignSearch, point: DesignPoint) -> list[Row]:
     behind = f"threshold, n = {p.specimens}:" if p.specimens else "threshold's ends"
     doubts += [f"{behind} {e}" for e in fine_ends(*(p.threshold_ci or (None, None)))]
     if p.shapes:
-        doubts += [f"threshold's shape {e}" for e in fine_ends(min(p.shapes.values()), max(p.shapes.values()))]
+        doubts += [f"threshold's shape {e}" for e in fine_ends(*(ends_of(p.shapes) or (None, None)))]
     rows: list[Row] = [
         [f"{found.find} {_named(found.parameter)}", Cell(status or f"{rounded(point.value)}{unit}", notes)],
         ["95 % sure", f"{_on_the_safe_side(found, point.value_95)}{unit if point.value_95 is not None else ''}"],

@@ -6,9 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from ..brace.estimates import INJURY
 from ..figures.style import PARAMETERS, label
-from ..folders.comparison import NONE, MeanEstimate, Persons, WorstInput
+from ..folders.comparison import INJURY, NONE, MeanEstimate, Persons, WorstInput
 from ..folders.run import RunFolder
 from ..folders.study import StudyFolder
 from ..scenario.body import is_of_subject

@@ -10,14 +10,14 @@ from typing import Any
 from .. import __version__
 from .. import figures as plots
 from ..brace.comparison import CHANGED, LINES, postures
-from ..brace.estimates import INJURY
 from ..figures.selection import Named, response_label
 from ..figures.style import PARAMETERS
-from ..folders.comparison import NONE, BraceSummary, ComparisonFolder, MeanEstimate
+from ..folders.comparison import INJURY, NONE, BraceSummary, ComparisonFolder, MeanEstimate
 from ..folders.read import Folder
 from ..folders.run import RunFolder, RunSummary
 from ..folders.study import StudyFolder
 from ..metrics import pose_artefacts, table, unit_of
+from ..records import ends_of
 from ..study.manifest import FmuFile
 from ..study.summary import FormSearch, LevelSearch, Percentile, Probability, Response, SobolSearch
 from .blocks import Block, Cell, Folded, Heading, PageTable, Paragraph, Row
@@ -99,8 +99,8 @@ def _doubts(q: Probability) -> tuple[str, ...]:
     if q.threshold_ci is not None:
         behind = f"threshold, n = {q.specimens}:" if q.specimens else "threshold's ends"
         lines += [f"{behind} {e}" for e in fine_ends(*q.threshold_ci)]
-    if q.shapes:
-        least, most = min(q.shapes.values()), max(q.shapes.values())
+    if (shapes := ends_of(q.shapes)) is not None:
+        least, most = shapes
         lines.append(f"threshold's shape {percentage(least)} … {percentage(most)}")
     return tuple(lines)
 

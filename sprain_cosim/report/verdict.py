@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from markupsafe import Markup
 
 from .. import figures as plots
-from ..brace.estimates import INJURY, INVERSION
 from ..figures.braces import threshold_doubts
 from ..figures.selection import Named, response_label, same_question
-from ..folders.comparison import NONE, ComparisonFolder, Decisions, PairLook
+from ..folders.comparison import INJURY, INVERSION, NONE, ComparisonFolder, Decisions, PairLook
 from ..folders.read import Folder
 from ..folders.run import RunFolder
 from ..folders.study import PEAK, StudyFolder
 from ..literature import INJURY_INVERSION
+from ..records import ends_of
 from ..study.summary import FormSearch, Level, LevelSearch, LevelTest, Percentile, Probability, Threshold, UntilRule
 from .blocks import Block, Paragraph, Verdict, rich
 from .design import design_verdict
@@ -234,7 +234,7 @@ def _answer(event: str, q: Probability) -> Markup:
     behind = f"the {q.specimens} specimens behind the threshold" if q.specimens else "the threshold's ends"
     doubts += [f"as far as {behind} know it {e} %" for e in fine_ends(*(q.threshold_ci or (None, None)))]
     if q.shapes and not q.specimens:
-        doubts += [f"for thresholds of other shapes {e} %" for e in fine_ends(*_least_and_most(q.shapes))]
+        doubts += [f"for thresholds of other shapes {e} %" for e in fine_ends(*(ends_of(q.shapes) or (None, None)))]
     return rich(
         " {event}: <b>{p}</b>{doubts}.{dominates}",
         event=event,
@@ -249,12 +249,8 @@ def _threshold_open(found: FormSearch) -> Markup:
     behind = f"the {found.specimens} specimens behind the threshold"
     doubts = [f"as far as {behind} know it {e} %" for e in fine_ends(*(found.threshold_ci or (None, None)))]
     if found.shapes and not found.specimens:
-        doubts += [f"for thresholds of other shapes {e} %" for e in fine_ends(*_least_and_most(found.shapes))]
+        doubts += [f"for thresholds of other shapes {e} %" for e in fine_ends(*(ends_of(found.shapes) or (None, None)))]
     return rich(" What is not known of the threshold: {doubts}.", doubts="; ".join(doubts)) if doubts else Markup("")
-
-
-def _least_and_most(shapes: Mapping[str, float]) -> tuple[float, float]:
-    return min(shapes.values()), max(shapes.values())
 
 
 def _dominates(q: Probability | FormSearch) -> str:

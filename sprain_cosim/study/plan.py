@@ -549,9 +549,7 @@ class Plan(Card):
         if parameter in self.marginals:
             connector = scenario.system().find(parameter)
             fixed = {**self.marginals, parameter: Fixed(connector.value(value, parameter))}
-            # the scenario's own value is no change of the scenario, but one of a study that varied it
-            said = scenario.changes[-1] if scenario.changes != self.scenario.changes else f"{parameter} = {value}"
-            return replace(self, scenario=self.scenario.noted(said), marginals=fixed)
+            return replace(self, scenario=self.scenario.noted(f"{parameter} = {value}"), marginals=fixed)
         return replace(self, scenario=scenario, grid={k: v for k, v in self.grid.items() if k != parameter})
 
     def with_parameters(

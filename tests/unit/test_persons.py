@@ -6,10 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sprain_cosim.brace.estimates import INJURY, INVERSION
 from sprain_cosim.brace.persons import persons_listing, persons_of
 from sprain_cosim.figures.persons import persons_figure
-from sprain_cosim.folders.comparison import BraceSummary, ComparisonSummary
+from sprain_cosim.folders.comparison import INJURY, INVERSION, BraceSummary, ComparisonSummary
 from sprain_cosim.literature import INJURY_INVERSION
 from sprain_cosim.report.blocks import PageTable
 from sprain_cosim.report.persons import groups_table, persons_sentence, persons_tables
