@@ -27,6 +27,7 @@ SEGMENTS = {  # of the plant: the bodies of a model, the first of which speaks f
     "foot": ("calcn_r", "talus_r", "toes_r", "calcn_l", "talus_l", "toes_l"),
     "torso": ("torso",),
 }
+OURS = {body for bodies in SEGMENTS.values() for body in bodies}
 ARMS = ("humerus", "ulna", "radius", "hand")  # go with the torso
 LEAST, MOST = 0.5, 2.0  # of a factor that a person can have
 ALIKE = 0.005  # of a factor
@@ -67,19 +68,7 @@ class OpenSimModel:
 
 def read_osim(path: Path, side: str = "right") -> OpenSimModel:
     """Raises InputError in one line."""
-    try:
-        root = ElementTree.fromstring(read_text(path, LARGEST).encode())
-    except ElementTree.ParseError as problem:
-        raise InputError(f"{path}: is no XML of an OpenSim model: {problem}") from None
-    model = root.find("Model") if root.tag == "OpenSimDocument" else None
-    bodies = {b.get("name", ""): b for b in root.iter("Body") if b.get("name") not in ("ground", None)}
-    if model is None or not bodies:
-        raise InputError(f"{path}: is no OpenSim model (.osim): it has no <Model> with bodies")
-    if not any(member in bodies for members in SEGMENTS.values() for member in members):
-        raise InputError(
-            f"{path}: none of its bodies is one of this plant's (pelvis, femur_r, tibia_r, calcn_r, torso); it has "
-            f"{', '.join(list(bodies)[:5])}. Leave --model out, and name the person with --subject of `run`"
-        )
+    root, model, bodies = _parsed(path)
     masses = {name: _number(path, f"mass of {name}", body.findtext("mass")) for name, body in bodies.items()}
     scales = {name: _factors(path, name, body) for name, body in bodies.items()}
     places = segment_places(root, side)
@@ -88,11 +77,10 @@ def read_osim(path: Path, side: str = "right") -> OpenSimModel:
     for segment, times in lengthened({n: np.array(f) for n, f in stated.items()}, places).items():
         x, y, z = (round(times * f, 6) for f in stated.get(segment, (1.0, 1.0, 1.0)))
         factors[segment] = x, y, z
-    arms = [n for n in scales if n.rpartition("_")[0] in ARMS]
-    ours = {m for members in SEGMENTS.values() for m in members} | set(arms)
+    arms = [n for n in bodies if n.rpartition("_")[0] in ARMS]
     if arms:
         notes.append(f"arms ({', '.join(sorted(arms))}): scaled with the torso, as the plant has it")
-    others = tuple(n for n in bodies if n not in ours)
+    others = tuple(n for n in bodies if n not in OURS and n not in arms)
     unmeasured = [segment for segment in stated if segment not in places]
     if unmeasured:
         notes.append(f"{', '.join(unmeasured)}: {AS_THEY_STAND}")
@@ -101,6 +89,25 @@ def read_osim(path: Path, side: str = "right") -> OpenSimModel:
     lengths = {segment: measured_length(segment, place) for segment, place in places.items()}
     name, mass = model.get("name", path.stem), sum(masses.values())
     return OpenSimModel(name, mass, factors, stated, lengths, tuple(notes), others, _knee(root, side))
+
+
+def _parsed(path: Path) -> tuple[ElementTree.Element, ElementTree.Element, dict[str, ElementTree.Element]]:
+    """The document, its model, and {name: body} without the ground. Raises InputError for what is no model of a body
+    that this plant has."""
+    try:
+        root = ElementTree.fromstring(read_text(path, LARGEST).encode())
+    except ElementTree.ParseError as problem:
+        raise InputError(f"{path}: is no XML of an OpenSim model: {problem}") from None
+    model = root.find("Model") if root.tag == "OpenSimDocument" else None
+    bodies = {b.get("name", ""): b for b in root.iter("Body") if b.get("name") not in ("ground", None)}
+    if model is None or not bodies:
+        raise InputError(f"{path}: is no OpenSim model (.osim): it has no <Model> with bodies")
+    if not OURS & bodies.keys():
+        raise InputError(
+            f"{path}: none of its bodies is one of this plant's (pelvis, femur_r, tibia_r, calcn_r, torso); it has "
+            f"{', '.join(list(bodies)[:5])}. Leave --model out, and name the person with --subject of `run`"
+        )
+    return root, model, bodies
 
 
 def _segments(
