@@ -581,8 +581,8 @@ class Session:
         empty where that does not run."""
         step = 0.5 * self.scenario.master.communication_step
         finer = replace(self.scenario.master, communication_step=step, record=())
-        values = dict(parameters or {})
         try:
+            values = self.system.in_own_units(parameters or {})
             return self._run(finer, values | _finer_plant(self.system, values), judged=False).metrics
         except (InputError, SimulationError):
             return {}
@@ -615,9 +615,9 @@ TOLERANCE = "plant.tolerance"
 OF_HALF_THE_STEP = 0.25  # of the tolerance: the local error that the plant controls is of the second order
 
 
-def _finer_plant(system: System, values: Mapping[str, float | str]) -> dict[str, float]:
-    """{parameter: value} with which a plant that controls its own steps halves them; `values` stand before the
-    system's. Empty for one that does not."""
+def _finer_plant(system: System, values: Mapping[str, float]) -> dict[str, float]:
+    """{parameter: value} with which a plant that controls its own steps halves them; `values`, in own units, stand
+    before the system's. Empty for one that does not."""
     try:
         connector = system.find(TOLERANCE)
     except InputError:

@@ -20,7 +20,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..records import ends_of
 from .distributions import Array, LogNormal, Marginal, Normal, Weibull
 from .distributions.marginal import as_array
 from .measured import Measured
@@ -98,8 +97,9 @@ class Exceedance:
         """The interval of all that is not known of the threshold: parameters if n is stated, else the shapes."""
         if self.threshold is not None:
             return self.threshold
-        ends = ends_of(self.shapes)
-        return None if ends is None else Estimate(self.value, *ends)
+        if self.shapes:
+            return Estimate(self.value, min(self.shapes.values()), max(self.shapes.values()))
+        return None
 
     @property
     def dominates(self) -> Dominance:

@@ -138,3 +138,10 @@ def test_it_is_said(reflex: Path) -> None:
     assert summary.coupling_converged is False
     assert summary.coupling_doubt_deg == pytest.approx(2 * abs(coarse.halved[PEAK]))
     assert scenario.run().halved is None
+
+
+def test_a_tolerance_in_words_is_halved_like_a_number() -> None:
+    with load_scenario("incline30").with_master(stop="30 ms").open() as session:
+        number, text = (session.at_half_the_step({"plant.tolerance": value}) for value in (0.02, "0.02"))
+        assert number == text
+        assert number != session.at_half_the_step({"plant.tolerance": 0.01})
