@@ -55,17 +55,21 @@ def _answer(found: DesignSearch, point: DesignPoint) -> Markup:
     p, unit, low_high = point.probability, _unit(found), found.range
     searched = f"{rounded(low_high[0])} … {rounded(low_high[1])}{unit}"
     if point.status == "nowhere":
+        is_open = found.verdict(point) == "undecided"
         return rich(
-            "<b>No value from {searched} meets the goal.</b> The best is {value}{unit}, with a probability of "
-            "{p}{ends}. A wider range, another device or another goal would have to be taken.",
-            searched=searched,
+            "<b>{what}</b> The best is {value}{unit}, with a probability of "
+            "{p}{ends}. A wider range, another device or another goal would have to be taken{open}.",
+            what=f"Whether any value from {searched} meets the goal is open."
+            if is_open
+            else f"No value from {searched} meets the goal.",
+            open=", or more landings" if is_open else "",
             value=rounded(point.value),
             unit=unit,
             p=percent(p.value),
             ends="".join(f" ({e} %)" for e in fine_ends(*(p.sampling_ci or (None, None)))),
         )
     if point.status == "everywhere":
-        text = rich("<b>Every value from {searched} meets the goal.</b>", searched=searched)
+        text = rich("<b>By the best estimate every value from {searched} meets the goal.</b>", searched=searched)
     else:
         text = rich(
             "<b>The {find} is {value}{unit}</b>{ends}.",
@@ -75,7 +79,7 @@ def _answer(found: DesignSearch, point: DesignPoint) -> Markup:
             ends=_value_ends(point, unit),
         )
     if point.value_95 is None:
-        text += " No value in the range holds with 95 % confidence."
+        text += " No value in the range holds with 95 % confidence: whether the goal is met is open."
     else:
         word = "at least" if found.find == "least" else "at most"
         text += rich(
@@ -130,12 +134,18 @@ def _comfort(point: DesignPoint) -> str:
 def _answers(found: DesignSearch) -> Markup:
     rows = [p for p in found.points if p.status != "nowhere"]
     if not rows:
-        return rich("<b>No pair of values in the range meets the goal.</b>")
+        is_open = any(found.verdict(p) == "undecided" for p in found.points)
+        open_pair = "Whether any pair of values in the range meets the goal is open."
+        return rich("<b>{said}</b>", said=open_pair if is_open else "No pair of values in the range meets the goal.")
     second, unit = _named(found.second or ""), f" {found.second_unit}" if found.second_unit else ""
     words = [f"{rounded(p.value)}{_unit(found)} at {rounded(p.second)}{unit}" for p in rows]
     text = rich("The {find} is <b>{words}</b> of {second}.", find=found.find, words=", ".join(words), second=second)
-    lost = [f"{rounded(p.second)}{unit}" for p in found.points if p.status == "nowhere"]
-    return text + (f" No value in the range meets the goal at {', '.join(lost)}." if lost else "")
+    at = {
+        verdict: ", ".join(f"{rounded(p.second)}{unit}" for p in found.points if found.verdict(p) == verdict)
+        for verdict in ("not met", "undecided")
+    }
+    text += f" No value in the range meets the goal at {at['not met']}." if at["not met"] else ""
+    return text + (f" Whether one does is open at {at['undecided']}." if at["undecided"] else "")
 
 
 def design_blocks(found: DesignSearch) -> list[Block]:
@@ -162,10 +172,12 @@ def _rows(found: DesignSearch, point: DesignPoint) -> list[Row]:
         [f"{found.find} {_named(found.parameter)}", Cell(status or f"{rounded(point.value)}{unit}", notes)],
         ["95 % sure", f"{_on_the_safe_side(found, point.value_95)}{unit if point.value_95 is not None else ''}"],
         [f"probability at {rounded(point.value)}{unit} [%]", Cell(percent(p.value), tuple(doubts))],
+        ["goal", found.in_words(point)],
         ["landings", Cell(str(found.landings), (f"{point.fresh} of them fresh, at the value",))],
     ]
     for held in (c for c in point.comfort if c.at in PLACES):
-        label = f"resists 5 / 10° {PLACES[held.at]}, {rounded(held.value)}{unit} [N·m]"
+        at = _on_the_safe_side(found, held.value) if held.at == "value_95" else rounded(held.value)
+        label = f"resists 5 / 10° {PLACES[held.at]}, {at}{unit} [N·m]"
         shown = [f"{m} {_pair(held.resistance_Nm, m)}" for m in point.motions[0]]
         rows.append([label, Cell("; ".join(shown) or "nothing")])
     return rows

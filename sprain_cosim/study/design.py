@@ -74,6 +74,7 @@ def _point(found: uq.GoalPoint) -> DesignPoint:
         found.failed,
         found.second,
         found.other_end,
+        surface=finite(found.surface),
     )
 
 
@@ -119,7 +120,10 @@ def _notes(search: DesignSearch) -> list[str]:
             )
         if point.status == "everywhere" and point.second is None:
             side = "low" if search.find == "least" else "high"
-            notes.append(f"the goal holds in all of the range: the {search.find} value lies beyond its {side} end")
+            notes.append(
+                f"by the best estimate the goal holds in all of the range: the {search.find} value lies beyond its "
+                f"{side} end"
+            )
     return notes
 
 

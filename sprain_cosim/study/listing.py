@@ -310,10 +310,10 @@ def design_listing(found: DesignSearch) -> list[str]:
     lines = ["", found.goal, f"{found.landings} landings over {_searched(found)}"]
     if len(found.points) > 1:
         lines += ["", f"{_named(found.second or '', found.second_unit):32}{found.find + ' ' + found.parameter:>30}"]
-        lines[-1] += f"{'95 % interval':>24}{'holds with 95 %':>18}"
+        lines[-1] += f"{'95 % interval':>24}{'holds with 95 %':>18}{'goal':>12}"
         for point in found.points:
-            cells = _cells(found, point)
-            lines.append(f"  {point.second:<30.4g}{cells[0]:>30}{cells[1]:>24}{cells[2]:>18}")
+            cells = (*_cells(found, point), found.verdict(point))
+            lines.append(f"  {point.second:<30.4g}{cells[0]:>30}{cells[1]:>24}{cells[2]:>18}{cells[3]:>12}")
         lines += _comfort_table(found)
         return lines
     (point,) = found.points
@@ -323,6 +323,7 @@ def design_listing(found: DesignSearch) -> list[str]:
         f"{found.find + ' ' + _named(found.parameter, found.unit):44}{value}",
         f"{'  95 % interval':44}{interval}",
         f"{'  holds with 95 % confidence':44}{sure}",
+        f"{'  goal':44}{found.in_words(point)}",
         *_doubted(found, point),
     ]
     return lines + _comfort(found, point)
@@ -355,6 +356,8 @@ def _doubted(found: DesignSearch, point: DesignPoint) -> list[str]:
     p: DoubtedProbability = point.probability
     at = f"P at {found.parameter} = {point.value:.4g}"
     lines = ["", f"{at:44}{'between' if p.value is None else _share(p.value)}"]
+    if point.surface is not None:
+        lines.append(f"{'  by the polynomial alone':44}{_share(point.surface)}")
     if p.sampling_ci is not None:
         lines.append(f"{f'  sample, {point.fresh} fresh landings':44}{' ... '.join(_share(e) for e in p.sampling_ci)}")
     if p.threshold_ci is not None:
@@ -371,10 +374,11 @@ def _comfort(found: DesignSearch, point: DesignPoint) -> list[str]:
     shown = [c for c in point.comfort if c.at in names]
     if not shown:
         return []
+    at = [found.on_the_safe_side(c.value, 4) if c.at == "value_95" else c.value for c in shown]
     lines = [
         "",
         f"{'resists in ordinary motion, 5 / 10° [N·m]':44}" + "".join(f"{names[c.at]:>18}" for c in shown),
-        f"{'  ' + found.parameter:44}" + "".join(f"{c.value:18.4g}" for c in shown),
+        f"{'  ' + found.parameter:44}" + "".join(f"{value:18.4g}" for value in at),
     ]
     resisted, free = point.motions
     if free:

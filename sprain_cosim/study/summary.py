@@ -482,7 +482,8 @@ class DesignPoint(Record):
     value            of the parameter that divides the range; its end for everywhere, where P is smallest for nowhere
     ci_low, ci_high  95 % interval of it; None where it reaches beyond the range
     value_95         what holds with 95 % confidence; None where nothing in the range does
-    probability      at `value`
+    probability      at `value`, corrected by the fresh landings
+    surface          what the polynomial alone says there
     other_end        where the goal ceases to hold again, or None
     comfort          empty where the parameter is none of the brace's
     fresh, failed    landings behind the probability, and those of them that failed
@@ -500,6 +501,7 @@ class DesignPoint(Record):
     second: float | None = optional()
     other_end: float | None = optional()
     comfort: tuple[Comfort, ...] = ()
+    surface: float | None = optional()
 
     @property
     def motions(self) -> tuple[list[str], list[str]]:
@@ -516,7 +518,7 @@ class DesignPoint(Record):
 @dataclass(frozen=True)
 class DesignSearch(Record):
     """For which values of a parameter a goal holds. With one parameter the object in the file has the keys of its point
-    as well.
+    as well; each point there has its `verdict`.
 
     goal              in words
     at_most           the bound of the probability
@@ -553,19 +555,34 @@ class DesignSearch(Record):
 
     def _in_brief(self, point: DesignPoint) -> str:
         unit = f" {self.unit}" if self.unit else ""
-        if point.status == "nowhere" or point.value is None:
-            return "none in the range"
+        if point.status == "nowhere":
+            return f"none in the range; goal {self.in_words(point)}"
         low = "below the range" if point.ci_low is None else f"{point.ci_low:.4g}"
         high = "above the range" if point.ci_high is None else f"{point.ci_high:.4g}"
-        sure = "none in the range does with 95 % confidence"
-        if point.value_95 is not None:
-            sure = f"with 95 % confidence at {self.on_the_safe_side(point.value_95, 4):.4g}{unit}"
-        return f"{point.value:.4g}{unit} (95 %: {low} ... {high}), goal {point.status}; {sure}"
+        where = f"; all of {self.range[0]:.4g} ... {self.range[1]:.4g}" if point.status == "everywhere" else ""
+        return f"{point.value:.4g}{unit} (95 %: {low} ... {high}){where}; goal {self.in_words(point)}"
 
     @property
     def met(self) -> bool:
-        """Whether a value was found at every point."""
+        """Whether the best estimate of some value meets the goal at every point."""
         return all(point.status != "nowhere" for point in self.points)
+
+    def verdict(self, point: DesignPoint) -> str:
+        """As far as the landings know it: met (some value in the range holds with 95 % confidence), not met (none
+        does), undecided."""
+        if point.value_95 is not None:
+            return "met"
+        low = (point.probability.sampling_ci or (None, None))[0]
+        return "not met" if point.status == "nowhere" and low is not None and low > self.at_most else "undecided"
+
+    def in_words(self, point: DesignPoint) -> str:
+        """The verdict with what it rests on."""
+        unit = f" {self.unit}" if self.unit else ""
+        if point.value_95 is not None:
+            return f"met with 95 % confidence at {self.on_the_safe_side(point.value_95, 4):.4g}{unit}"
+        if self.verdict(point) == "undecided":
+            return f"undecided: the landings leave open whether it holds at {point.value:.4g}{unit}"
+        return "not met by any value in the range, with 95 % confidence"
 
     def on_the_safe_side(self, value: float, figures: int) -> float:
         """A value that holds with confidence, rounded to where the goal holds: a least value up, a largest down."""
@@ -576,8 +593,9 @@ class DesignSearch(Record):
         return step * (math.ceil(steps - 1e-9) if self.find == "least" else math.floor(steps + 1e-9))
 
     def to_json(self) -> dict[str, Any]:
-        alone = self.points[0].to_json() if len(self.points) == 1 else {}
-        return alone | super().to_json()
+        content = super().to_json()
+        points = [held | {"verdict": self.verdict(p)} for held, p in zip(content["points"], self.points, strict=True)]
+        return (points[0] if len(points) == 1 else {}) | content | {"points": points}
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,7 @@ FINEST = 0.005  # relative; what the points of the pool leave open
 REFITS = 24  # of the polynomial, for the band of a curve
 SPREAD = 0.02  # of the rows about the first root, in ranges of the parameter
 WEIGHT = 3.0  # in the fit, of rows near the root
+LARGEST_SCALE = 2.0  # from the moved rows to the curve, for a probability that is next to none
 SHARES = (0.4, 0.3, 0.3)  # of the rows: by the inputs' own distribution, where exceedances are, where they are open
 RIDGES = (0.03, 0.3, 3.0)
 _NODES, _NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(9)
@@ -69,7 +70,8 @@ class GoalPoint:
     value         of the parameter; the end of the range for "everywhere", where P is smallest for "nowhere"
     low, high     95 % interval of it; NaN where it reaches beyond the range
     value_95      what holds with 95 % confidence; NaN where nothing in the range does
-    probability   at `value`, with both doubts
+    probability   at `value`, corrected by the fresh rows, with both doubts; at most the goal unless "nowhere"
+    surface       what the polynomial alone says there
     other_end     where the goal ceases to hold again, or None
     curve         over the whole range
     fresh, failed rows behind the remainder, and those of them without a response
@@ -82,6 +84,7 @@ class GoalPoint:
     high: float
     value_95: float
     probability: Exceedance
+    surface: float
     other_end: float | None
     curve: GoalCurve
     fresh: int
@@ -364,6 +367,8 @@ class _Search:
         low, high = sorted(self._end(curve + s, log_goal, find, at) for s in (down, up))
         fits = _divide(self.grid, curve + safe, log_goal, find, at)
         measure = self._measure(value, at, second, chosen[done], y[done], weights[done] / n)
+        said = self.probability(value, second, self.pool)
+        there = self.at_most if status == "met" else min(said * math.exp(shift), 1.0)
         return GoalPoint(
             second[0] if second else None,
             status,
@@ -371,7 +376,8 @@ class _Search:
             low if math.isfinite(low) else math.nan,
             high if math.isfinite(high) else math.nan,
             fits[0] if fits[1] != "nowhere" else math.nan,
-            _doubted(measure, self.threshold, (low95 / middle, high95 / middle), n, self.seed),
+            _doubted(measure, self.threshold, there, (low95 / middle, high95 / middle), n, self.seed),
+            said,
             _other_end(self.grid, curve + shift, log_goal, find, value) if status == "met" else None,
             self._curve(second, curve, at, shift, (down, up)),
             n,
@@ -492,14 +498,18 @@ def _ends(p: float, remainder: Array, weights: Array, g: Array, confidence: floa
 
 
 def _doubted(
-    measure: tuple[Array, Array], threshold: Threshold, ends: tuple[float, float], rows: int, seed: int
+    measure: tuple[Array, Array], threshold: Threshold, p: float, ends: tuple[float, float], rows: int, seed: int
 ) -> Exceedance:
-    """The probability of a signed measure of responses with both doubts; `ends`: of its sampling interval, as shares
-    of the value."""
+    """The probability of a signed measure of responses with both doubts, scaled so that it is `p`, which the corrected
+    curve says: the rows were moved along the surface, and what is printed must not differ from it in the last figure.
+    `ends`: of its sampling interval, as shares of the value."""
     y, weights = measure
 
     def of(law: float | Marginal) -> float:
         return float(np.clip(weights @ _smoothed(law, 0.0)(y), 0.0, 1.0))
+
+    unscaled = float(weights @ _smoothed(threshold, 0.0)(y))
+    weights = weights * (min(p / unscaled, LARGEST_SCALE) if unscaled > 0 else 1.0)
 
     def sampled(value: float) -> Estimate:
         return Estimate(value, value * ends[0], min(value * ends[1], 1.0))
@@ -508,12 +518,12 @@ def _doubted(
         least, most = of(threshold.high), of(threshold.low)
         return Exceedance(math.nan, sampled(most), Estimate(math.nan, least, most), {}, None, None, rows)
     law = threshold.marginal if isinstance(threshold, Measured) else threshold
-    value = of(law)
+    value = min(of(law), p)  # equal but for rounding
     shapes = _shapes(of, law) if isinstance(law, Marginal) else {}
     if not isinstance(threshold, Measured):
         return Exceedance(value, sampled(value), None, shapes, None, None, rows)
-    interval = _threshold_interval(measure, threshold, seed)
-    more = _threshold_interval(measure, threshold.with_specimens(4 * threshold.n), seed)
+    interval = _threshold_interval((y, weights), threshold, seed)
+    more = _threshold_interval((y, weights), threshold.with_specimens(4 * threshold.n), seed)
     return Exceedance(value, sampled(value), interval, shapes, threshold.n, more, rows)
 
 

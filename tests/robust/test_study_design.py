@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,11 +14,14 @@ import pytest
 import sprain_cosim as sc
 from sprain_cosim.errors import InputError
 from sprain_cosim.folders.read import read_folders
+from sprain_cosim.folders.study import StudyFolder
+from sprain_cosim.report.blocks import PageTable
+from sprain_cosim.report.design import design_blocks, design_verdict
 from sprain_cosim.report.page import report_page
 from sprain_cosim.study.goal import parse_goal
-from sprain_cosim.study.listing import study_listing
+from sprain_cosim.study.listing import design_listing, study_listing
 from sprain_cosim.study.study import Study
-from sprain_cosim.study.summary import read_summary
+from sprain_cosim.study.summary import Comfort, read_summary
 from tests.light import plant, study_file
 
 PEAK = 17.0 / 4.0  # rad/m
@@ -77,6 +81,61 @@ def test_the_listing_says_what_was_asked_and_found(place: Path, found: Path) -> 
     assert "P(peak_inversion_from_neutral_deg above 60 ± 5 deg, n = 12) <= 5 %" in text
     assert "largest plant.height [m]" in text and "holds with 95 % confidence" in text
     assert "threshold, n = 12" in text and "from 48 specimens" in text
+
+
+@pytest.mark.parametrize(
+    ("status", "value_95", "sampled", "verdict", "words"),
+    [
+        ("met", 0.2, (0.045, 0.055), "met", "met with 95 % confidence at 0.2 m"),
+        ("met", None, (0.045, 0.055), "undecided", "open whether it holds at 0.2"),
+        ("everywhere", None, (0.03, 0.055), "undecided", "open whether it holds at 0.2"),
+        ("nowhere", None, (0.049, 0.08), "undecided", "open whether it holds at 0.2"),
+        ("nowhere", None, (0.051, 0.08), "not met", "not met by any value"),
+    ],
+)
+def test_the_goal_is_met_not_met_or_undecided_wherever_it_is_said(
+    found: Path, status: str, value_95: float | None, sampled: tuple[float, float], verdict: str, words: str
+) -> None:
+    design = read_summary(found).design
+    assert design is not None
+    (point,) = design.points
+    said = replace(point.probability, value=sum(sampled) / 2, sampling_ci=sampled)
+    one = replace(design, points=(replace(point, status=status, value_95=value_95, probability=said, comfort=()),))
+    assert one.to_json()["verdict"] == one.to_json()["points"][0]["verdict"] == verdict
+    assert words in "\n".join(design_listing(one)) and words in dict(one.rows())["largest plant.height"]
+    (folder,) = read_folders([found])
+    assert isinstance(folder, StudyFolder)
+    sentence = str(design_verdict(folder, one, "it").text)
+    assert ("is open" in sentence) == (verdict == "undecided")
+    assert ("No value from" in sentence) == (verdict == "not met")
+
+
+def test_one_value_holds_with_confidence_wherever_it_stands(found: Path) -> None:
+    """Rounded to the safe side above, it was rounded to the nearest beside its resistance."""
+    design = read_summary(found).design
+    assert design is not None
+    (point,) = design.points
+    held = (Comfort("value_95", 0.20009, {"supination_10deg": 1.0}),)
+    one = replace(design, find="least", points=(replace(point, value_95=0.20009, comfort=held),))
+    assert [line.split()[-1] for line in design_listing(one) if line.lstrip().startswith("plant.height")] == ["0.2001"]
+    (table, _) = design_blocks(
+        replace(one, points=(replace(one.points[0], value_95=1.1703, comfort=(replace(held[0], value=1.1703),)),))
+    )
+    assert isinstance(table, PageTable)
+    assert [row[0] for row in table.rows if "95 % sure, " in str(row[0])] == [
+        "resists 5 / 10° at the value that is 95 % sure, 1.18 m [N·m]"
+    ]
+
+
+def test_what_the_polynomial_says_stands_beside_what_the_fresh_landings_say(found: Path) -> None:
+    design = read_summary(found).design
+    assert design is not None
+    (point,) = design.points
+    assert point.surface is not None and point.surface != point.probability.value == pytest.approx(0.05, abs=1e-12)
+    text = "\n".join(design_listing(design))
+    assert re.search(
+        rf"P at plant.height = {point.value:.4g} +0.05\n  by the polynomial alone +{point.surface:.3g}\n", text
+    )
 
 
 def test_resumed_it_asks_for_the_same_points_and_runs_none(place: Path, found: Path) -> None:

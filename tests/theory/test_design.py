@@ -105,6 +105,19 @@ def test_a_goal_that_nothing_or_everything_meets_says_so() -> None:
     assert (always.status, always.value, always.value_95) == ("everywhere", 3.5, 3.5)
 
 
+def test_the_probability_beside_a_value_is_what_its_status_says() -> None:
+    """Rows moved along the surface would say 0.0501 of a value that divides at 0.05; what the polynomial says stands
+    apart."""
+    apart = 0
+    for seed in range(4):
+        (point,) = design(landing, INPUTS_OF_STUDY_6, [(0.5, 3.0)], CADAVERS, 0.05, evaluations=150, seed=seed).points
+        sampled = point.probability.sampling
+        assert point.status == "met" and 0.05 - 1e-12 < point.probability.value <= 0.05
+        assert sampled.low < 0.05 < sampled.high
+        apart += abs(point.surface - 0.05) > 1e-4
+    assert apart >= 3
+
+
 def test_where_the_goal_ceases_to_hold_again() -> None:
     def valley(x: Array) -> Array:
         return np.asarray(20.0 + 3.0 * (x[:, 2] - 2.0) ** 2 + x[:, 0], float)

@@ -111,7 +111,7 @@ def test_a_design_in_brief() -> None:
     rows = np.linspace(0.0, 3.0, 500)
     curve, certain = GoalCurve(rows, rows, rows, rows), Estimate(0.05, 0.04, 0.06)
     probability = Exceedance(0.05, certain, None, {}, None, None, 100)
-    point = GoalPoint(None, "met", 1.25, 1.1, 1.4, 1.4, probability, None, curve, 100, 0)
+    point = GoalPoint(None, "met", 1.25, 1.1, 1.4, 1.4, probability, 0.05, None, curve, 100, 0)
     found = DesignResult("least", (point,) * 9, 300, 2, 0.97, 0.5)
     assert len(repr(found)) <= LONGEST
     assert "met 1.25 (95 %: 1.1 ... 1.4)" in repr(found) and "6 more" in repr(found)
