@@ -10,8 +10,7 @@ import numpy as np
 
 from ..folders.comparison import INJURY, INVERSION, Estimates, MeanEstimate, PersonBand, Persons, WorstInput, WorstTenth
 from ..scenario.body import OWNER, is_of_subject
-from ..subject.anthropometry import MASS
-from ..subject.person import STATURE
+from ..subject.anthropometry import MASS, STATURE
 from .estimates import injury_estimate, mean_estimate
 
 if TYPE_CHECKING:

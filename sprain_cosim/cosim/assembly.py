@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..contract import PLANT, is_excitation, is_impedance
-from ..errors import SimulationError
+from ..errors import InputError, SimulationError, nearest
 from ..fmu.element import Element
 from ..fmu.instance import Instance
 from ..units import Unit
@@ -161,19 +161,26 @@ class Assembly:
             member.inputs_set = False
 
     def watch_locals(self, patterns: Sequence[str]) -> tuple[list[str], list[Unit | None]]:
-        """Chooses local variables for `local_values`, by patterns such as "plant.*_force": their names and units."""
+        """Chooses local variables for `local_values`, by patterns such as "plant.*_force": their names and units.
+        Raises InputError for a pattern that fits none of them and no connector; connectors are recorded anyway."""
         names: list[str] = []
         units: list[Unit | None] = []
+        known = list(self.names)
         self._watched = []
         for member in self.members:
             found = {f"{member.name}.{n}": c for n, c in member.component.select("local").items() if c.scalar_number}
-            chosen = [n for n in found if any(fnmatchcase(n, pattern) for pattern in patterns)]
+            known += found
+            chosen = [n for n in found if any(_is_of(n, pattern) for pattern in patterns)]
             if chosen:
                 values = np.zeros(len(chosen))
                 member.instance.watch_locals([n.partition(".")[2] for n in chosen], values)
                 self._watched.append((member, values))
                 names += chosen
                 units += [found[n].unit for n in chosen]
+        for pattern in patterns:
+            if not any(_is_of(n, pattern) for n in known):
+                close = "" if "*" in pattern else nearest(pattern, known)
+                raise InputError(f"recording {pattern!r}: no output, input or local number has such a name{close}")
         return names, units
 
     def local_values(self) -> Values:
@@ -374,3 +381,8 @@ def conversion(source: Unit | None, target: Unit | None) -> tuple[float, float]:
         return 1.0, 0.0
     source, target = source or Unit("1"), target or Unit("1")
     return source.factor / target.factor, (source.offset - target.offset) / target.factor
+
+
+def _is_of(name: str, pattern: str) -> bool:
+    """A name may have brackets, which a pattern reads as a choice of letters."""
+    return name == pattern or fnmatchcase(name, pattern)

@@ -170,7 +170,7 @@ def write_figures(
     empty = [item for _, item in named_folders(folders) if isinstance(item, StudyFolder) and item.done.empty]
     if empty and len(empty) == len(named_folders(folders)):
         raise InputError(f"{empty[0].path}: none of its {len(empty[0].trials)} landings completed; nothing to draw")
-    folders = asking(folders, response) if response else folders
+    folders = asking(folders, response) if response is not None else folders
     names: list[str] = []
 
     def chosen() -> Iterator[Drawn]:

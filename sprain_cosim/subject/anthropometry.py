@@ -21,11 +21,14 @@ from numpy.typing import NDArray
 
 from ..files import read_toml
 
+STATURE = "stature"
 MASS = "mass"
 SEXES = ("female", "male")  # in the order of their numbers in tables
 NOUNS = {"female": "woman", "male": "man"}
 NOUNS_OF_MANY = {"female": "women", "male": "men"}
+LIKELY = 4.5  # standard deviations from the mean
 USUAL = (0.001, 0.999)  # of a population; a measure outside is worth a word
+FINEST = 1e-4  # a share that thousands of people can tell
 SPREAD = (0.2, 4.0)  # of the smallest and the largest mean: beyond lies a mistake of units
 YOUNGEST, OLDEST = 17, 58  # years of those who were measured
 
@@ -167,6 +170,30 @@ def range_of_measure(name: str) -> tuple[float, float]:
     return SPREAD[0] * min(means), SPREAD[1] * max(means)
 
 
+def meant(sex: str, name: str, value: float) -> str:
+    """What a value that is nobody's was perhaps meant to be, in words: the same figures in another unit, or as the
+    stature or the mass."""
+    law = anthropometry(sex)
+    other = {STATURE: MASS, MASS: STATURE}.get(name)
+    scaled = [(name, value * 10.0**k) for k in range(-3, 4)] + ([(other, value)] if other else [])
+    for what, number in scaled:
+        if abs(law.score(what, number)) < LIKELY:
+            named = f"a {what} of " if what != name else ""
+            return f"; did you mean {named}{number:.4g} {unit_of_measure(what)}?"
+    return "; look at its unit"
+
+
+def exchanged(sex: str, given: Mapping[str, float]) -> bool:
+    """Whether the stature in cm and the mass in kg are nobody's, but would be usual for each other."""
+    law = anthropometry(sex)
+    if not {STATURE, MASS} <= given.keys():
+        return False
+    stature, mass = given[STATURE], given[MASS]
+    pairs = ((STATURE, stature), (MASS, mass)), ((STATURE, 0.01 * mass), (MASS, 100.0 * stature))
+    said, turned = ([abs(law.score(name, value)) for name, value in pair] for pair in pairs)
+    return min(said) > LIKELY > max(turned)
+
+
 def _below(score: float) -> float:
     """Share of a normal variable below a standard score."""
     return 0.5 * math.erfc(-score / math.sqrt(2.0))
@@ -185,7 +212,9 @@ def moments_of_measure(name: str, location: float, scale: float) -> tuple[float,
 
 
 def _side(share: float) -> str:
-    return f"below all but {100 * share:.2g} %" if share < 0.5 else f"above all but {100 * (1 - share):.2g} %"
+    few = min(share, 1.0 - share)
+    left = f"{100 * few:.2g}" if few >= FINEST else f"less than {100 * FINEST:g}"
+    return f"{'below' if share < 0.5 else 'above'} all but {left} %"
 
 
 def _spelled(name: str) -> str:

@@ -18,15 +18,17 @@ from .anthropometry import (
     NOUNS,
     OLDEST,
     SEXES,
+    STATURE,
     YOUNGEST,
     anthropometry,
+    exchanged,
+    meant,
     range_of_measure,
     unit_of_measure,
 )
 
 AXES = ("x", "y", "z")
 SEGMENTS = ("pelvis", "thigh", "shank", "foot", "torso")
-STATURE = "stature"
 SCALE_TOOL, HANDSFIELD, BY_SIZE = "scale-tool", "handsfield", "mass-height"
 FORCE_RULES = {
     SCALE_TOOL: "isometric forces as the base person's",
@@ -92,9 +94,15 @@ class Subject:
             if not low <= value <= high:
                 own = unit_of_measure(name)
                 raise InputError(
-                    f"{place}: {name} = {value:g} {own}: no adult's, which lie in {low:.3g} ... {high:.3g} {own}; look "
-                    "at its unit"
+                    f"{place}: {name} = {value:g} {own}: no adult's ({low:.3g} ... {high:.3g} {own} is taken)"
+                    f"{meant(self.sex, name, value)}"
                 )
+        if exchanged(self.sex, self.measures):
+            stature, mass = self.measures[STATURE], self.measures[MASS]
+            raise InputError(
+                f"{place}: stature = {stature:.4g} m, mass = {mass:.4g} kg: nobody's; the units are exchanged, write "
+                f'"{mass:.4g} cm, {100 * stature:.4g} kg"'
+            )
         for name in self.scales:
             if name not in SEGMENTS:
                 raise InputError(f"{place}: no segment {name!r}{nearest(name, SEGMENTS)}; one of {', '.join(SEGMENTS)}")

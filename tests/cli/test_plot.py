@@ -69,6 +69,8 @@ def test_figures_for_a_journal(results: Path, tmp_path: Path) -> None:
         write_figures(folders, tmp_path / "x", only=["violin"])
     with pytest.raises(InputError, match=r"--response peak_talocrural_angle: .*did you mean peak_talocrural_angle_deg"):
         write_figures(folders, tmp_path / "x", response="peak_talocrural_angle")
+    with pytest.raises(InputError, match=r"--response : these folders have no such response"):
+        write_figures(folders, tmp_path / "x", response="")
 
 
 def spoil(folder: Path, kind: str) -> list[str]:

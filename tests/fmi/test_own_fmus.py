@@ -537,6 +537,26 @@ def test_locals_are_recorded_on_request_and_change_nothing() -> None:
     assert np.array_equal(fewer["plant.pelvis_ty"], full["plant.pelvis_ty"])
 
 
+@pytest.mark.parametrize(
+    ("pattern", "said"),
+    [
+        ("plant.nothing*", r"recording 'plant.nothing\*': no output, input or local number"),
+        ("plant.pelvis_tz_", "did you mean plant.pelvis_tz"),
+        ("plant.drop_height", "recording 'plant.drop_height'"),  # a parameter
+        ("plnt.*", "recording 'plnt"),
+    ],
+)
+def test_a_pattern_of_locals_that_nothing_matches_is_refused(pattern: str, said: str) -> None:
+    """It was passed over in silence."""
+    from sprain_cosim.scenario import load_scenario
+
+    chosen = load_scenario("incline30_brace").with_master(stop="1 ms")
+    with pytest.raises(InputError, match=said):
+        chosen.recording("plant.*", pattern).run()
+    anyway = chosen.recording("brace.rotation_z_torque").run()  # on record in any case
+    assert anyway.names == chosen.run().names
+
+
 @pytest.mark.parametrize("suffix", ["", FMI3])
 def test_a_copy_of_a_shipped_fmu_is_known_by_its_content(
     suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
