@@ -39,7 +39,7 @@ def dataset(variables: Iterable[Variable], coordinates: Iterable[Variable], abou
     try:
         import xarray
     except ImportError:
-        raise EnvironmentProblem("to_xarray: needs xarray: pip install 'sprain-cosim[xarray]'") from None
+        raise EnvironmentProblem('to_xarray: needs xarray: pip install "sprain-cosim[xarray]"') from None
     kept = {key: value for key, value in about.items() if value is not None}
     return xarray.Dataset(_described(variables), _described(coordinates), kept)
 

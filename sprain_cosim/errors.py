@@ -89,7 +89,7 @@ class EnvironmentProblem(SprainError):
     >>> import sprain_cosim as sc
     >>> try:
     ...     table = sc.open_folder("runs/s6").to_xarray()
-    ... except sc.EnvironmentProblem as problem:  # to_xarray: needs xarray: pip install 'sprain-cosim[xarray]'
+    ... except sc.EnvironmentProblem as problem:  # to_xarray: needs xarray: pip install "sprain-cosim[xarray]"
     ...     table = None
     """
 

@@ -47,9 +47,11 @@ def check_path(path: Path) -> None:
 
 
 def check_folder(path: Path) -> None:
-    """The same for a folder that files are to be put into."""
+    """The same for a folder that files are to be put into, and where a file is in its place."""
     if why := SYSTEM.refusal(path, inside=INSIDE):
         raise InputError(f"{path}: {why}")
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path}: is a file; name a folder")
 
 
 @contextlib.contextmanager
@@ -115,6 +117,7 @@ def read_text(path: Path, most: int = LARGEST) -> str:
 
 
 def _check_size(path: Path, most: int) -> None:
+    check_path(path)
     size = path.stat().st_size
     if size > most:
         raise InputError(f"{path}: {_megabytes(size)}; at most {_megabytes(most)} are accepted")

@@ -160,7 +160,7 @@ LONGEST = 0.5  # s, as far as landings are known to run
 def longer(stop: float) -> str:
     """What lets a landing last longer, as the end of a sentence."""
     return (
-        f"--stop '{1e3 * min(LONGEST, 2.0 * stop):g} ms' lets it turn back"
+        f'--stop "{1e3 * min(LONGEST, 2.0 * stop):g} ms" lets it turn back'
         if stop < LONGEST
         else "take a longer --stop"
     )

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import EnvironmentProblem, InputError, SimulationError
-from ..files import is_partial, read_toml, write_json
+from ..files import check_folder, is_partial, read_toml, write_json
 from ..folders.comparison import FILE, NONE, ComparisonSummary
 from ..folders.read import read_folder
 from ..folders.run import check_run_folder, read_run
@@ -331,8 +331,7 @@ def _rows(variants: Mapping[str, Source], base: Study) -> dict[str, Source]:
 def _check(folder: Path, names: Sequence[str], study: bool, resume: bool) -> None:
     """Raises InputError when the folder holds something else than an earlier comparison of these braces, or a study
     that is not resumed."""
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file; name a folder with --out")
+    check_folder(folder)
     if not folder.is_dir():
         return
     strangers = sorted(p.name for p in folder.iterdir() if p.name not in (*names, *BESIDE) and not is_partial(p))

@@ -34,9 +34,9 @@ def new_brace(folder: Path, language: str) -> list[Path]:
         raise InputError(
             f"{folder}: the model takes the folder's name; use letters, digits and _, beginning with a letter"
         )
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"{folder}: {'is not empty' if folder.is_dir() else 'is a file'}; name a new folder")
     check_folder(folder)
+    if folder.exists() and any(folder.iterdir()):
+        raise InputError(f"{folder}: is not empty; name a new folder")
     source = template(language, f"brace_template_{language}")
     written = []
     try:

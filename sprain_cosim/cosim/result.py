@@ -41,8 +41,8 @@ def unconverged(change: float, step: float) -> str:
         return ""
     return (
         f"{UNCONVERGED} at {1e3 * step:g} ms: half the step changes the peak of the foot by {change:+.2g} deg, so that "
-        f"it is uncertain by about {step_doubt(change):.2g} deg; --step '{250.0 * step:g} ms' leaves about a quarter "
-        "of that"
+        f"it is uncertain by about {step_doubt(change):.2g} deg; "
+        f'--step "{250.0 * step:g} ms" leaves about a quarter of that'
     )
 
 

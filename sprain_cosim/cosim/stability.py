@@ -147,7 +147,7 @@ def verdict(
     k = device.stiffest
     cures = [f"--scheme {name}" for name in others if name != scheme and growth(name, device, step, steps) <= WARNING]
     smaller = largest_step(scheme, device, step, step * steps)
-    cures += [f"--step '{1e3 * smaller:g} ms'"] if smaller else []
+    cures += [f'--step "{1e3 * smaller:g} ms"'] if smaller else []
     text = (
         f"an oscillation about {device.axes[k]} may grow {_times(factor)} over the run under {scheme} at "
         f"{1e3 * step:g} ms ({device.size()}, inertia {device.inertia[k]:.3g} kg.m2)"

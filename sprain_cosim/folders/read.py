@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import InputError
+from ..files import check_path
 from ..study import ledger
 from ..study.folder import TRIALS, recorded_plan
 from ..study.originals import edited_files
@@ -22,6 +23,7 @@ Folder = RunFolder | StudyFolder | ComparisonFolder
 
 def read_folder(path: Path) -> Folder:
     """What `path` holds."""
+    check_path(path)
     if not path.is_dir():
         raise InputError(f"{path}: {'is a file; name a folder' if path.exists() else 'no such folder'}")
     if (path / FILE).is_file():

@@ -168,8 +168,6 @@ class RunFolder(Plottable):
 def check_run_folder(folder: Path) -> None:
     """Raises InputError when the folder holds something else than an earlier run, or cannot be there at all."""
     files.check_folder(folder)
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file; name a folder")
     if folder.is_dir():
         strangers = sorted(
             p.name

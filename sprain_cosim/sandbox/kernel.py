@@ -29,6 +29,8 @@ class Offer:
 
     def gaps(self) -> list[str]:
         """What a sandbox on this machine does not hold back, one sentence each; empty: all is held."""
+        if sys.platform != "linux":
+            return ["files, network, processes: there is a sandbox on Linux alone, so an FMU may do what you may"]
         found = []
         if not self.landlock:
             found.append("files: the kernel has no Landlock, so an FMU may read, change and delete what you may")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import EnvironmentProblem, InputError
-from ..files import read_frame, sweep, whole_file, write, write_json
+from ..files import check_folder, read_frame, sweep, whole_file, write, write_json
 from ..fmu.messages import Messages
 from ..machine.here import SYSTEM
 from .arrays import name_and_unit
@@ -36,8 +36,7 @@ WORDS = ("status", "message")  # its columns that hold no numbers
 
 def check_study_folder(folder: Path, resume: bool) -> None:
     """Raises InputError unless the folder may take the study."""
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file; name a folder with --out")
+    check_folder(folder)
     try:
         held = {p.name for p in folder.iterdir()} if folder.is_dir() else set[str]()
     except OSError as problem:

@@ -20,7 +20,7 @@ from ..figures.records import REFERENCE, authors_peaks
 from ..figures.samples import Authors, level_search
 from ..figures.selection import LEVELS, pose_note, response_label, sample_of
 from ..figures.style import Form, drawn_as
-from ..files import check_path
+from ..files import check_folder
 from ..fmu.component import Component
 from ..fmu.driver import own_step
 from ..folders.read import read_folders
@@ -50,9 +50,7 @@ def repeat_paper(
     Raises InputError, for a folder of another number of trials as well, and SimulationError."""
     if trials is not None and trials < FEWEST:
         raise InputError(f"--trials {trials}: the paper's levels need {FEWEST} landings or more")
-    check_path(out)
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file; name a folder")
+    check_folder(out)
     for name in (*STUDIES, SEARCH):
         study, number = load_study(name), None if name == SEARCH else trials
         command = f"sprain-cosim study {name} --out {out / name}" + (f" --trials {number}" if number else "")

@@ -34,8 +34,6 @@ def check_targets(out: Path | None, junit: Path | None) -> None:
     EnvironmentProblem."""
     if out is not None:
         files.check_folder(out)
-    if out is not None and out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file; name a folder with --out")
     if junit is not None and junit.is_dir():
         raise InputError(f"{junit}: is a folder; name a file with --junit")
     for folder in (out, junit and junit.parent):

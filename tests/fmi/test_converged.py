@@ -133,7 +133,7 @@ def test_it_is_said(reflex: Path) -> None:
     coarse = scenario.with_master(communication_step="2 ms").run(halve=True)
     assert coarse.converged is False
     assert coarse.warning.startswith("coupling not converged at 2 ms: half the step changes the peak of the foot by ")
-    assert "--step '0.5 ms' leaves about a quarter" in coarse.warning
+    assert '--step "0.5 ms" leaves about a quarter' in coarse.warning
     summary = RunSummary.of(scenario, coarse)
     assert summary.coupling_converged is False
     assert summary.coupling_doubt_deg == pytest.approx(2 * abs(coarse.halved[PEAK]))

@@ -149,4 +149,4 @@ def test_a_landing_that_is_cut_short_says_so() -> None:
     assert cut.warning.startswith(
         "the foot still turned at the stop (150 ms): its peak is the largest angle till then; "
     )
-    assert cut.warning.endswith("--stop '300 ms' lets it turn back")
+    assert cut.warning.endswith('--stop "300 ms" lets it turn back')

@@ -268,6 +268,14 @@ def test_what_a_kernel_lacks_is_said() -> None:
     assert [g.split(":")[0] for g in free.gaps(Offer(5, True))] == ["signals"]
 
 
+@pytest.mark.parametrize("system", ["win32", "darwin"])
+def test_no_other_system_is_measured_by_what_linux_calls_its_own(system: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", system)
+    gap = "files, network, processes: there is a sandbox on Linux alone, so an FMU may do what you may"
+    assert offered.__wrapped__() == Offer()
+    assert Offer().gaps() == [gap]
+
+
 def test_numbers_of_system_calls() -> None:
     """Every refused call has a number on every machine, but for old ones that newer machines never had."""
     names = set(refusals(1, truncate=True))

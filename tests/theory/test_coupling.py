@@ -350,11 +350,11 @@ def guarded(scheme: str, step: float, brace: FakeComponent, guard: bool = True) 
 def test_every_refusal_is_right(scheme: str, stiffness: float, damping: float, declared: bool) -> None:
     """Refused with the step that would do; run unguarded, it fails; at the step named, it does not."""
     brace = device(stiffness, damping) if declared else silent(device(stiffness, damping))
-    with pytest.raises(InputError, match=r"may grow .* use .*--step '[\d.e-]+ ms'") as refusal:
+    with pytest.raises(InputError, match=r'may grow .* use .*--step "[\d.e-]+ ms"') as refusal:
         guarded(scheme, 5e-4, brace)
     wild = guarded(scheme, 5e-4, brace, guard=False)
     assert wild.status == "failed" or np.abs(wild["plant.subtalar_angle"]).max() > 20 * START[0]
-    step = float(str(refusal.value).split("--step '")[1].split(" ms")[0]) * 1e-3
+    step = float(str(refusal.value).split('--step "')[1].split(" ms")[0]) * 1e-3
     calm = guarded(scheme, step, brace)
     assert calm.status == "completed"
     assert np.abs(calm["plant.subtalar_angle"]).max() <= 10 * START[0]

@@ -21,13 +21,17 @@ import pytest
 
 from sprain_cosim import files
 from sprain_cosim.brace import new
+from sprain_cosim.brace.compare import compare_braces
 from sprain_cosim.errors import InputError
+from sprain_cosim.folders.read import read_folder
 from sprain_cosim.folders.run import check_run_folder
 from sprain_cosim.machine import here
 from sprain_cosim.machine.posix import Posix
 from sprain_cosim.process import python_command
 from sprain_cosim.shipped import PACKAGE
+from sprain_cosim.study.folder import check_study_folder
 from sprain_cosim.study.ledger import Ledger
+from sprain_cosim.validation.writers import check_targets
 
 ABSENT = """
 import asyncio, importlib, multiprocessing.connection, os, pkgutil, select, signal, socket, subprocess, sys, time
@@ -137,18 +141,29 @@ def test_a_child_does_not_import_from_the_current_folder() -> None:
 
 
 def test_a_name_that_the_system_does_not_have_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By that line, also where the system shows a file of that name."""
     monkeypatch.setattr(
         Posix, "refusal", lambda _, path, inside=0: "is the name of a device" if path.name == "aux" else ""
     )
+    aux = tmp_path / "aux"
+    aux.touch()
     for refused in (
-        lambda: files.write(tmp_path / "aux", "text"),
-        lambda: check_run_folder(tmp_path / "aux"),
-        lambda: Ledger(tmp_path / "aux", "", {}),
-        lambda: new.new_brace(tmp_path / "aux", "c"),
+        lambda: files.write(aux, "text"),
+        lambda: files.read_text(aux),
+        lambda: list(files.read_csv(aux)),
+        lambda: files.read_frame(aux),
+        lambda: read_folder(aux),
+        lambda: check_run_folder(aux),
+        lambda: check_study_folder(aux, resume=True),
+        lambda: check_targets(aux, None),
+        lambda: compare_braces("incline30", {"linear": "brace_linear"}, out=aux),
+        lambda: Ledger(aux, "", {}),
+        lambda: new.new_brace(aux, "c"),
     ):
         with pytest.raises(InputError, match="aux: is the name of a device"):
             refused()
-    assert not any(tmp_path.iterdir())
+    assert list(tmp_path.iterdir()) == [aux]
+    assert not aux.read_bytes()
 
 
 # ---- the room for Windows, as far as it asks nothing of Windows

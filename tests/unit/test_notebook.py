@@ -224,7 +224,7 @@ def test_trials_as_labelled_arrays(landing: sc.Result, tmp_path: Path) -> None:
 
 def test_without_xarray_the_extra_is_named(landing: sc.Result, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(sc.EnvironmentProblem, match=r"pip install 'sprain-cosim\[xarray\]'$"):
+    with pytest.raises(sc.EnvironmentProblem, match=r'pip install "sprain-cosim\[xarray\]"$'):
         landing.to_xarray()
 
 
