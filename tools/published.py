@@ -58,7 +58,7 @@ def simulated(case: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray
         step=step,
         every=round(1e-3 / step),
         on=plant(),
-        probe=lambda p: states.append(np.r_[p.state["q"], p.state["tendon_force"][0]]),
+        probe=lambda p: states.append(np.r_[p.state["q"], p.state["tendon_force"][0, :49]]),
     )
     history = np.array(states)
     return out, history[:, :15], history[:, 15:], out[0, COLUMN["ground_force_x"] : COLUMN["ground_force_z"] + 1]

@@ -34,27 +34,30 @@ def sole() -> np.ndarray:
 
 
 def blocks(facets: np.ndarray) -> np.ndarray:
-    """(1,) of person.sole_record: (7, n) facets sorted into m spatial blocks, padded with repeated facets of no area;
+    """(1,) of person.sole_record: (7, n) facets sorted into m spatial blocks, and these into groups of a
+    vector's lanes, padded with repeated facets of no area;
     `blocks` holds the centres and half extents of their bounding boxes."""
     if facets.shape[1] > kernels.MAX_FACETS // 2:
         raise ValueError(f"a sole of {facets.shape[1]} facets; at most {kernels.MAX_FACETS // 2} are supported")
 
-    def split(members: np.ndarray) -> list[np.ndarray]:
-        if len(members) <= kernels.BLOCK:
+    def split(members: np.ndarray, size: int) -> list[np.ndarray]:
+        if len(members) <= size:
             return [members]
         here = facets[:3, members]
         widest = np.argmax(np.ptp(here, axis=1) * FLATNESS)
         members = members[np.argsort(here[widest], kind="stable")]
-        half = math.ceil(len(members) / 2 / kernels.BLOCK) * kernels.BLOCK
-        return split(members[:half]) + split(members[half:])
+        half = math.ceil(len(members) / 2 / size) * size
+        return split(members[:half], size) + split(members[half:], size)
 
-    groups = split(np.arange(facets.shape[1]))
-    padded = np.array([np.resize(members, kernels.BLOCK) for members in groups])
+    groups = [np.concatenate(split(block, kernels.LANES)) for block in split(np.arange(facets.shape[1]), kernels.BLOCK)]
+    whole = groups + groups[-1:] * (-len(groups) % kernels.LANES)
+    padded = np.array([np.resize(members, kernels.BLOCK) for members in whole])
     ordered = np.ascontiguousarray(facets[:, padded].transpose(1, 0, 2))
-    for block, members in zip(ordered, groups, strict=True):
+    for block, members in zip(ordered, groups, strict=False):
         block[3, len(members) :] = 0.0
+    ordered[len(groups) :, 3] = 0.0
     low, high = ordered[:, :3].min(axis=2), ordered[:, :3].max(axis=2)
-    out = np.zeros(1, person.sole_record(len(groups)))
+    out = np.zeros(1, person.sole_record(len(whole)))
     out["facets"], out["normals"] = ordered[:, :4], ordered[:, 4:]
     out["blocks"] = np.hstack([(low + high) / 2, (high - low) / 2]).T
     return out
@@ -158,6 +161,7 @@ def _muscles(model: np.void, muscles: Muscles) -> None:
         model[name] = getattr(muscles, name)
     for name in ("point_muscle", "point_body", "point", "point_coordinate"):
         model[name] = getattr(muscles, name)
+    model["conditional"] = np.flatnonzero(muscles.point_coordinate >= 0)
     model["point_low"], model["point_high"] = muscles.point_range.T
     model["ankle_muscle"] = ankle_muscles(muscles)
     model["tibialis_anterior"] = muscles.names.index("tib_ant_r")

@@ -1,7 +1,5 @@
 """The plant as a device: its functions move values between the FMU's variables and the kernels' state."""
 
-import numpy as np
-
 from . import kernels, person
 from .interface import ANKLE_MUSCLES, AXES, FIBRE_STARTS, LOCALS, MOVING, OUTPUTS, PERSON, PLACED, POSES, variables
 
@@ -16,15 +14,14 @@ GROUPS = {
     "person": [row[0] for row in PERSON],
 }
 # besides, the constants of a person who is not the base person
-STATE = np.dtype(
+STATE = kernels.in_whole_vectors(
     [(name, kernels.STATE[name].base, kernels.STATE[name].shape) for name in kernels.STATE.names]
     + [
         ("model", kernels.MODEL),
         ("facets", person.SOLE["facets"].base, person.SOLE["facets"].shape),
         ("blocks", person.SOLE["blocks"].base, person.SOLE["blocks"].shape),
         ("scaled", person.SCALED),
-    ],
-    align=True,
+    ]
 )
 SAVED_BEFORE = kernels.SAVED_BEFORE
 EXPERIMENT = {"step": 0.0005, "steps": 20}  # what plain Python computes in seconds

@@ -20,18 +20,17 @@ THIGH, FOOT = SEGMENTS.index("thigh"), SEGMENTS.index("foot")
 
 def sole_record(n_blocks: int) -> np.dtype:
     """Facets and blocks as the kernels take them, and the mean squares of the components of each facet's normals."""
-    return np.dtype(
+    return kernels.in_whole_vectors(
         [
             ("facets", f8, (n_blocks, 4, kernels.BLOCK)),
             ("blocks", f8, (6, n_blocks)),
             ("normals", f8, (n_blocks, 3, kernels.BLOCK)),
-        ],
-        align=True,
+        ]
     )
 
 
-SOLE = sole_record(math.ceil(len(table("sole")) / kernels.BLOCK))
-BASE = np.dtype(
+SOLE = sole_record(math.ceil(len(table("sole")) / kernels.BLOCK / kernels.LANES) * kernels.LANES)
+BASE = kernels.in_whole_vectors(
     [
         ("model", kernels.MODEL), ("sole", SOLE),
         # the bodies of the table, parents first; `segment`: of SEGMENTS; `carrier`: the moving body that it is part of,
@@ -43,8 +42,7 @@ BASE = np.dtype(
         ("slide", f8, (N_BODIES, 3)), ("turn", f8, (N_BODIES, 3, 3)),
         ("point_body", i8, (kernels.NP,)), ("point", f8, (kernels.NP, 3)),
         ("spline_axis", i8, (5,)), ("measured", f8, (kernels.NQ,)),
-    ],
-    align=True,
+    ]
 )  # fmt: skip
 # of an instance: the person, has it constants of its own for that, and work space
 SCALED = np.dtype(
@@ -123,6 +121,7 @@ def restore(base, sole, model, facets, blocks, person):
     copy(base.point_body, model.point_body)
     copy(base.point, model.point)
     copy(base.point_coordinate, model.point_coordinate)
+    copy(base.conditional, model.conditional)
     copy(base.point_low, model.point_low)
     copy(base.point_high, model.point_high)
     copy(base.brace_bushing, model.brace_bushing)

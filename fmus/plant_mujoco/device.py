@@ -25,14 +25,13 @@ PLATFORMS = ("linux64",)
 NATIVE, INCLUDE = ("plant_mujoco",), Path(mujoco.__file__).parent / "include"
 FAILED, REASONS = len(plant.REASONS), (*plant.REASONS, "MuJoCo stopped with an error near {time:.6f} s")
 N_JOINTS, KNEE_JOINT, PATELLA_JOINT = 20, 9, 14
-STATE = np.dtype(
+STATE = kernels.in_whole_vectors(
     [(name, plant.STATE[name].base, plant.STATE[name].shape) for name in plant.STATE.names]
     + [
         ("failed", "i8"), ("joints", "f8", (3, N_JOINTS)), ("joint_screw", "f8", (N_JOINTS, 6)),
         ("joint_mass", "f8", (N_JOINTS, N_JOINTS)), ("joint_bias", "f8", (N_JOINTS,)),
         ("half", "f8", (N_JOINTS, kernels.NQ)),
-    ],
-    align=True,
+    ]
 )  # fmt: skip
 NUMBERS = types.CPointer(types.float64)
 of_mujoco = types.ExternalFunction("plant_mujoco", types.int64(NUMBERS, types.int64, *[NUMBERS] * 11))
@@ -119,6 +118,7 @@ def skeleton(m, s, stage, q, u):
         for i in range(3):
             s.screw[kernels.KNEE, c] += s.slope[i] * s.joint_screw[KNEE_JOINT + i, c]
             s.patella_screw[c] += s.slope[3 + i] * s.joint_screw[PATELLA_JOINT + i, c]
+    kernels.side_by_side(s.screw, s.screws)
     for j in range(N_JOINTS):
         for k in range(kernels.NQ):
             s.half[j, k] = follow(s, s.joint_mass[j], k)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from fmus.plant import kernels
+from fmus.plant import constants, kernels, person
 from fmus.plant.plant import Landing
 from tools.direct import COLUMN, plant
 
@@ -100,6 +100,39 @@ def test_cosines_and_sines_of_the_joints() -> None:
         kernels.cosines_and_sines(row, cosine, sine)
         np.testing.assert_allclose(cosine, np.cos(row), rtol=0, atol=3e-16)
         np.testing.assert_allclose(sine, np.sin(row), rtol=0, atol=3e-16)
+
+
+def test_arrays_begin_at_whole_vectors() -> None:
+    for record in (kernels.MODEL, kernels.STATE, person.SOLE, person.BASE):
+        for name, (kind, offset, *_) in (record.fields or {}).items():
+            assert offset % 32 == 0 or not kind.shape, name
+    assert kernels.STATE.fields is not None and len(kernels.STATE.fields["tendon_force"][0].shape) == 2
+    assert not any(8 * size % 32 for size in (kernels.WIDTH, kernels.ROW))
+
+
+def test_facets_that_touch_are_all_there_and_few_besides() -> None:
+    """Over tilted feet at several depths: what `place_facets` packs, against every facet looked at alone."""
+    sole = constants.blocks(constants.sole())[0]
+    x, y, elastic = np.zeros((3, kernels.MAX_FACETS))
+    low, random = np.zeros(kernels.MAX_FACETS // kernels.BLOCK), np.random.default_rng(5)
+    points = sole["facets"].transpose(1, 0, 2).reshape(4, -1)
+    touched = looked_at = 0
+    for _ in range(40):
+        place = np.linalg.qr(np.eye(3) + 0.4 * random.normal(size=(3, 3)))[0]
+        place = place[[0, 2, 1]] * np.sign(np.diag(place))[[0, 2, 1], None]
+        origin = np.array([0.1, 0.2, 0.0])
+        origin[2] = random.uniform(0.0, 0.02) - (place[2] @ points[:3]).min() - 0.02
+        n = kernels.place_facets(sole["facets"], sole["blocks"], place, origin, 2.0, low, x, y, elastic)
+        at = origin[:, None] + place @ points[:3]
+        force = 2.0 * points[3] * np.maximum(-at[2], 0.0)
+        expected = np.sort([at[0, force > 0], at[1, force > 0], force[force > 0]], axis=1)
+        on = elastic[:n] > 0
+        assert n % kernels.LANES == 0
+        np.testing.assert_allclose(
+            np.sort([x[:n][on], y[:n][on], elastic[:n][on]], axis=1), expected, rtol=0, atol=1e-15
+        )
+        touched, looked_at = touched + on.sum(), looked_at + n
+    assert 0 < touched <= looked_at < 1.4 * touched
 
 
 def test_order_two() -> None:
