@@ -108,10 +108,10 @@ STATE = in_whole_vectors(
         ("facet_place", f8, (3, 3)), ("facet_origin", f8, (3,)), ("facet_twist", f8, (6,)), ("facet_sum", f8, (16,)),
         ("back_axis", f8, (3, 3)), ("back_dual", f8, (3, 3)),
         # work space that a saved state leaves out (SAVED_BEFORE)
-        ("unit", f8, (WIDTH,)), ("screws", f8, (6, WIDTH)), ("screw_momentum", f8, (NQ, 8)),
-        ("plane_screws", f8, (6, WIDTH)), ("plane_damping", f8, (NQ, 8)), ("depth_mm", f8), ("turn", f8, (WIDTH,)), ("cosine", f8, (WIDTH,)), ("sine", f8, (WIDTH,)),
+        ("unit", f8, (WIDTH,)), ("screws", f8, (6, WIDTH)), ("hung", f8, (10, WIDTH)), ("screw_momentum", f8, (6, WIDTH)),
+        ("plane_screws", f8, (6, WIDTH)), ("plane_damping", f8, (6, WIDTH)), ("depth_mm", f8), ("turn", f8, (WIDTH,)), ("cosine", f8, (WIDTH,)), ("sine", f8, (WIDTH,)),
         ("segment_ends", i8, (NS, 2)), ("line", f8, (6, NS)), ("segment_length", f8, (NS + 1,)), ("segment_rate", f8, (NS + 1,)), ("pull", f8, (NS,)),
-        ("drive", f8, (NM,)),
+        ("drive", f8, (NM,)), ("fibre", f8, (6, ROW)),
         ("block_low", f8, (MAX_FACETS // BLOCK,)), ("facet_x", f8, (MAX_FACETS,)), ("facet_y", f8, (MAX_FACETS,)), ("facet_force", f8, (MAX_FACETS,)),
         ("rows", f8, (NQ, WIDTH)), ("columns", f8, (NQ, WIDTH)), ("pivot", f8, (WIDTH,)), ("inverse", f8, (NQ,)), ("worst", f8, (LANES,)), ("right", f8, (WIDTH,)),
         ("k1q", f8, (NQ,)), ("k1u", f8, (NQ,)), ("k1a", f8, (NM,)), ("k1l", f8, (NM,)), ("k2q", f8, (NQ,)), ("k2u", f8, (NQ,)), ("k2a", f8, (NM,)), ("k2l", f8, (NM,)),
@@ -398,25 +398,53 @@ def weigh(m, s, body):
     wrench[5] = -f[5] - (v[0] * h[4] - v[1] * h[3])
 
 
-@kernel
-def along(screw, h):
-    return screw[0] * h[0] + screw[1] * h[1] + screw[2] * h[2] + screw[3] * h[3] + screw[4] * h[4] + screw[5] * h[5]
+@vector
+def carry_all(inertia, v, out):
+    """As `carry`, of the inertia (10, 16) that each screw (6, 16) moves."""
+    for k in range(WIDTH):
+        mass, x, y, z = inertia[0, k], inertia[1, k], inertia[2, k], inertia[3, k]
+        xx, yy, zz = inertia[4, k], inertia[5, k], inertia[6, k]
+        xy, xz, yz = inertia[7, k], inertia[8, k], inertia[9, k]
+        v0, v1, v2, v3, v4, v5 = v[0, k], v[1, k], v[2, k], v[3, k], v[4, k], v[5, k]
+        out[0, k] = xx * v0 + xy * v1 + xz * v2 + y * v5 - z * v4
+        out[1, k] = xy * v0 + yy * v1 + yz * v2 + z * v3 - x * v5
+        out[2, k] = xz * v0 + yz * v1 + zz * v2 + x * v4 - y * v3
+        out[3, k] = mass * v3 + z * v1 - y * v2
+        out[4, k] = mass * v4 + x * v2 - z * v0
+        out[5, k] = mass * v5 + y * v0 - x * v1
+
+
+@vector
+def hang_on(inertia, out):
+    """(10, 16) inertia of all that each coordinate moves, and last what the knee moves besides: the patella."""
+    for c in range(10):
+        foot, talus = inertia[CALCN, c], inertia[CALCN, c] + inertia[TALUS, c]
+        shank, torso = talus + inertia[TIBIA, c], inertia[TORSO, c]
+        leg = shank + inertia[FEMUR, c] + inertia[PATELLA, c]
+        whole = inertia[PELVIS, c] + leg + torso
+        for k in range(6):
+            out[c, k] = whole
+        for k in range(6, KNEE):
+            out[c, k] = leg
+        out[c, KNEE], out[c, TALOCRURAL], out[c, SUBTALAR] = shank, talus, foot
+        for k in range(LUMBAR, NQ):
+            out[c, k] = torso
+        out[c, NQ] = inertia[PATELLA, c]
 
 
 def _products(first, last, width):
     @vector
     def products(left, right, out):
-        """Numbers 0 ... width - 1 of the rows first ... last - 1 of the product of `left` (15, 8), of which six columns
-        count, and `right` (6, 16)."""
+        """Numbers 0 ... width - 1 of the rows first ... last - 1 of the product left' right, both (6, 16)."""
         for i in range(first, last):
             for j in range(width):
                 out[i, j] = (
-                    left[i, 0] * right[0, j]
-                    + left[i, 1] * right[1, j]
-                    + left[i, 2] * right[2, j]
-                    + left[i, 3] * right[3, j]
-                    + left[i, 4] * right[4, j]
-                    + left[i, 5] * right[5, j]
+                    left[0, i] * right[0, j]
+                    + left[1, i] * right[1, j]
+                    + left[2, i] * right[2, j]
+                    + left[3, i] * right[3, j]
+                    + left[4, i] * right[4, j]
+                    + left[5, i] * right[5, j]
                 )
 
     return products
@@ -426,11 +454,12 @@ products_0, products_4, products_8, products_12 = (_products(k, min(k + 4, NQ), 
 
 
 @vector
-def side_by_side(screw, out):
-    """`out` (6, 16): the screws (15, 6) as columns."""
+def side_by_side(screw, patella_screw, out):
+    """`out` (6, 16): the screws (15, 6) as columns, and the patella's."""
     for c in range(6):
         for k in range(NQ):
             out[c, k] = screw[k, c]
+        out[c, NQ] = patella_screw[c]
 
 
 @vector
@@ -444,31 +473,18 @@ def mirror(matrix):
 @kernel
 def masses(s, mass):
     """(15, 15) by composite bodies, summed from the leaves to the root (Featherstone 2008, section 6.2)."""
-    inertia, screw, h = s.inertia, s.screw, s.screw_momentum
-    for k in range(10):
-        inertia[TALUS, k] += inertia[CALCN, k]
-        inertia[TIBIA, k] += inertia[TALUS, k]
-        inertia[FEMUR, k] += inertia[TIBIA, k] + inertia[PATELLA, k]
-        inertia[PELVIS, k] += inertia[FEMUR, k] + inertia[TORSO, k]
-    for i in range(6):
-        carry(inertia[PELVIS], screw[i], h[i])
-    for i in range(6, KNEE):
-        carry(inertia[FEMUR], screw[i], h[i])
-    # the knee moves tibia and patella, each along a screw of its own
-    own = s.momentum[0]
-    carry(inertia[TIBIA], screw[KNEE], h[KNEE])
-    carry(inertia[PATELLA], s.patella_screw, own)
-    knee = along(screw[KNEE], h[KNEE]) + along(s.patella_screw, own)
+    screws, h = s.screws, s.screw_momentum
+    hang_on(s.inertia, s.hung)
+    carry_all(s.hung, screws, h)
+    knee = 0.0
     for c in range(6):
-        h[KNEE, c] += own[c]
-    carry(inertia[TALUS], screw[TALOCRURAL], h[TALOCRURAL])
-    carry(inertia[CALCN], screw[SUBTALAR], h[SUBTALAR])
-    for i in range(LUMBAR, NQ):
-        carry(inertia[TORSO], screw[i], h[i])
-    products_0(h, s.screws, mass)
-    products_4(h, s.screws, mass)
-    products_8(h, s.screws, mass)
-    products_12(h, s.screws, mass)
+        # the knee moves tibia and patella, each along a screw of its own
+        knee += h[c, KNEE] * screws[c, KNEE] + h[c, NQ] * screws[c, NQ]
+        h[c, KNEE] += h[c, NQ]
+    products_0(h, screws, mass)
+    products_4(h, screws, mass)
+    products_8(h, screws, mass)
+    products_12(h, screws, mass)
     mass[KNEE, KNEE] = knee
     for i in range(LUMBAR, NQ):
         for j in range(6, LUMBAR):
@@ -509,7 +525,7 @@ def skeleton(m, s, stage, q, u):
         s.wrench[GROUND, c] = 0.0
     for body in range(1, NB):
         weigh(m, s, body)
-    side_by_side(s.screw, s.screws)
+    side_by_side(s.screw, s.patella_screw, s.screws)
     masses(s, s.mass[stage])
 
 
@@ -763,58 +779,72 @@ def fibre_speed(a, afl, f):
 
 
 @vector
-def fibres(l, a, mtu, l_opt, l_slack, height, l_min, max_force, strength, rate, pole, coupling, force):
-    """(49,) rates of the fibre lengths l [m] with their derivatives over l and mtu; tendon forces [N]."""
+def lines_of_pull(l, mtu, l_opt, l_slack, height, work):
+    """The first of three loops over the muscles, which are short enough for the processor to overlap many muscles: 1 / the
+    fibre's projection, 1 / l_opt, 1 / l_slack, the strain of the tendon and that of the fibre, in the rows of `work`."""
     for k in range(NM):
         length, lo, slack = l[k], l_opt[k], l_slack[k]
         projected = math.sqrt(length * length - height[k] * height[k])
         both = lo * slack
         every = 1.0 / (projected * both)  # one division for three reciprocals
-        inverse, per_slack, per_lo = every * both, every * projected * lo, every * projected * slack
-        ft, kt = tendon((mtu[k] - slack - projected) * per_slack)
-        kt *= per_slack
-        beyond = (length - lo) * per_lo
-        fp, kp = passive_fibre(1.0 + beyond)
-        active = max(a[k], MIN_ACTIVATION)
-        afl = active * exponential(-2.0 * beyond * beyond)
-        per_cosine = length * inverse
-        v, dv_f, dv_afl = fibre_speed(active, afl, ft * per_cosine - fp)
-        df = -kt * per_cosine * per_cosine - ft * height[k] * height[k] * inverse * inverse * inverse - kp * per_lo
-        top = 0.0 if length <= l_min[k] and v < 0.0 else V_MAX * lo
-        force[k] = ft * max_force[k] * strength[k]
-        rate[k] = top * v
-        pole[k] = top * (dv_f * df - dv_afl * afl * 4.0 * beyond * per_lo)
-        coupling[k] = top * dv_f * kt * per_cosine
+        per_lo, per_slack = every * projected * slack, every * projected * lo
+        work[0, k], work[1, k], work[2, k] = every * both, per_lo, per_slack
+        work[3, k], work[4, k] = (mtu[k] - slack - projected) * per_slack, (length - lo) * per_lo
 
 
 @vector
-def reflexes(l, rate, l_opt, rest_length, length_gain, velocity_gain, scale, reflex):
-    """(49,) excitations by the body's reflexes."""
+def tensions(l, a, height, max_force, strength, work, force):
+    """Tendon forces [N]; a f_l, the force of the contractile element with its slope over the fibre's length, and the
+    tendon's stiffness along the fibre."""
     for k in range(NM):
-        stretch = length_gain[k] * max(0.0, l[k] - rest_length[k] * l_opt[k])
-        reflex[k] = scale * (stretch + velocity_gain[k] * max(0.0, rate[k]) * (1.0 / V_MAX)) / l_opt[k]
+        inverse, per_lo, per_slack, beyond = work[0, k], work[1, k], work[2, k], work[4, k]
+        ft, kt = tendon(work[3, k])
+        fp, kp = passive_fibre(1.0 + beyond)
+        per_cosine = l[k] * inverse
+        along_fibre = kt * per_slack * per_cosine
+        force[k] = ft * max_force[k] * strength[k]
+        work[0, k] = max(a[k], MIN_ACTIVATION) * exponential(-2.0 * beyond * beyond)
+        work[2, k] = ft * per_cosine - fp
+        work[3, k] = -along_fibre * per_cosine - ft * height[k] * height[k] * inverse * inverse * inverse - kp * per_lo
+        work[5, k] = along_fibre
+
+
+@vector
+def fibres(l, a, l_opt, l_min, rest_length, length_gain, velocity_gain, scale, work, rate, pole, coupling, reflex):
+    """(49,) rates of the fibre lengths l [m] with their derivatives over l and mtu; excitations by the body's reflexes."""
+    for k in range(NM):
+        length, lo, afl, per_lo = l[k], l_opt[k], work[0, k], work[1, k]
+        v, dv_f, dv_afl = fibre_speed(max(a[k], MIN_ACTIVATION), afl, work[2, k])
+        top = 0.0 if length <= l_min[k] and v < 0.0 else V_MAX * lo
+        speed = top * v
+        rate[k] = speed
+        pole[k] = top * (dv_f * work[3, k] - dv_afl * afl * 4.0 * work[4, k] * per_lo)
+        coupling[k] = top * dv_f * work[5, k]
+        stretch = length_gain[k] * max(0.0, length - rest_length[k] * lo)
+        reflex[k] = scale * (stretch + velocity_gain[k] * max(0.0, speed) * (1.0 / V_MAX)) * per_lo
 
 
 @kernel
 def muscles(m, s, stage, a, l):
     """Rates of the fibre lengths with their derivatives, tendon forces [N], excitation by the body's reflexes."""
-    rate = s.l_rate[stage]
+    work, rate, reflex = s.fibre, s.l_rate[stage], s.reflex[stage]
+    lines_of_pull(l, s.mtu[stage], m.l_opt, m.l_slack, m.height, work)
+    tensions(l, a, m.height, m.max_force, s.strength, work, s.tendon_force[stage])
     fibres(
         l,
         a,
-        s.mtu[stage],
         m.l_opt,
-        m.l_slack,
-        m.height,
         m.l_min,
-        m.max_force,
-        s.strength,
+        m.rest_length,
+        m.length_gain,
+        m.velocity_gain,
+        s.reflex_scale,
+        work,
         rate,
         s.l_pole[stage],
         s.l_mtu[stage],
-        s.tendon_force[stage],
+        reflex,
     )
-    reflexes(l, rate, m.l_opt, m.rest_length, m.length_gain, m.velocity_gain, s.reflex_scale, s.reflex[stage])
 
 
 @vector
@@ -1047,15 +1077,15 @@ def in_plane(screws, plane, pivot, out):
 
 @vector
 def damped(screws, nd, td, out):
-    """(15, 8): what the damping makes of each coordinate's motion in the plane."""
+    """(6, 16): what the damping makes of each coordinate's motion in the plane."""
     for k in range(LUMBAR):
         x0, x1, x2, x3, x4, x5 = screws[0, k], screws[1, k], screws[2, k], screws[3, k], screws[4, k], screws[5, k]
-        out[k, 0] = nd[0, 0] * x0 + nd[0, 1] * x1 + nd[0, 2] * x2
-        out[k, 1] = nd[1, 0] * x0 + nd[1, 1] * x1 + nd[1, 2] * x2
-        out[k, 2] = nd[2, 0] * x0 + nd[2, 1] * x1 + nd[2, 2] * x2
-        out[k, 3] = td[0, 0] * x3 + td[0, 1] * x4 + td[0, 2] * x5
-        out[k, 4] = td[1, 0] * x3 + td[1, 1] * x4
-        out[k, 5] = td[2, 0] * x3 + td[2, 2] * x5
+        out[0, k] = nd[0, 0] * x0 + nd[0, 1] * x1 + nd[0, 2] * x2
+        out[1, k] = nd[1, 0] * x0 + nd[1, 1] * x1 + nd[1, 2] * x2
+        out[2, k] = nd[2, 0] * x0 + nd[2, 1] * x1 + nd[2, 2] * x2
+        out[3, k] = td[0, 0] * x3 + td[0, 1] * x4 + td[0, 2] * x5
+        out[4, k] = td[1, 0] * x3 + td[1, 1] * x4
+        out[5, k] = td[2, 0] * x3 + td[2, 2] * x5
 
 
 @kernel

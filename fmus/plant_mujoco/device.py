@@ -118,7 +118,7 @@ def skeleton(m, s, stage, q, u):
         for i in range(3):
             s.screw[kernels.KNEE, c] += s.slope[i] * s.joint_screw[KNEE_JOINT + i, c]
             s.patella_screw[c] += s.slope[3 + i] * s.joint_screw[PATELLA_JOINT + i, c]
-    kernels.side_by_side(s.screw, s.screws)
+    kernels.side_by_side(s.screw, s.patella_screw, s.screws)
     for j in range(N_JOINTS):
         for k in range(kernels.NQ):
             s.half[j, k] = follow(s, s.joint_mass[j], k)

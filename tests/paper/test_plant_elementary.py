@@ -395,7 +395,7 @@ def equilibrium_alone(model, k, mtu, a):
 @njit
 def muscles_alone(model, state, mtu, a, length):
     s = state[0]
-    s.mtu[0, :] = mtu
+    s.mtu[0, : kernels.NM] = mtu
     kernels.muscles(model[0], s, 0, a, length)
     kernels.activations(model[0], s, 0, a)
 
