@@ -17,14 +17,16 @@ TOUCH = 1e-4  # m, within which the first row stands on the platform: as much as
 FALL = 0.5  # m/s, slower than which no foot comes down from a jump or a step
 WINDOW = 0.01  # s over which the speed of the sole is taken, or one row
 UNBRAKED, BRAKED = 0.8, 0.2  # of the fastest: still falling, standing
+FASTER = 1.25  # times the fall that was taken: one that rather is the landing
 
 
 @dataclass(frozen=True)
 class FirstContact:
-    """When [s] the foot touches, and a sentence about how that is known."""
+    """When [s] the foot touches, a sentence about how that is known, and what speaks for another instant."""
 
     at: float
     how: str
+    doubts: tuple[str, ...] = ()
 
 
 def sole_heights(scenario: Scenario, rows: Sequence[Mapping[str, float]]) -> Array:
@@ -66,10 +68,23 @@ def first_contact(time: Array, heights: Array) -> FirstContact:
     after = np.flatnonzero(rate[start:] > BRAKED * fastest)
     if not len(after):
         raise InputError("the file ends before the foot stands; say the instant with --at")
-    fall = rate[start : start + int(after[0])]
-    unbraked = np.flatnonzero(fall <= UNBRAKED * fall.min())
+    stands = start + int(after[0])
+    fall = rate[start:stands]
+    k = start + int(np.flatnonzero(fall <= UNBRAKED * fall.min())[-1])
+    doubts = []
+    if k <= 2 * back:
+        doubts.append(
+            "the file begins just before the instant that was found: the foot may touch already in its first row"
+        )
+    later = stands + int(np.argmin(rate[stands:]))
+    if rate[later] < FASTER * fall.min():
+        doubts.append(
+            f"the sole comes down faster later ({-rate[later]:.2f} m/s at {time[later]:.4g} s against "
+            f"{-fall.min():.2f} m/s): if that is the landing, say the instant with --at"
+        )
     return FirstContact(
-        float(time[start + unbraked[-1]]),
+        float(time[k]),
         f"found: the last row at which the sole comes down unbraked (with {100 * UNBRAKED:g} % of its fastest "
         f"{-fall.min():.2f} m/s or more); the foot touches within about {1e3 * max(row, WINDOW):.0f} ms of it",
+        tuple(doubts),
     )

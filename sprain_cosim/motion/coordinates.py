@@ -35,6 +35,7 @@ RAJAGOPAL = ("knee_angle_r_beta", "knee_angle_l_beta")  # the patella's coordina
 WALKER = "walker_knee"  # their joint
 HYPEREXTENSION = 15.0  # deg, beyond which no knee extends: the sign with more than that is flexion
 FLAT = 7.0  # rad: no coordinate of a landing turns further, so that such a number is one of degrees
+STIFF = 3.2  # deg: within which no body lands, so that a file of such angles is one of radians
 PATH = re.compile(r"(?:/?jointset)?/?(?:[\w.]+/)+(?P<name>\w+)/(?P<kind>value|speed)")
 RATE = re.compile(r"(?P<name>\w+)_(?:u|speed)")
 AHEAD = 60.0  # deg off the plant's forward axis, beyond which a heading must be said
@@ -185,6 +186,11 @@ def _factor(table: StorageTable, found: Mapping[tuple[str, str], str], angles: s
         raise InputError(
             f"{table.path}: {said}, but {where} reaches {largest:.4g}, which can only be degrees: correct the "
             "header, or say --angles degrees"
+        )
+    if in_degrees and angles is None and 0.0 < largest < STIFF:
+        raise InputError(
+            f"{table.path}: its header says inDegrees=yes, but no angle is larger than {largest:.3g}, which can only "
+            "be radians: correct the header, or say --angles radians"
         )
     return float(np.pi / 180.0) if in_degrees else 1.0
 

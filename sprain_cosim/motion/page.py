@@ -10,6 +10,7 @@ from typing import Any
 from ..errors import visible
 from .offsets import PLANT_PLACES, measured_length
 from .osim import AS_THEY_STAND, SEGMENTS, UNSCALED
+from .speeds import coarse
 from .start import MotionStart, StartValue
 
 WHY = {
@@ -21,7 +22,7 @@ WHY = {
 
 def motion_warnings(start: MotionStart) -> list[str]:
     """What a reader must know before a landing, one line each."""
-    found = [f"{start.table.path}: {note}" for note in start.table.notes]
+    found = [*(f"{start.table.path}: {note}" for note in start.table.notes), *start.contact.doubts]
     if start.filled:
         found.append(f"the file has no {', '.join(start.filled)}: filled with 0, at rest")
     if start.side == "left":
@@ -34,6 +35,11 @@ def motion_warnings(start: MotionStart) -> list[str]:
     unsure = [c for c, v in start.values.items() if v.tried and v.high - v.low > 0.5 * max(abs(v.speed), 0.5)]
     if unsure:
         found.append(f"the speeds of {', '.join(unsure)} depend on the smoothing by more than half of their value")
+    if coarse(start.table.time, start.cutoff) and any(v.tried for v in start.values.values()):
+        found.append(
+            f"{start.table.rate:.3g} rows a second are too few for speeds that are smoothed with {start.cutoff:g} Hz: "
+            "at an impact they may lie outside the ranges too"
+        )
     strange = [label for label, why in start.course.unused.items() if why == "unknown"]
     if strange and len(strange) <= 6:
         found.append(f"not used, unknown to this plant: {', '.join(strange)}")

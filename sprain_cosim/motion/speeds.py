@@ -20,6 +20,7 @@ CUTOFF = 15.0  # Hz
 OTHERS = (10.0, 20.0)  # Hz, that people use as well
 GAIT = 6.0  # Hz, to which many files are filtered, across the impact
 LEAST = 8  # rows of a spline
+PERIOD = 3  # rows within a period of the cutoff, fewer than which its oscillation is not seen
 REACH = 1.0  # s around the instant, beyond which rows say nothing about the speed
 DEGREE = 5
 
@@ -67,10 +68,18 @@ def spline_speed(time: Array, column: Array, at: float, cutoff: float = CUTOFF) 
     tried = {f"{c:g} Hz": smoothed(*own, c)(at, 1) for c in (*OTHERS, CUTOFF) if c != cutoff}
     if one_sided:
         tried |= {f"{c:g} Hz, rows after it too": smoothed(time, column, c)(at, 1) for c in (GAIT, cutoff)}
+    if coarse(time, cutoff):
+        k = max(int(np.searchsorted(time, at, side="right")) - 1, 1)
+        tried["the last two rows"] = (column[k] - column[k - 1]) / (time[k] - time[k - 1])
     tried["no smoothing"] = _through(time, column)(at, 1)
     return SplineSpeed(
         float(smoothed(*own, cutoff)(at, 1)), {name: float(value) for name, value in tried.items()}, one_sided
     )
+
+
+def coarse(time: Array, cutoff: float) -> bool:
+    """The rows are too far apart for an oscillation of the `cutoff` [Hz]: no smoothing says what the speed is."""
+    return len(time) > 1 and float(time[-1] - time[0]) / (len(time) - 1) * cutoff * PERIOD > 1.0
 
 
 def smoothed(time: Array, column: Array, cutoff: float) -> Curve:

@@ -16,6 +16,7 @@ LARGEST = 256 << 20  # B
 DECLARED = re.compile(r"\s*(\w+)\s*=\s*(.*?)\s*$")
 SIMM = re.compile(r"\s*(datarows|datacolumns)\s+(\d+)\s*$", re.IGNORECASE)
 ENOUGH = 3  # problems named of a file
+GAP = 2.5  # times the median distance of rows, that is worth a word
 
 
 @dataclass(frozen=True)
@@ -63,14 +64,15 @@ def read_storage(path: Path) -> StorageTable:
     table = np.array(rows)
     _check_time(path, table[:, 0], places)
     stated = head.get("nrows", head.get("datarows", str(len(rows))))
-    notes = () if stated == str(len(rows)) else (f"the header announces {stated} rows, the file has {len(rows)}",)
+    notes = [] if stated == str(len(rows)) else [f"the header announces {stated} rows, the file has {len(rows)}"]
+    notes += _gaps(table[:, 0])
     return StorageTable(
         path,
         table[:, 0],
         {label: table[:, k] for k, label in enumerate(labels) if k},
         tuple(places),
         _in_degrees(path, head.get("indegrees")),
-        notes,
+        tuple(notes),
     )
 
 
@@ -113,6 +115,20 @@ def _check_time(path: Path, time: NDArray[np.float64], lines: list[int]) -> None
             raise InputError(f"{path}: line {lines[k]}: its time is no number")
         if k and value <= time[k - 1]:
             raise InputError(f"{path}: line {lines[k]}: time {value:g} s does not rise (before it {time[k - 1]:g} s)")
+
+
+def _gaps(time: NDArray[np.float64]) -> list[str]:
+    """Where rows are missing, or far apart: the course between them is not known."""
+    if len(time) < ENOUGH:
+        return []
+    apart = np.diff(time)
+    usual, k = float(np.median(apart)), int(np.argmax(apart))
+    if apart[k] < GAP * usual:
+        return []
+    return [
+        f"rows are not evenly spaced: {1e3 * usual:.3g} ms apart in the middle, {1e3 * apart[k]:.3g} ms from "
+        f"{time[k]:.6g} s on; what lies between is interpolated"
+    ]
 
 
 def _in_degrees(path: Path, text: str | None) -> bool | None:

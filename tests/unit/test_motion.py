@@ -126,6 +126,35 @@ def test_first_contact_is_the_last_row_of_the_fall(tmp_path: Path) -> None:
         first_contact(time, 0.5 - 3.0 * time)
 
 
+def test_what_speaks_for_another_instant_is_said() -> None:
+    """A fall that is not the landing, a file that begins after contact, rows that are missing before it."""
+    time = np.arange(120) / 100
+    hops = np.interp(time, [0, 0.2, 0.4, 0.5, 0.8, 0.9, 1.2], [0.4, 0.4, 0.1, 0.1, 0.3, 0, 0])
+    (other,) = first_contact(time, hops).doubts
+    assert "faster later (3.00 m/s" in other
+    assert "say the instant with --at" in other
+    landing = np.interp(time, [0, 0.5, 0.7, 1.2], [0.4, 0.4, 0, 0])
+    assert first_contact(time, landing).doubts == ()
+    braked = 0.02 * np.exp(-time / 0.02)
+    assert "may touch already in its first row" in first_contact(time, braked).doubts[0]
+
+
+def test_rows_that_are_missing_and_rows_too_far_apart_are_said(tmp_path: Path) -> None:
+    columns = fall()
+    columns["ankle_angle_r"] = -34.0 + 5.0 * np.sin(2 * np.pi * 9.0 * columns["time"])
+    whole = motion_start(storage(tmp_path / "whole.mot", columns))
+    assert not any("evenly" in line or "too few" in line for line in motion_warnings(whole))
+    holes = {c: np.delete(v, range(34, 38)) for c, v in columns.items()}
+    told = motion_warnings(motion_start(storage(tmp_path / "holes.mot", holes)))
+    assert any("10 ms apart in the middle, 50 ms from 0.33 s on" in line for line in told)
+    thin = motion_start(storage(tmp_path / "thin.mot", {c: v[::4] for c, v in columns.items()}), at=0.4)
+    assert any(
+        "25 rows a second are too few for speeds that are smoothed with 15 Hz" in w for w in motion_warnings(thin)
+    )
+    speed = thin.values["ankle_angle_r"]
+    assert speed.low <= math.radians(columns["ankle_angle_r"][40] - columns["ankle_angle_r"][36]) / 0.04 <= speed.high
+
+
 def test_a_left_footed_landing_is_mirrored(tmp_path: Path) -> None:
     columns = fall() | {"knee_angle_r": fall()["knee_angle_l"]}
     del columns["knee_angle_l"]
@@ -221,6 +250,10 @@ def doubled() -> dict[str, np.ndarray]:
     return fall() | {"/jointset/hip_r/hip_flexion_r/value": fall()["time"]}
 
 
+def in_radians() -> dict[str, np.ndarray]:
+    return {c: v if c in ("time", *TRANSLATIONS) else np.radians(v) for c, v in fall().items()}
+
+
 HEADS = {"no unit": "name=x", "degrees said to be radians": "inDegrees=no"}
 BAD: dict[str, tuple[Callable[[], dict[str, np.ndarray]], str, str]] = {
     "no knee": (changed(knee_angle_r=None), "", "has no column knee_angle_r, without which"),
@@ -236,6 +269,7 @@ BAD: dict[str, tuple[Callable[[], dict[str, np.ndarray]], str, str]] = {
     ),
     "no unit": (fall, "", "no line inDegrees=yes or inDegrees=no, and its angles (up to 34) look like degrees"),
     "degrees said to be radians": (fall, "", "can only be degrees"),
+    "radians said to be degrees": (in_radians, "", "no angle is larger than 0.593, which can only be radians"),
     "a gap": (gap, "", "line 41 (time 0.33 s): column hip_flexion_r: no number"),
     "before the file": (fall, "--at|-1 s", "--at -1 s lies outside the file, which goes from 0 to 0.69 s"),
     "no time": (fall, "--at|1 deg", "--at"),
