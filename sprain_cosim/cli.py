@@ -221,6 +221,11 @@ def _print_table(title: str, pose: str | None, result: Result) -> None:
             f"{'doubt of the step':32}{result.coupling_doubt:10.2f}  deg     of the peak, twice its change at half the "
             f"step{'' if result.converged else ': not converged'}"
         )
+    if result.estimates_doubt is not None:
+        _show(
+            f"{'doubt of the person':32}{result.estimates_doubt:10.2f}  deg     of the peak, one SD over what is "
+            "estimated of the body"
+        )
     for name, held in result.held.items():
         _show(
             f"{'age of a held torque':32}{held.largest_change:10.2f}  N·m     {name} is sampled every "

@@ -143,27 +143,46 @@ def unit_of(key: str) -> str:
     )
 
 
-def cut_short(run: Signals, stop: float) -> str:
-    """What is to be said of a landing that ends [s] before the foot has turned back; empty where it has."""
+def doubtful_peaks(run: Signals, stop: float) -> list[str]:
+    """What is to be said of peaks that are none of a landing which was followed to its end [s], a line each: the foot
+    has not turned back, it never rolled outwards, or what is largest comes when the body lies on the ground."""
     if "plant.subtalar_angle" not in run.index or len(run.time) < 2:
-        return ""
-    angle = run["plant.subtalar_angle"]
-    if int(np.argmax(angle)) < len(angle) - 1:
-        return ""
-    at = f"the foot still turned at the stop ({1e3 * stop:g} ms)"
-    return f"{at}: its peak is the largest angle till then; {longer(stop)}"
+        return []
+    found, largest = [], int(np.argmax(run["plant.subtalar_angle"]))
+    if largest == len(run.time) - 1:
+        found.append(
+            f"the foot still turned at the stop ({1e3 * stop:g} ms): its peak is the largest angle till then; "
+            f"{longer(stop)}"
+        )
+    elif largest == 0:
+        found.append("the foot never rolled outwards: its peak is the angle at contact")
+    late = [f"{label} {1e3 * time:g} ms" for label, _, _, time in table(run) if time > LATE and "moment" not in label]
+    if late:
+        found.append(f"{SUNK} ({', '.join(late)}); {earlier()}")
+    return found
 
 
+LATE = 0.3  # s: when the pelvis would hit the ground after a drop of 0.8 m; of 0.3 m at 0.5 s
 LONGEST = 0.5  # s, as far as landings are known to run
+SHORTEST = 0.15  # s, that the paper's landings run
+SUNK = (
+    f"later than {1e3 * LATE:g} ms the body has sunk to the ground, which in this model the foot alone touches: "
+    "peaks of that time are of no landing"
+)
 
 
 def longer(stop: float) -> str:
     """What lets a landing last longer, as the end of a sentence."""
     return (
-        f'--stop "{1e3 * min(LONGEST, 2.0 * stop):g} ms" lets it turn back'
+        f'--stop "{1e3 * min(LONGEST, max(SHORTEST, 2.0 * stop)):g} ms" shows how it goes on'
         if stop < LONGEST
         else "take a longer --stop"
     )
+
+
+def earlier() -> str:
+    """What leaves out a time in which no person stands."""
+    return f'--stop "{1e3 * LATE:g} ms" leaves them out'
 
 
 def pose_artefacts(keys: Iterable[str], pose: str | None) -> list[str]:

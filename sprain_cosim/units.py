@@ -161,6 +161,14 @@ def _lookup(symbol: str, name: str) -> tuple[float, float, tuple[int, ...]]:
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)?\s*")
 
 
+def shown_unit(own: Unit | None) -> tuple[float, str]:
+    """The unit in which people read numbers of `own`, and the factor that leads to it; nothing for a pure number."""
+    if own is None or own.dimensionless:
+        return 1.0, ""
+    shown = SHOWN.get(own.name)
+    return (1.0, own.name) if shown is None else (own.factor / unit(shown).factor, shown)
+
+
 def split(text: str) -> tuple[float, str] | None:
     """ "0.30 m" to (0.30, "m"); the unit is empty where there is none; None when it does not begin with a number."""
     match = _QUANTITY.fullmatch(text)

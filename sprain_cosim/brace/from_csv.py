@@ -105,7 +105,7 @@ def curves_to_fmu(table: Path, curves: Curves, target: Path, template: Path) -> 
     constants = _constants(table, curves)
     guid = hashlib.sha256(old[1].encode() + constants).hexdigest()
     files[CONSTANTS] = constants_file(guid, constants)
-    files["modelDescription.xml"] = description.replace(old[1], guid).encode()
+    files["modelDescription.xml"] = _with_ranges(description.replace(old[1], guid), curves).encode()
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, data in files.items():
@@ -114,6 +114,18 @@ def curves_to_fmu(table: Path, curves: Curves, target: Path, template: Path) -> 
             archive.writestr(entry, data, zipfile.ZIP_DEFLATED)
     write(target, buffer.getvalue(), parents=True)
     return {axis: (c["loading"][0][0], c["loading"][-1][0]) for axis, c in curves.items()}
+
+
+def _with_ranges(description: str, curves: Curves) -> str:
+    """The description with the range that was measured declared at the angles (their start value, 0, included), so that
+    a landing says when it leaves the data."""
+    for axis, branches in curves.items():
+        angles = [row[0] for rows in branches.values() for row in rows]
+        begin = description.index(f'<ScalarVariable name="{axis}_angle"')
+        at = description.index("<Real ", begin) + len("<Real ")
+        ends = f'min="{min(*angles, 0.0)!r}" max="{max(*angles, 0.0)!r}" '
+        description = description[:at] + ends + description[at:]
+    return description
 
 
 def _constants(path: Path, curves: Curves) -> bytes:

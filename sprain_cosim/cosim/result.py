@@ -80,6 +80,8 @@ class Result(Plottable):
     coupling_error  the residual energy as a share of the exchanged energy; None where nothing was exchanged, or the run
                     was not judged
     halved          {metric: its change} when the run was made again at half the communication step; None: it was not
+    estimates_doubt standard deviation [deg] of the peak of the foot over the persons who share what is known of the one
+                    who lands, to first order; None: all was measured, or it was not looked at
     held            {component: Held} of devices whose torques are held between their calls
     messages        {component: what its FMU said}, of those that said anything
     wall            wall time [s]
@@ -109,6 +111,7 @@ class Result(Plottable):
     parameters: dict[str, float] = field(default_factory=dict)
     coupling_error: float | None = None
     halved: dict[str, float] | None = None
+    estimates_doubt: float | None = None
     held: dict[str, Held] = field(default_factory=dict)
     messages: dict[str, Messages] = field(default_factory=dict)
     wall: float = 0.0

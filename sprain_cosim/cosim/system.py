@@ -7,6 +7,7 @@ values only under a scheme that hands them over."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,9 +15,13 @@ from functools import cached_property
 from ..contract import MOTION, PLANT, PROFILES, impedance_input, motion_output, plain, torque_axis
 from ..errors import InputError, nearest
 from ..fmu.element import Connector, Element
+from ..metrics import Signals
 from ..notebook import Card, Rows
+from ..units import shown_unit
 from .assembly import Assembly
 from .schedule import is_multiple
+
+LEFT = "outside what its FMU is declared for"
 
 
 @dataclass(frozen=True, repr=False)
@@ -52,6 +57,35 @@ class System(Card):
     @cached_property
     def _owners(self) -> frozenset[str]:
         return frozenset(other.partition(".")[0] for other in self.derived)
+
+    @cached_property
+    def _bounded(self) -> tuple[tuple[str, Connector], ...]:
+        """Connected inputs with a declared range."""
+        return tuple(
+            (f"{component.name}.{connector.name}", connector)
+            for component in self.components
+            for connector in component.connectors.values()
+            if connector.causality == "input"
+            and (connector.minimum > -math.inf or connector.maximum < math.inf)
+            and f"{component.name}.{connector.name}" in self.connections
+        )
+
+    def left_ranges(self, run: Signals) -> list[str]:
+        """The inputs that left the range which their FMU declares: what it was made or measured for. A line each."""
+        found = []
+        for name, connector in self._bounded:
+            if name not in run.index:
+                continue
+            values = run[name]
+            low, high = float(values.min()), float(values.max())
+            if low < connector.minimum or high > connector.maximum:
+                factor, unit = shown_unit(connector.unit)
+                reached, declared = (
+                    f"{factor * a:.4g} ... {factor * b:.4g}"
+                    for a, b in ((low, high), (connector.minimum, connector.maximum))
+                )
+                found.append(f"{name} goes over {reached} {unit}".rstrip() + f", {LEFT}, {declared} {unit}".rstrip())
+        return found
 
     def card(self) -> tuple[str, Rows]:
         wired = [f"{target} = {source}" for target, source in self.connections.items()]

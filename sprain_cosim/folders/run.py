@@ -65,6 +65,8 @@ class RunSummary(Card, Summary):
     granted                    {component: what its mapping file allows it beyond the sandbox}
     coupling_doubt_deg         how uncertain the peak of the foot is by the communication step, twice its change at half
                                of it [deg]; None where that was not run
+    estimates_doubt_deg        standard deviation of the peak over the persons who share what is known of the subject,
+                               to first order [deg]; absent: nobody is estimated, or it is not known
     coupling_converged         whether that is at most 0.1 deg; None where it is not known
     fmu_messages               {component: what its FMU said}, of those that said anything
     subject                    who landed; absent: the person with whom the plant was made
@@ -99,6 +101,7 @@ class RunSummary(Card, Summary):
     coupling_converged: bool | None = None
     fmu_messages: Mapping[str, Messages] = field(default_factory=dict)
     subject: SubjectRecord | None = optional()
+    estimates_doubt_deg: float | None = optional()
     coupling_check: Mapping[str, float | None] | None = optional()
     trial: int | None = optional()
     reproduced: bool | None = optional()
@@ -132,6 +135,7 @@ class RunSummary(Card, Summary):
             coupling_doubt_deg=finite(result.coupling_doubt),
             coupling_converged=result.converged,
             fmu_messages=result.messages,
+            estimates_doubt_deg=finite(result.estimates_doubt),
             subject=None if scenario.subject is None else SubjectRecord.of(scenario.subject),
         )
 

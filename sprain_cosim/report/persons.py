@@ -8,7 +8,7 @@ from typing import Any
 
 from ..figures.style import PARAMETERS, label
 from ..folders.comparison import INJURY, NONE, MeanEstimate, Persons, WorstInput
-from ..folders.run import RunFolder
+from ..folders.run import RunFolder, RunSummary
 from ..folders.study import StudyFolder
 from ..scenario.body import is_of_subject
 from ..study.summary import VarianceShare
@@ -59,10 +59,20 @@ def persons_sentence(persons: Persons | None, brace: str) -> str:
     return f" With {brace} that probability depends on the {label(name)}: {high}, {low}."
 
 
+def _landed(summary: RunSummary) -> list[Row]:
+    if summary.subject is None:
+        return []
+    rows: list[Row] = [["who lands", summary.subject.words]]
+    if summary.estimates_doubt_deg is not None:
+        open_left = f"± {summary.estimates_doubt_deg:.2g} deg of the peak supination (one standard deviation)"
+        rows.append(["what is estimated of the body leaves open", open_left])
+    return rows
+
+
 def who_landed(item: RunFolder | StudyFolder) -> list[Row]:
     """Rows of the table of inputs: the subject, or the population of a study; none for the base person."""
     if isinstance(item, RunFolder):
-        return [["who lands", item.summary.subject.words]] if item.summary.subject else []
+        return _landed(item.summary)
     drawn = [str(column) for column in item.trials.columns if is_of_subject(str(column))]
     if not drawn:
         subject = item.manifest.identity.get("subject")

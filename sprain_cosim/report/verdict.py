@@ -100,20 +100,34 @@ def _best_first(folder: ComparisonFolder, rows: Sequence[tuple[float, str, WithI
     lowest = None if decisions is None else decisions.lowest(name for _, name, _ in rows)
     rows = sorted(rows, key=lambda row: (row[1] != lowest, row[0]))
     value, best, change = rows[0]
+    alike = [] if decisions is not None else _not_apart(folder, best, [name for _, name, _ in rows[1:]])
     text = rich(
         "Over {count}, <b>{best}</b> {moved} the peak of supination{alone}: by <b>{by}</b>{about}{injury}.",
         count=f"the same {folder.summary.count}" if is_study else "the same landing",
         best=best,
         moved="lowered" if value < 0 else "raised",
-        alone="" if len(rows) == 1 or (decisions and not lowest) else " most of all",
+        alone="" if len(rows) == 1 or (decisions and not lowest) or alike else " most of all",
         by=f"{abs(value):.1f}°{' on average' if is_study else ''}",
         about=interval(change, 1, "°", value < 0) or ("" if is_study else " (one landing: no interval)"),
         injury=_injuries(folder, best),
     )
     if rows[1:]:
         text += f" The others: {', '.join(f'{n} {signed(v)}°' for v, n, _ in rows[1:])}."
+    if alike:
+        text += rich(" These landings cannot tell {best} from {alike}.", best=best, alike=" and ".join(alike))
     text += _decided(decisions) if decisions is not None else Markup("")
     return text + persons_sentence(folder.summary.persons, best)
+
+
+def _not_apart(folder: ComparisonFolder, best: str, others: Sequence[str]) -> list[str]:
+    """The other braces of a study whose peak may as well be the lower one: 0 lies in the interval of the difference."""
+    found = []
+    for name in others if folder.summary.is_study else ():
+        pairs = folder.summary.pairs
+        e = (pairs.get(f"{name} - {best}") or pairs.get(f"{best} - {name}") or {}).get(PEAK)
+        if e is None or e.ci_low is None or e.ci_high is None or e.ci_low <= 0.0 <= e.ci_high:
+            found.append(name)
+    return found
 
 
 def _decided(found: Decisions) -> Markup:
@@ -260,6 +274,7 @@ def _dominates(q: Probability | FormSearch) -> str:
         specimens = "its law, and how many specimens stand behind it, would have to be known"
     words = {
         "threshold": f"The threshold is what is known least: more landings change nothing, {specimens}",
+        "failures": "What failed is known least: more landings that fail as often narrow nothing",
         "sampling": "The sample is what is known least: more landings narrow it",
         "both": "Sample and threshold leave about as much open: more landings and more knowledge of it are needed",
     }

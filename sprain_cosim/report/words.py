@@ -72,8 +72,11 @@ def interval(entry: WithInterval, factor: float, unit: str, negate: bool = False
 
 
 def ends(low: float | None, high: float | None, factor: float = 1) -> tuple[str, ...]:
-    """ "1.0 … 2.0" as the small line of a table's cell; none where there is no interval."""
-    return () if low is None or high is None else (f"{rounded(factor * low)} … {rounded(factor * high)}",)
+    """ "1.0 … 2.0" as the small line of a table's cell, "open … 2.0" where too few landings close it; none where there
+    is no interval."""
+    if low is None and high is None:
+        return ()
+    return (" … ".join("open" if end is None else rounded(factor * end) for end in (low, high)),)
 
 
 def unit_after(response: str) -> str:

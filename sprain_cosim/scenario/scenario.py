@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,7 +22,7 @@ from ..fmu.element import Element
 from ..fmu.foreign import is_foreign
 from ..fmu.isolated import Isolated, isolated
 from ..mapping import carried, read_component
-from ..metrics import cut_short
+from ..metrics import doubtful_peaks
 from ..notebook import Card, Rows
 from ..process import Limits
 from ..sandbox.confinement import Confinement
@@ -32,6 +33,7 @@ from ..subject.words import parse_subject
 from ..units import plain_number, quantity, seconds, stated
 from .apart import Apart
 from .body import (
+    OWNER,
     is_of_subject,
     of_person,
     plant_values,
@@ -49,6 +51,10 @@ from .wiring import AS_IT_IS, Wiring
 if TYPE_CHECKING:
     import pandas as pd
 
+TRIED = {  # SI
+    "plant.drop_height": (0.0, 0.8, "0 to 0.8 m"),
+    "plant.platform_incline": (math.radians(-15.0), math.radians(45.0), "-15 to 45 deg"),
+}
 ROLES = ("plant", "controller", "brace")
 ADAPTIVE = 1e-3
 
@@ -448,6 +454,16 @@ class Scenario(Card):
     def _connected(self, components: Sequence[Component]) -> tuple[dict[str, str], list[str]]:
         return connect(components, self.connections, () if self.wiring is None else self.wiring.complete)
 
+    def _untried(self) -> list[str]:
+        """Values outside those at which landings are known to run, a line each."""
+        found = []
+        for name, (low, high, words) in TRIED.items():
+            if name in self.parameters:
+                value = self._described().settable(name).value(self.parameters[name], name)
+                if not low - 1e-9 <= value <= high + 1e-9:
+                    found.append(f"{name} = {self.parameters[name]}: landings were only tried from {words}")
+        return found
+
     def without_effect(self, names: Collection[str]) -> list[str]:
         """Of parameters that somebody sets or varies, those that another one makes idle, a line each."""
         found = []
@@ -476,6 +492,7 @@ class Scenario(Card):
         links = {} if self.wiring is None else self.wiring.links
         said = [target for target in connections if links.get(target, AS_IT_IS) != AS_IT_IS]
         found = self.without_effect([change.partition(" = ")[0] for change in self.changes])
+        found += self._untried()
         for component in components:
             ends = {
                 end.partition(".")[2]: None
@@ -533,13 +550,33 @@ class Scenario(Card):
 
     def run(self, in_process: bool = False, halve: bool = False, limits: Limits | None = None) -> Result:
         """One landing, see `open`; `halve`: and once more at half the communication step, what that changes being the
-        result's `halved`, where it takes no longer than HALVED_WITHIN. Raises InputError before it, never during it: a
-        failure is in the result's status and message."""
+        result's `halved`, and of a subject also with other measures where they are estimated, what that changes being
+        its `estimates_doubt`, where a landing takes no longer than HALVED_WITHIN. Raises InputError before it, never
+        during it: a failure is in the result's status and message."""
         with self.open(in_process, limits) as session:
             result = session.run()
             if not halve or result.status != "completed" or result.wall > HALVED_WITHIN:
                 return result
-            return self.compared(result, session.at_half_the_step())
+            result = self.compared(result, session.at_half_the_step())
+            return replace(result, estimates_doubt=self._left_open(session, result))
+
+    def _left_open(self, session: Session | Apart, result: Result) -> float | None:
+        """[deg] standard deviation of the peak over the persons who share what is known of the subject, to first order;
+        None without estimates, or where it is not known."""
+        peak = result.metrics.get(PEAK)
+        others = [] if self.subject is None else self.subject.deviations
+        if peak is None or not others:
+            return None
+        changes = []
+        for measures in others:
+            try:
+                other = session.run({f"{OWNER}{name}": value for name, value in measures.items()}).metrics
+            except (InputError, SimulationError):  # nobody whom the plant can be
+                return None
+            if PEAK not in other:
+                return None
+            changes.append(other[PEAK] - peak)
+        return math.hypot(*changes)
 
     def refused(self, result: Result) -> bool:
         """Whether the plant, being the project's own, would not start with its parameters: a matter of input."""
@@ -595,8 +632,9 @@ class Session:
         result = master.run(self._assembly, {**self.system.parameters, **own}, judged)
         if result.status != "completed":  # an instance that reported an error may only be freed
             self.close()
-        elif judged and (more := cut_short(result, master.stop)):
-            result = replace(result, warning="; ".join(text for text in (result.warning, more) if text))
+        elif judged:
+            more = (*self.system.left_ranges(result), *doubtful_peaks(result, master.stop))
+            result = replace(result, warning="; ".join(text for text in (result.warning, *more) if text))
         return result
 
     def close(self) -> None:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from ..cosim.result import CONVERGED, UNCONVERGED
-from ..metrics import THROWN_TEXT, longer, pose_artefacts, unit_of
+from ..cosim.system import LEFT
+from ..metrics import LATE, SUNK, THROWN_TEXT, earlier, longer, pose_artefacts, unit_of
 from ..processor import one_thread
 from ..records import finite
 from ..uq import sensitivity, statistics
@@ -184,18 +185,37 @@ def _coupling(study: Plan, done: pd.DataFrame) -> list[str]:
     ]
 
 
-def _cut_short(study: Plan, done: pd.DataFrame) -> list[str]:
-    """How many of the landings end before the foot has turned back."""
+def _left_ranges(done: pd.DataFrame) -> list[str]:
+    """How many of the landings brought a device where its FMU is not declared for."""
+    told = done["message"].astype(str)
+    told = told[told.str.contains(LEFT, regex=False)]
+    if told.empty:
+        return []
+    inputs = sorted({part.split()[0] for text in told for part in text.split("; ") if LEFT in part})
+    return [
+        f"in {len(told)} of {len(done)} trials {', '.join(inputs)} went {LEFT}: what the device does there was not "
+        "measured; the messages in trials.csv say how far"
+    ]
+
+
+def _doubtful_peaks(study: Plan, done: pd.DataFrame) -> list[str]:
+    """How many of the landings end before the foot has turned back, have no roll, or their peak when the body lies."""
     if PEAK_TIME not in done:
         return []
-    stop = study.scenario.master.stop
-    told = int((done[PEAK_TIME] >= stop * (1.0 - 1e-9)).sum())
-    if not told:
-        return []
-    return [
-        f"in {told} of {len(done)} trials the foot still turned at the stop ({1e3 * stop:g} ms): their peaks are the "
-        f"largest angles until then; {longer(stop)}"
-    ]
+    stop, time, found = study.scenario.master.stop, done[PEAK_TIME], []
+    cut, never, late = (int(n.sum()) for n in (time >= stop * (1.0 - 1e-9), time == 0.0, time > LATE))
+    if cut:
+        found.append(
+            f"in {cut} of {len(done)} trials the foot still turned at the stop ({1e3 * stop:g} ms): their peaks are "
+            f"the largest angles until then; {longer(stop)}"
+        )
+    if never:
+        found.append(
+            f"in {never} of {len(done)} trials the foot never rolled outwards: their peaks are the angles at contact"
+        )
+    if late:
+        found.append(f"{SUNK} (supination in {late} of {len(done)} trials); {earlier()}")
+    return found
 
 
 def _with_sample(
@@ -211,6 +231,10 @@ def _with_sample(
     responses = {}
     if len(done) >= FEWEST:
         responses = {name: sample.response(y, study.levels_of(name)) for name, y in values.items()}
+        first = study.responses[0]
+        notes += _open_ends(responses[first], sample, len(done)) + _whatever_failed(
+            first, responses[first], len(trials)
+        )
     moved: dict[str, Sensitivity] = {}
     if study.method == "monte-carlo" and len(done) >= LEAST:
         x = done[study.headings].to_numpy(float)
@@ -224,7 +248,7 @@ def _with_sample(
         curves = {q.response: sample.curve(values[q.response]) for q in asked}
         if all(q.name in questions for q in LITERATURE):
             notes.append(TWO_THRESHOLDS)
-    notes += [*_coupling(study, done), *_cut_short(study, done)]
+    notes += [*_coupling(study, done), *_left_ranges(done), *_doubtful_peaks(study, done)]
     thrown = pose_artefacts(responses, summary.initial_pose)
     if thrown:
         notes.append(f"{THROWN_TEXT} ({', '.join(thrown)})")
@@ -343,7 +367,9 @@ class _Sample:
 
     def question(self, question: Question, y: Array) -> Probability:
         assert question.threshold is not None
-        found = doubted_exceedance(y, question.threshold, sampler=lambda threshold: self.exceedance(y, threshold))
+        found = doubted_exceedance(
+            y, question.threshold, failed=self.failed, sampler=lambda threshold: self.exceedance(y, threshold)
+        )
         return _probability(question, found, self.failed)
 
     def curve(self, y: Array) -> Curve:
@@ -379,6 +405,34 @@ class _Sample:
             return Response(finite(mean.value), finite(sd.value), percentiles, failed=self.failed or None)
         mean_ci, sd_ci = ((finite(e.low), finite(e.high)) for e in (mean, sd))
         return Response(finite(mean.value), finite(sd.value), percentiles, mean_ci, sd_ci, self.failed or None)
+
+
+def _open_ends(found: Response, sample: _Sample, n: int) -> list[str]:
+    """The levels whose interval has an open end, since too few trials lie beyond, and how many would close it."""
+    levels = [level for level, p in found.percentiles.items() if None in (p.ci_low, p.ci_high)]
+    if not levels or not sample.independent:
+        return []
+    tail = min(min(float(level), 100.0 - float(level)) for level in levels) / 100.0
+    needed = math.ceil(math.log(0.5 * (1.0 - sample.confidence)) / math.log1p(-tail))
+    return [
+        f"{n} trials leave an end of the interval of {', '.join(f'{level} %' for level in levels)} open: the level may "
+        f"lie anywhere beyond it; {needed} trials close it"
+    ]
+
+
+def _whatever_failed(name: str, found: Response, n: int) -> list[str]:
+    """Between which values the levels would lie, whatever the failed trials had given."""
+    if not found.failed:
+        return []
+    levels = []
+    for level, p in found.percentiles.items():
+        if p.with_failures is not None:
+            ends = ("open" if end is None else f"{end:.2f}" for end in p.with_failures)
+            levels.append(f"{level} % {' ... '.join(ends)}")
+    return [
+        f"{found.failed} of {n} landings failed: levels, moments and what moves them are those of the landings that "
+        f"completed. Whatever the failed ones had given, {name} is {', '.join(levels)}"
+    ]
 
 
 def _held_in_table(study: Plan, done: pd.DataFrame) -> list[str]:

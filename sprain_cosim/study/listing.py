@@ -128,9 +128,12 @@ def _sample(study: Plan, summary: StudySummary) -> list[str]:
         first = published if name == "peak_subtalar_angle_deg" else {}
         lines += ["", f"{name:34}{'here':>10}{'95 % interval':>20}{'published':>12}"]
         without = _without_failed(summary)
-        for label, value, (low, high) in _rows(summary.responses[name]):
+        response = summary.responses[name]
+        for label, value, (low, high) in _rows(response):
             beside = _number(first.get(f"{label} [deg]"))
-            lines.append(f"  {label:32}{_number(value, '.2f'):>10}{_interval(low, high):>20}{beside:>12}{without}")
+            # where the mean has an interval its absence beside a percentile is a lack of trials
+            ends = _interval(low, high) or ("open" if response.mean_ci else "")
+            lines.append(f"  {label:32}{_number(value, '.2f'):>10}{ends:>20}{beside:>12}{without}")
         moved = summary.sensitivity.get(name)
         if moved is not None and moved.inputs:
             lines += _correlations(moved, published.get("pearson", {}) if first else {}, without)
@@ -431,7 +434,10 @@ def _axis(axis: Axis) -> str:
 
 
 def _interval(low: float | None, high: float | None) -> str:
-    return "" if low is None or high is None else f"{low:.2f} ... {high:.2f}"
+    """Nothing where there is no interval; one that the sample is too small to close has an open end."""
+    if low is None and high is None:
+        return ""
+    return " ... ".join("open" if end is None else f"{end:.2f}" for end in (low, high))
 
 
 def _number(value: float | None, form: str = "g") -> str:

@@ -21,7 +21,7 @@ from ..subject.anthropometry import (
     moments_of_measure,
     unit_of_measure,
 )
-from ..subject.person import FORCE_RULES, PASSIVE_RULES, SCALE_TOOL, Subject
+from ..subject.person import FORCE_RULES, PASSIVE_RULES, SCALE_TOOL, SCALING, Subject
 from ..subject.words import ALSO
 from ..uq.distributions import (
     Array,
@@ -33,18 +33,6 @@ from ..uq.distributions import (
     Marginal,
     Mixture,
     Normal,
-)
-
-SCALING = (  # what the factors of a body are made of
-    "stature",
-    MASS,
-    "foot_length",
-    "foot_breadth",
-    "lateral_malleolus_height",
-    "lateral_epicondyle_height",
-    "trochanterion_height",
-    "bicristal_breadth",
-    "cervicale_height",
 )
 
 

@@ -180,7 +180,7 @@ class Worker:
         doubt = self._doubt(numbers, reply) if reply["status"] == "completed" and made_again(numbers) else ""
         return Outcome(
             reply["status"],
-            reply["message"] or doubt,
+            "; ".join(text for text in (doubt, reply["message"]) if text),
             reply["metrics"],
             reply["wall"],
             attempt,
@@ -327,6 +327,8 @@ def _handlers(subject: tuple[Openable, System | None, tuple[str, ...], str]) -> 
             reply = {"status": result.status, "message": result.message, "metrics": result.metrics}
             if isinstance(result, Result) and result.messages:
                 reply["messages"] = {name: said.to_json() for name, said in result.messages.items()}
+            if result.status == "completed" and isinstance(result, Result):
+                reply["message"] = "; ".join(session.system.left_ranges(result))
             if (record or result.status != "completed") and isinstance(result, Result):
                 reply |= _record(result)
         except SprainError as problem:

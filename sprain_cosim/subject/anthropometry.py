@@ -28,7 +28,6 @@ NOUNS = {"female": "woman", "male": "man"}
 NOUNS_OF_MANY = {"female": "women", "male": "men"}
 LIKELY = 4.5  # standard deviations from the mean
 USUAL = (0.001, 0.999)  # of a population; a measure outside is worth a word
-FINEST = 1e-4  # a share that thousands of people can tell
 SPREAD = (0.2, 4.0)  # of the smallest and the largest mean: beyond lies a mistake of units
 YOUNGEST, OLDEST = 17, 58  # years of those who were measured
 
@@ -106,18 +105,21 @@ class Anthropometry:
         lines = []
         for name, value in given.items():
             if not USUAL[0] <= (share := self.share_below(name, value)) <= USUAL[1]:
-                lines.append(
-                    f"{self._measure(name, value)} is {_side(share)} of the {NOUNS_OF_MANY[self.sex]} measured"
-                )
+                lines.append(f"{self._measure(name, value)} is {self._side(share)}")
                 continue
             others = {n: v for n, v in given.items() if n != name}
             if others and not USUAL[0] <= (share := self._share_beside(name, value, others)) <= USUAL[1]:
                 shared = " and ".join(self._measure(n, v) for n, v in others.items())
-                lines.append(
-                    f"{self._measure(name, value)} is {_side(share)} of the {NOUNS_OF_MANY[self.sex]} measured with "
-                    f"{shared}"
-                )
+                lines.append(f"{self._measure(name, value)} is {self._side(share)} with {shared}")
         return lines
+
+    def _side(self, share: float) -> str:
+        """Where a measure lies among those of the sex; beyond all of them the tail of a fitted law is no number."""
+        which, tail = ("below", share) if share < 0.5 else ("above", 1.0 - share)
+        of_many = NOUNS_OF_MANY[self.sex]
+        if tail * self.n < 1.0:
+            return f"by their law {which} all {self.n} {of_many} measured"
+        return f"{which} all but {100 * tail:.1g} % of the {of_many} measured"
 
     def _share_beside(self, name: str, value: float, others: Mapping[str, float]) -> float:
         names, location, covariance = self.rest(others)
@@ -209,12 +211,6 @@ def moments_of_measure(name: str, location: float, scale: float) -> tuple[float,
         return location, scale
     mean = math.exp(location + 0.5 * scale**2)
     return mean, mean * math.sqrt(math.expm1(scale**2))
-
-
-def _side(share: float) -> str:
-    few = min(share, 1.0 - share)
-    left = f"{100 * few:.2g}" if few >= FINEST else f"less than {100 * FINEST:g}"
-    return f"{'below' if share < 0.5 else 'above'} all but {left} %"
 
 
 def _spelled(name: str) -> str:

@@ -7,9 +7,12 @@ cancels."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache, cached_property
+
+import numpy as np
 
 from ..errors import InputError, nearest
 from .anthropometry import (
@@ -29,6 +32,17 @@ from .anthropometry import (
 
 AXES = ("x", "y", "z")
 SEGMENTS = ("pelvis", "thigh", "shank", "foot", "torso")
+SCALING = (  # what the factors of a body are made of
+    STATURE,
+    MASS,
+    "foot_length",
+    "foot_breadth",
+    "lateral_malleolus_height",
+    "lateral_epicondyle_height",
+    "trochanterion_height",
+    "bicristal_breadth",
+    "cervicale_height",
+)
 SCALE_TOOL, HANDSFIELD, BY_SIZE = "scale-tool", "handsfield", "mass-height"
 FORCE_RULES = {
     SCALE_TOOL: "isometric forces as the base person's",
@@ -137,18 +151,35 @@ class Subject:
     def warnings(self) -> tuple[str, ...]:
         """What is unusual about the measures, a line each."""
         lines = [
-            f"subject: {line}; factors follow the measures all the same"
+            f"subject: {line}; factors follow the measures all the same, and the estimates extrapolate"
             for line in anthropometry(self.sex).unusual(self.measures)
         ]
-        if MASS not in self.measures:
-            person = Person.of(self)
-            lines.append(
-                f"subject: the mass is not stated; {person.measures[MASS]:.0f} kg is estimated, which leaves ± "
-                f"{person.sd[MASS]:.0f} kg open, and is the same in all landings that do not vary it"
-            )
+        person = Person.of(self)
+        for name, factor, unit in ((STATURE, 100.0, "cm"), (MASS, 1.0, "kg")):
+            if name not in self.measures:
+                lines.append(
+                    f"subject: the {name} is not stated; {factor * person.measures[name]:.0f} {unit} is "
+                    f"estimated, which leaves ± {factor * person.sd[name]:.0f} {unit} open, and is the same in "
+                    "all landings that do not vary it"
+                )
         if self.age is not None and self.age > OLDEST:
             lines.append(f"subject: age {self.age:g}: those measured were {YOUNGEST} to {OLDEST} years old")
         return tuple(lines)
+
+    @property
+    def deviations(self) -> list[dict[str, float]]:
+        """What the estimates leave open: measures [m, kg], one standard deviation off along directions that do not
+        depend on each other, so that the squares of what each changes add up; empty where all is measured that bodies
+        are scaled by."""
+        names, _, covariance = anthropometry(self.sex).rest(self.measures)
+        centre = Person.of(self).measures
+        scaled = [k for k, name in enumerate(names) if name in SCALING]
+        variance, directions = np.linalg.eigh(covariance[np.ix_(scaled, scaled)])
+        found = []
+        for column in (directions * np.sqrt(np.maximum(variance, 0.0))).T.tolist():
+            off = {names[k]: d for k, d in zip(scaled, column, strict=True)}
+            found.append({n: centre[n] * math.exp(d) if n == MASS else centre[n] + d for n, d in off.items()})
+        return found
 
     def parameters(self, measures: Mapping[str, float] | None = None) -> dict[str, float]:
         """{parameter of the plant: value [kg, 1]}; `measures` go on top of the subject's own. The passive ankle's

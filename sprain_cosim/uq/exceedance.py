@@ -65,7 +65,7 @@ class Bounds:
 
 
 Threshold = float | Marginal | Measured | Bounds
-Dominance = Literal["sampling", "threshold", "both", "none"]
+Dominance = Literal["sampling", "threshold", "both", "failures", "none"]
 Sampler = Callable[[float | Marginal], Estimate]
 
 
@@ -82,6 +82,7 @@ class Exceedance:
     specimens   n behind the threshold, or None
     more        threshold interval, had it come from four times as many specimens; None without n
     trials      rows of the sample
+    failed      rows that are missing; `sampling` is as wide as whatever they could have been makes it
     """
 
     value: float
@@ -91,6 +92,7 @@ class Exceedance:
     specimens: int | None
     more: Estimate | None
     trials: int
+    failed: int = 0
 
     @property
     def _open(self) -> Estimate | None:
@@ -103,7 +105,8 @@ class Exceedance:
 
     @property
     def dominates(self) -> Dominance:
-        """Which doubt is at least twice as wide as the other; "none" where neither has a width."""
+        """Which doubt is at least twice as wide as the other; "failures" where more than half of the sample's, and no
+        less than the threshold's, is what the missing rows could have been; "none" where neither has a width."""
         sample = self.sampling.high - self.sampling.low
         known = self._open
         other = 0.0 if known is None else known.high - known.low
@@ -111,6 +114,9 @@ class Exceedance:
             return "none"
         if other >= _DOMINATES * sample:
             return "threshold"
+        missing = self.failed / (self.trials + self.failed)
+        if missing >= max(0.5 * sample, other):
+            return "failures"
         return "sampling" if sample >= _DOMINATES * other else "both"
 
     def sentence(self) -> str:
@@ -119,6 +125,11 @@ class Exceedance:
         match self.dominates:
             case "none":
                 return "Neither sample nor threshold leaves a doubt that this sample can show."
+            case "failures":
+                return (
+                    f"The {self.failed} failed landings dominate ({sample}): nobody knows on which side of the "
+                    "threshold they would have ended, and more trials that fail as often narrow nothing."
+                )
             case "sampling":
                 beside = "the threshold is known" if known is None else f"the threshold {_range(known)}"
                 return f"The sample dominates ({sample}; {beside}): more trials narrow it, by 1/√n."
@@ -158,6 +169,7 @@ def doubted_exceedance(
     y        (n,) responses
     sampler  gives the sampling interval for a number or a marginal, for samples that are not independent rows (such as
              `replicated_exceedance`); by default `exceedance` with `failed`
+    failed   rows that are missing, of which the sampling interval must take account
     """
     values = as_array(y)
 
@@ -168,16 +180,16 @@ def doubted_exceedance(
     if isinstance(threshold, Bounds):
         least, most = sampled(threshold.high), sampled(threshold.low)
         box = Estimate(math.nan, least.value, most.value)
-        return Exceedance(math.nan, most, box, {}, None, None, len(values))
+        return Exceedance(math.nan, most, box, {}, None, None, len(values), failed)
     if isinstance(threshold, Measured):
         found = sampled(threshold.marginal)
         interval = threshold_interval(values, threshold, confidence, seed)
         more = threshold_interval(values, threshold.with_specimens(4 * threshold.n), confidence, seed)
         shapes = of_shapes(values, threshold.marginal)
-        return Exceedance(found.value, found, interval, shapes, threshold.n, more, len(values))
+        return Exceedance(found.value, found, interval, shapes, threshold.n, more, len(values), failed)
     found = sampled(threshold)
     shapes = of_shapes(values, threshold) if isinstance(threshold, Marginal) else {}
-    return Exceedance(found.value, found, None, shapes, None, None, len(values))
+    return Exceedance(found.value, found, None, shapes, None, None, len(values), failed)
 
 
 def threshold_interval(y: ArrayLike, threshold: Measured, confidence: float = 0.95, seed: int = 0) -> Estimate:

@@ -458,4 +458,4 @@ def test_an_earlier_run_is_overwritten_with_a_warning_or_by_force(tmp_path: Path
     assert "r: its earlier run is overwritten; the next version asks for --force" in again.stderr
     forced = call(*arguments, "--force")
     said = "warning: the foot still turned at the stop (5 ms): its peak is the largest angle till then; "
-    assert (forced.returncode, forced.stderr) == (0, f'{said}--stop "10 ms" lets it turn back\n')
+    assert (forced.returncode, forced.stderr) == (0, f'{said}--stop "150 ms" shows how it goes on\n')

@@ -416,6 +416,21 @@ def _scales(out: Path, **options):
     return compare_braces("study6", braces, settings=values, decide=True, out=out, **options)
 
 
+def test_braces_that_the_landings_cannot_tell_apart_are_not_ranked(tmp_path: Path) -> None:
+    """Twice the same brace, and one that is plainly stiffer: whichever came first had lowered the peak most of all."""
+    braces = {"a": "brace_bushing", "b": "brace_bushing", "stiff": "brace_bushing"}
+    alike = compare_braces("study6", {k: braces[k] for k in "ab"}, trials=20, out=tmp_path / "alike")
+    said = verdicts([read_folder(alike.out)], [])[0].text
+    assert "most of all" not in said
+    assert "These landings cannot tell a from b." in said
+    settings = {"a.angle_scale": 1.5, "stiff.angle_scale": 2.4}
+    apart = {k: braces[k] for k in ("a", "stiff")}
+    told = compare_braces("study6", apart, settings=settings, trials=20, out=tmp_path / "apart")
+    said = verdicts([read_folder(told.out)], [])[0].text
+    assert "<b>stiff</b> lowered the peak of supination most of all" in said
+    assert "cannot tell" not in said
+
+
 @pytest.mark.long
 def test_scale_1_5_against_1_6_is_decided_in_twenty_pairs(scales) -> None:
     """On the model that ships; 1000 landings were allowed."""

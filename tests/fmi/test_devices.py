@@ -10,8 +10,9 @@ import pytest
 from click.testing import CliRunner
 from scipy.interpolate import PchipInterpolator
 
+import sprain_cosim as sc
 from sprain_cosim import InputError, check_brace, load_scenario
-from sprain_cosim.brace.from_csv import from_csv
+from sprain_cosim.brace.from_csv import brace_from_csv, from_csv
 from sprain_cosim.brace.probe import Rig, landing
 from sprain_cosim.cli import cli
 from sprain_cosim.fmu.component import Component
@@ -149,7 +150,7 @@ def test_from_csv(tmp_path: Path) -> None:
     fmu = tmp_path / "cuff.fmu"
     report = check_brace(fmu)
     assert report.fits, report.text()
-    assert not report.warnings
+    assert report.warnings == ["subtalar_angle: is declared for -30 ... 40 deg; a landing may go to -40 ... 45 deg"]
     x, loading, unloading = np.array(
         [[-30, -10, 0, 10, 20, 40], [-60, -15, 0, 12, 30, 120], [-40, -10, 0, 8, 24, 90]], float
     )
@@ -168,6 +169,27 @@ def test_from_csv(tmp_path: Path) -> None:
     result = load_scenario("incline30").replace_fmu("brace", fmu).run()
     assert result.status == "completed"
     assert Component.read("b", fmu).guid != Component.read("b", fmu_path("brace_table", Path.cwd(), "")).guid
+
+
+def test_a_landing_beyond_a_table_says_so(tmp_path: Path) -> None:
+    """A table of 10 degrees gives its straight continuation at 39 as surely as what was measured."""
+    scenario = load_scenario("incline30")
+    for reach, told in ((10, True), (60, False)):
+        table = tmp_path / f"to{reach}.csv"
+        table.write_text(f"angle [deg],subtalar_resistance [N.m]\n-{reach},-{reach}\n0,0\n{reach},{reach}\n")
+        brace_from_csv(table)
+        braced = scenario.replace_fmu("brace", table.with_suffix(".fmu"))
+        result = braced.run()
+        assert ("outside what its FMU is declared for" in result.warning) == told
+        if told:
+            peak = result.metrics["peak_subtalar_angle_deg"]
+            assert result.warning.startswith("brace.subtalar_angle goes over ")
+            assert f" ... {peak:.2f} deg, outside what its FMU is declared for, -10 ... 10 deg" in result.warning
+    campaign = sc.load_study("study2").replace_fmu("brace", tmp_path / "to10.fmu").run(trials=20, out=tmp_path / "s")
+    messages = campaign.trials["message"].astype(str)
+    outside = campaign.trials["peak_subtalar_angle_deg"] > 10.0
+    assert messages.str.contains("brace.subtalar_angle goes over").sum() >= outside.sum() > 10
+    assert any("brace.subtalar_angle went outside what its FMU is declared for" in n for n in campaign.summary["notes"])
 
 
 def test_from_csv_gives_back_what_was_measured(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -16,9 +17,11 @@ from sprain_cosim.folders.read import read_folders
 from sprain_cosim.folders.run import RunSummary
 from sprain_cosim.report.page import write_report
 from sprain_cosim.scenario import Scenario, load_scenario
+from sprain_cosim.scenario.body import OWNER
 from sprain_cosim.study.manifest import read_manifest
 from sprain_cosim.study.replay import replay
 from sprain_cosim.study.study import Study
+from sprain_cosim.subject import anthropometry, parse_subject
 from sprain_cosim.uq.distributions import Normal
 
 PEAK = "peak_subtalar_angle_deg"
@@ -330,3 +333,21 @@ def test_a_person_takes_the_place_of_what_the_scenario_says_of_one(tmp_path: Pat
     assert lax.with_subject(WOMAN).parameters["plant.passive_x_linear"] == "20 N.m/rad"
     idle = stated.without_effect(["subject.mass"])
     assert idle == ["plant.foot_scale_x: set by the scenario, so that subject.mass cannot move it"]
+
+
+def test_the_doubt_of_a_person_is_the_spread_of_people_who_share_what_is_known() -> None:
+    subject = parse_subject("female, 1.63 m, 62 kg")
+    names, centre, covariance = anthropometry("female").rest(subject.measures)
+    scenario = load_scenario("incline30").with_subject(subject)
+    people = np.random.default_rng(3).multivariate_normal(centre, covariance, 60)
+    with scenario.open() as session:
+        peaks = [
+            session.run({f"{OWNER}{n}": v for n, v in zip(names, person, strict=True)}).metrics[PEAK]
+            for person in people.tolist()
+        ]
+    result = scenario.run(halve=True)
+    assert result.estimates_doubt == pytest.approx(np.std(peaks, ddof=1), rel=3 / np.sqrt(2 * 59))
+    assert result.estimates_doubt > 20 * result.coupling_doubt  # deg: the step is not what is uncertain
+    everything = replace(subject, measures={**subject.measures, **dict(zip(names, centre.tolist(), strict=True))})
+    assert load_scenario("incline30").with_subject(everything).run(halve=True).estimates_doubt is None
+    assert load_scenario("incline30").run(halve=True).estimates_doubt is None

@@ -149,4 +149,31 @@ def test_a_landing_that_is_cut_short_says_so() -> None:
     assert cut.warning.startswith(
         "the foot still turned at the stop (150 ms): its peak is the largest angle till then; "
     )
-    assert cut.warning.endswith('--stop "300 ms" lets it turn back')
+    assert cut.warning.endswith('--stop "300 ms" shows how it goes on')
+    assert '--stop "150 ms" shows how it goes on' in scenario.with_master(stop="30 ms").run().warning
+
+
+def test_peaks_that_are_of_no_roll_or_of_no_standing_body_say_so() -> None:
+    """A foot that turns inwards has its peak at contact; a body that has sunk into the ground has the largest speed."""
+    scenario = load_scenario("incline30").override("plant.drop_height", "0.8 m")
+    sunk = scenario.recording("plant.pelvis_ty").with_master(stop="500 ms").run()
+    assert sunk["plant.pelvis_ty"].min() < 0.0  # m: below the pivot of the platform
+    assert sunk["plant.pelvis_ty"][sunk.time <= 0.3].min() > 0.2
+    assert 'peaks of that time are of no landing (subtalar velocity 491 ms); --stop "300 ms"' in sunk.warning
+    assert scenario.with_master(stop="300 ms").run().warning == ""
+    inwards = load_scenario("incline30").override("plant.platform_incline", "-15 deg").run()
+    assert inwards.metrics["time_of_peak_subtalar_s"] == 0.0
+    assert inwards.warning == "the foot never rolled outwards: its peak is the angle at contact"
+    assert load_scenario("incline30").run().warning == ""
+
+
+def test_drops_and_slopes_that_were_never_tried_are_said() -> None:
+    scenario = load_scenario("incline30")
+    for name, tried, untried in (
+        ("plant.drop_height", "80 cm", "81 cm"),
+        ("plant.platform_incline", "45 deg", "46 deg"),
+        ("plant.platform_incline", "-15 deg", "-16 deg"),
+    ):
+        assert scenario.override(name, tried).doubts() == []
+        (told,) = scenario.override(name, untried).doubts()
+        assert told.startswith(f"{name} = {untried}: landings were only tried from ")

@@ -113,6 +113,58 @@ def test_failed_trials_widen_and_are_counted(study6) -> None:
     assert "complete replicates" in broken.notes[0]
 
 
+def test_levels_are_bounded_whatever_the_worst_landings_would_have_given(study6) -> None:
+    """The three in ten landings that roll furthest fail: the 95 % level of the others, and its interval, are far below
+    that of all; and no number of further trials tells."""
+    study = replace(study6, trials=200)
+    table = landings(study)
+    whole = summarise(study, table, None).responses[PEAK].percentiles["95"].value
+    table.loc[np.argsort(table[PEAK].to_numpy())[-60:], "status"] = "failed"
+    summary = summarise(study, table, None)
+    level = summary.responses[PEAK].percentiles["95"]
+    assert level.ci_high < whole
+    text = study_listing(study, replace(summary, wall_s=1.0))
+    (note,) = [n for n in summary.notes if "landings failed" in n]
+    low, high = level.with_failures
+    assert low <= whole
+    assert high is None
+    assert note in text
+    assert note.startswith("60 of 200 landings failed: ")
+    assert note.endswith(f"95 % {low:.2f} ... open")
+    q = summary.questions[INVERSION]
+    assert q.dominates == "failures"
+    assert "The 60 failed landings dominate" in text
+    assert "more trials narrow it" not in text
+    few = landings(study, failed=1)
+    assert summarise(study, few, None).questions[MOMENT].dominates == "sampling"
+
+
+def test_a_level_that_too_few_trials_close_has_an_open_end(study6) -> None:
+    """50 values: none of them bounds the 5 % level from below (0.95^50 > 2.5 %), which a blank did not say."""
+    study = replace(study6, trials=50)
+    summary = summarise(study, landings(study), None)
+    level = summary.responses[PEAK].percentiles["5"]
+    assert (level.ci_low, summary.responses[PEAK].percentiles["95"].ci_high) == (None, None)
+    text = study_listing(study, replace(summary, wall_s=1.0))
+    assert f"open ... {level.ci_high:.2f}" in text
+    assert "50 trials leave an end of the interval of 5 %, 95 % open" in text
+    assert "72 trials close it" in text
+    assert 0.95**72 <= 0.025 < 0.95**71
+    closed = replace(study6, trials=72)
+    text = study_listing(closed, replace(summarise(closed, landings(closed), None), wall_s=1.0))
+    assert "open" not in text
+
+
+def test_peaks_that_are_of_no_roll_are_counted(study6) -> None:
+    study = replace(study6, trials=40)
+    table = landings(study)
+    table["time_of_peak_subtalar_s"] = np.repeat([0.15, 0.0, 0.31, 0.1], [5, 4, 3, 28])
+    notes = summarise(study, table, None).notes
+    assert any("in 8 of 40 trials the foot still turned at the stop" in n for n in notes)  # 0.31 s is later, too
+    assert any("in 4 of 40 trials the foot never rolled outwards" in n for n in notes)
+    assert any("of no landing (supination in 3 of 40 trials)" in n for n in notes)
+
+
 @pytest.mark.parametrize(("trials", "said"), [(3, "no moments"), (12, "no sensitivities")])
 def test_too_few_trials_say_so(study6, trials: int, said: str) -> None:
     study = replace(study6, trials=trials)

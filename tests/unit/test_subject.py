@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,10 +14,10 @@ from scipy.special import chdtrc, ndtri
 from sprain_cosim.errors import InputError
 from sprain_cosim.scenario.body import OWNER, SEX
 from sprain_cosim.study.codec import decode, encode
-from sprain_cosim.study.population import SCALING, Population, population_of
+from sprain_cosim.study.population import Population, population_of
 from sprain_cosim.subject import Person, Subject, anthropometry, base_person, parse_subject
 from sprain_cosim.subject.anthropometry import MASS, MEASURES, SEXES, Anthropometry
-from sprain_cosim.subject.person import BASE, SEGMENTS
+from sprain_cosim.subject.person import BASE, SCALING, SEGMENTS
 from sprain_cosim.uq import sampling
 from sprain_cosim.uq.distributions import Mixture, Normal
 from tests.reference import needs_reference
@@ -171,11 +172,35 @@ def test_feet_and_pounds_as_people_write_them(text: str) -> None:
 def test_unusual_measures_are_told() -> None:
     assert parse_subject("female, 1.63 m, 62 kg").warnings == ()
     (one,) = parse_subject("male, 2.10 m, 110 kg").warnings
-    assert "stature 2.1 m is above all but" in one
+    assert "stature 2.1 m is by their law above all 4082 men measured; " in one
+    (short,) = parse_subject("female, 1.42 m, 50 kg").warnings
+    assert "stature 1.42 m is below all but 0.06 % of the women measured; " in short
     beside = parse_subject("female, 1.75 m, foot length 23 cm").warnings
     assert any("measured with stature 1.75 m" in line for line in beside)
     assert "age 70" in parse_subject("female, 1.63 m, 62 kg, 70 years").warnings[0]
     assert "68 kg is estimated, which leaves ± 9 kg open" in parse_subject("female, 1.63 m").warnings[0]
+    assert (
+        "stature is not stated; 161 cm is estimated, which leaves ± 5 cm open"
+        in parse_subject("female, 62 kg").warnings[0]
+    )
+
+
+def test_a_tail_of_a_fitted_law_is_no_share_of_people() -> None:
+    """1986 women say nothing of 1 in 10 million."""
+    for text in ("female, 1.63 m, 20 kg", "male, 2.2 m", "female, 1.63 m, 62 kg, foot length 32 cm"):
+        for line in parse_subject(text).warnings:
+            for share in re.findall(r"all but (\S+) %", line):
+                assert float(share) / 100 >= 1 / 4082, line
+
+
+def test_what_estimates_leave_open_is_that_of_people_who_share_what_is_known() -> None:
+    """The covariance of the directions is the table's, given what is known."""
+    subject = parse_subject("female, 1.63 m, 62 kg")
+    names, centre, covariance = anthropometry("female").rest(subject.measures)
+    at = [k for k, name in enumerate(names) if name in SCALING]
+    off = np.array([[d[names[k]] - centre[k] for k in at] for d in subject.deviations])
+    assert off.T @ off == pytest.approx(covariance[np.ix_(at, at)], abs=1e-12)
+    assert parse_subject("female, 1.63 m").deviations[0].keys() >= {MASS}
 
 
 def test_descriptions_travel() -> None:
