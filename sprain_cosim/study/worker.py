@@ -327,8 +327,8 @@ def _handlers(subject: tuple[Openable, System | None, tuple[str, ...], str]) -> 
             reply = {"status": result.status, "message": result.message, "metrics": result.metrics}
             if isinstance(result, Result) and result.messages:
                 reply["messages"] = {name: said.to_json() for name, said in result.messages.items()}
-            if result.status == "completed" and isinstance(result, Result):
-                reply["message"] = "; ".join(session.system.left_ranges(result))
+            if system is not None and result.status == "completed":
+                reply["message"] = "; ".join(system.left_ranges(result))
             if (record or result.status != "completed") and isinstance(result, Result):
                 reply |= _record(result)
         except SprainError as problem:
