@@ -59,10 +59,10 @@ Trial = tuple[Sequence[float], bool]  # its values (d,), and whether its traject
 class Outcome:
     """How a trial ended: completed, failed (FMI error or a value that is not finite), crashed, timeout or lost (with
     the machine that ran it, several times); `message` says why, and of a completed trial that its coupling has not
-    converged or that a device went outside what its FMU is declared for. `wall` [s] that it took; of a timeout the limit that ended it. `log` the last lines printed. Where a
-    record was asked for, and of a failed trial, `trajectory` is the record (cosim/record.py) and `about` its
-    scheme, scheme_reason, warning, coupling_error and status. `messages` {component: what its FMU said}, of those that
-    said anything."""
+    converged or that a device went outside what its FMU is declared for. `wall` [s] that it took; of a timeout the
+    limit that ended it. `log` the last lines printed. Where a record was asked for, and of a failed trial, `trajectory`
+    is the record (cosim/record.py) and `about` its scheme, scheme_reason, warning, coupling_error and status.
+    `messages` {component: what its FMU said}, of those that said anything."""
 
     status: str
     message: str
