@@ -12,6 +12,7 @@ import re
 from collections.abc import Mapping as MappingOf
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -417,12 +418,18 @@ def _levered(name: str) -> Unit:
 
 def read_component(name: str, fmu: Path, mapping: Path | None = None) -> Component:
     """The component under the contract's names: by the mapping file, else by the mapping it carries, else as it is.
-    Raises InputError."""
-    component = Component.read(name, fmu)
-    found = load_mapping(mapping) if mapping is not None else carried(component)
+    What has the same content is the same object. Raises InputError."""
+    text = None if mapping is None else read_text(Path(mapping))
+    return _component(name, archive.read(Path(fmu)), text, str(mapping))
+
+
+@lru_cache(maxsize=64)
+def _component(name: str, checked: archive.Archive, text: str | None, source: str) -> Component:
+    component = Component.of(name, checked)
+    found = parse(text, source) if text is not None else carried(component)
     component = component if found is None else found.apply(component)
     if component.tool_problem():
-        raise InputError(f"{fmu}: {component.tool_problem()}")
+        raise InputError(f"{component.fmu}: {component.tool_problem()}")
     return component
 
 

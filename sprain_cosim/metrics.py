@@ -105,7 +105,7 @@ def metrics(run: Signals) -> dict[str, float]:
     peak = {}
     for axis, name in angle.items():
         values = run[name]
-        peak[axis] = k = int(np.argmax(values))
+        peak[axis] = k = int(values.argmax())
         key = f"peak_{axis}_angle_deg" if axis in ANATOMIC else f"peak_jcs_{axis}_deg"
         out[key] = degrees * float(values[k])
         if axis == "subtalar":
@@ -133,7 +133,7 @@ def metrics(run: Signals) -> dict[str, float]:
 
 def _work(torque: np.ndarray, angle: np.ndarray) -> float:
     """[J] of (n,) torque [N.m] over (n,) angle [rad]."""
-    return float(np.sum(0.5 * (torque[1:] + torque[:-1]) * np.diff(angle)))
+    return float(np.sum(0.5 * (torque[1:] + torque[:-1]) * (angle[1:] - angle[:-1])))
 
 
 def unit_of(key: str) -> str:

@@ -6,18 +6,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from fnmatch import fnmatchcase
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contract import PLANT, is_excitation, is_impedance
+from ..contract import PLANT
 from ..errors import InputError, SimulationError, nearest
 from ..fmu.element import Element
 from ..fmu.instance import Instance
 from ..units import Unit
 from .hand_over import HandOver
+from .layout import Place, Slots
 from .loops import make_consistent
+from .native_members import NativeMembers
 from .own_rate import OwnRate
 from .rest import outputs_at_rest
 from .schedule import Rate, Schedule, schedule
@@ -27,12 +30,10 @@ if TYPE_CHECKING:
     from .system import System
 
 Values = NDArray[np.floating]
-Slots = NDArray[np.intp]
-NO_SLOTS: Slots = np.zeros(0, dtype=np.intp)
 
 
 class Member:
-    """One instance and its place on the bus.
+    """One instance and its place on the bus, whose arrays are never written.
 
     inputs, outputs    its slots on the bus
     input_values, output_values  views of them
@@ -46,14 +47,14 @@ class Member:
     spare, spare_bus   a second instance for experiments, on a bus of its own
     """
 
-    def __init__(self, component: Element, instance: Instance, bus: Values, inputs: slice, outputs: slice) -> None:
-        self.name, self.component, self.instance = component.name, component, instance
-        self.inputs, self.outputs = inputs, outputs
-        self.input_values, self.output_values = bus[inputs], bus[outputs]
-        self.sources = self.connected = self.unconnected = NO_SLOTS
-        self.scaled = False
-        self.factor = self.offset = np.zeros(0)
-        self.feedthrough = self.fed_back = self.inputs_set = False
+    def __init__(self, component: Element, instance: Instance, bus: Values, place: Place) -> None:
+        self.name, self.component, self.instance, self.place = component.name, component, instance, place
+        self.inputs, self.outputs = place.inputs, place.outputs
+        self.input_values, self.output_values = bus[place.inputs], bus[place.outputs]
+        self.sources, self.connected, self.unconnected = place.unconnected, place.connected, place.unconnected
+        self.factor, self.offset, self.scaled = place.factor, place.offset, place.scaled
+        self.feedthrough = place.feedthrough > 0
+        self.fed_back = self.inputs_set = False
         self.lag = 0
         self.spare: Instance | None = None
         self.spare_bus = np.zeros(0)
@@ -77,6 +78,7 @@ class Assembly:
     stepping    those of them that take every step
     own_rate    the others: called at a rate of their own
     parameters, time, stop  of the present run
+    native      the members for loops in C; None where one of them needs Python
     recorder    what is to be recorded while the plant passes; None where nothing is
 
     Order of the calls: start - (transfer, advance by the scheme, call)* - start again, or close. After a
@@ -84,62 +86,39 @@ class Assembly:
 
     def __init__(self, system: System) -> None:
         self.system = system
-        self.names: list[str] = []
-        self.units: list[Unit | None] = []
-        layouts = [member_layout(component, system) for component in system.components]
-        for component, (inputs, outputs, _) in zip(system.components, layouts, strict=True):
-            for name in (*inputs, *outputs):
-                self.names.append(f"{component.name}.{name}")
-                self.units.append(component.connectors[name].unit)
-        # this slot stays 0, the source of what is not handed over; after it stand the values found by identification
-        self.zero = len(self.names)
-        rest = [target for target in system.connections if is_excitation(target) and target in self.names]
-        self.bus = np.zeros(self.zero + 1 + len(system.undeclared) + len(rest))
+        layout = self.layout = system.layout
+        self.names, self.units, self.index, self.zero = layout.names, layout.units, layout.index, layout.zero
+        self.bus = np.zeros(layout.size)
         self.record = self.bus[: self.zero]
-        self.index = {name: k for k, name in enumerate(self.names)}
-        self.identified = {name: k for k, name in enumerate(system.undeclared, self.zero + 1)}
-        self._at_rest = {name: k for k, name in enumerate(rest, self.zero + 1 + len(self.identified))}
+        self.identified = layout.identified
         self.members: list[Member] = []
         self.stepping: list[Member] = []
         self.own_rate: dict[str, OwnRate] = {}
         self.recorder: Recorder | None = None
+        self.native: NativeMembers | None = None
         self.parameters: Mapping[str, float] = {}
         self.time, self.stop = 0.0, math.inf
         self._started = False
-        self._schedules: dict[tuple[float, float, int], Schedule] = {}
         self._watched: list[tuple[Member, Values]] = []
         try:
-            for component, layout in zip(system.components, layouts, strict=True):
-                self._open(component, *layout)
+            for component, place in zip(system.components, layout.places, strict=True):
+                self._open(component, place)
         except BaseException:
             self.close()
             raise
-        for member in self.members:
-            self._connect(member)
-        self._hand_over = HandOver(self) if system.torques else None
         self._set_rates({})
 
-    def _open(self, component: Element, inputs: Sequence[str], outputs: Sequence[str], feedthrough: int) -> None:
-        """Adds the component behind the members that are there; its last `feedthrough` outputs follow its inputs."""
-        first = self.members[-1].outputs.stop if self.members else 0
-        split = first + len(inputs)
-        places = slice(first, split), slice(split, split + len(outputs))
-        member = Member(component, component.open(), self.bus, *places)
+    def _open(self, component: Element, place: Place) -> None:
+        """Adds the component behind the members that are there."""
+        member = Member(component, component.open(), self.bus, place)
         self.members.append(member)
-        member.instance.bind(self.bus, inputs, first, outputs, split, feedthrough)
-        member.feedthrough = feedthrough > 0
+        first, split, n = place.inputs.start, place.inputs.stop, place.inputs.stop - place.inputs.start
+        inputs, outputs = place.own_names[:n], place.own_names[n:]
+        member.instance.bind(self.bus, inputs, first, outputs, split, place.feedthrough)
 
-    def _connect(self, member: Member) -> None:
-        system, names = self.system, self.names[member.inputs]
-        sources = [system.connections.get(name) for name in names]
-        ends = list(zip(names, sources, strict=True))
-        member.connected = np.array([self.index[s] if s else self.identified[n] for n, s in ends], dtype=np.intp)
-        member.unconnected = np.where([is_impedance(n) for n in names], self.zero, member.connected).astype(np.intp)
-        links = [
-            system.links.get(n) or conversion(system.find(s).unit if s else None, system.find(n).unit) for n, s in ends
-        ]
-        member.factor, member.offset = np.array([f for f, _ in links]), np.array([b for _, b in links])
-        member.scaled = any(link != (1.0, 0.0) for link in links)
+    @cached_property
+    def _hand_over(self) -> HandOver | None:
+        return HandOver(self) if self.system.torques else None
 
     def _set_rates(self, rates: Mapping[str, Rate]) -> None:
         self.own_rate = {
@@ -153,11 +132,15 @@ class Assembly:
         """Connects stiffness and damping, those of sampled members excepted, or feeds zeros in their place."""
         held = [own.member.outputs for own in self.own_rate.values() if own.rate.sampled]
         for member in self.members:
-            member.sources = member.connected.copy() if on else member.unconnected
+            sources = member.connected if on else member.unconnected
             for outputs in held if on else ():
-                from_held = (member.sources >= outputs.start) & (member.sources < outputs.stop)
-                member.sources[from_held & (member.unconnected == self.zero)] = self.zero
-            member.fed_back = bool((member.sources[member.sources < self.zero] >= member.outputs.stop).any())
+                from_held = (sources >= outputs.start) & (sources < outputs.stop)
+                sources = np.where(from_held & (member.unconnected == self.zero), self.zero, sources)
+            member.sources = sources
+            if sources is member.unconnected:
+                member.fed_back = member.place.fed_back_unconnected
+            else:
+                member.fed_back = member.place.fed_back_connected if not held else member.place.fed_back(sources)
             member.inputs_set = False
 
     def watch_locals(self, patterns: Sequence[str]) -> tuple[list[str], list[Unit | None]]:
@@ -203,15 +186,13 @@ class Assembly:
         return np.array(slots, dtype=np.intp)
 
     def factor(self, slot: int) -> float:
-        """From the slot's unit to SI, offsets apart; 1 for slots of the bus itself and for undeclared units."""
-        unit = self.units[slot] if slot < self.zero else None
-        return unit.factor if unit else 1.0
+        """From the slot's unit to SI, see Layout."""
+        return self.layout.factor(slot)
 
-    def si(self, name: str) -> float:
+    def si(self, slot: int) -> float:
         """The present value of a connector in SI."""
-        at = self.index[name]
-        unit = self.units[at]
-        return float(self.bus[at]) if unit is None else unit.to_base(float(self.bus[at]))
+        unit = self.units[slot]
+        return float(self.bus[slot]) if unit is None else unit.to_base(float(self.bus[slot]))
 
     def transfer(self, member: Member) -> None:
         """Sources to the member's inputs, on the bus only."""
@@ -222,11 +203,8 @@ class Assembly:
             member.input_values += member.offset
 
     def schedule(self, start: float, step: float, steps: int) -> Schedule:
-        """Made once for all runs with these times. Raises InputError."""
-        times = start, step, steps
-        if times not in self._schedules:
-            self._schedules[times] = schedule(self.system.components, *times)
-        return self._schedules[times]
+        """Raises InputError."""
+        return schedule(self.system.components, start, step, steps)
 
     def start(
         self, parameters: Mapping[str, float], time: float, stop: float, rates: Mapping[str, Rate] | None = None
@@ -244,6 +222,7 @@ class Assembly:
         for member in self.members:
             member.lag = 0
             member.instance.set_parameters(self.parameters_of(member))
+        self.native = NativeMembers.of(self)
         for member in self.members:
             member.instance.enter_initialization(time, stop)
         self._excite_at_rest()
@@ -261,19 +240,15 @@ class Assembly:
         """Feeds excitations, while the components initialise, with what their sources give at rest: before the first
         stretch reaches a controller, its muscles have the activation that belongs to this. The first step has the
         excitations that answer to the stretch."""
-        fed = {target: self.index[self.system.connections[target]] for target in self._at_rest}
+        at_rest = self.layout.at_rest
+        fed = {target: self.index[self.system.connections[target]] for target in at_rest}
         for member in self.members:
             if any(member.outputs.start <= slot < member.outputs.stop for slot in fed.values()):
                 self.bus[member.outputs] = outputs_at_rest(self, member)
-        for member in self.members:
-            names = self.names[member.inputs]
-            if any(name in fed for name in names):
-                member.sources = np.array(
-                    [self._at_rest.get(n, s) for n, s in zip(names, member.sources.tolist(), strict=True)],
-                    dtype=np.intp,
-                )
+            if member.place.resting is not None:
+                member.sources = member.place.resting
         for target, slot in fed.items():
-            self.bus[self._at_rest[target]] = self.bus[slot]
+            self.bus[at_rest[target]] = self.bus[slot]
 
     def parameters_of(self, member: Member) -> dict[str, float]:
         prefix = f"{member.name}."
@@ -359,28 +334,6 @@ class Assembly:
             member.instance.close()
             member.close_spare()
         self.members = []
-
-
-def member_layout(component: Element, system: System) -> tuple[list[str], list[str], int]:
-    """The inputs and outputs that stand on the bus; the last so many outputs follow the inputs directly."""
-    fed = [f"{component.name}.{n}" for n in component.inputs]
-    inputs = [n.partition(".")[2] for n in fed if n in system.connections or n in system.undeclared]
-    direct = {
-        name: connector.depends_on is None or not set(inputs).isdisjoint(connector.depends_on)
-        for name, connector in component.outputs.items()
-        if connector.scalar_number
-    }
-    return inputs, sorted(direct, key=direct.__getitem__), sum(direct.values()) if inputs else 0
-
-
-def conversion(source: Unit | None, target: Unit | None) -> tuple[float, float]:
-    """Factor and offset from the source's unit to the target's; an undeclared unit is SI."""
-    if source == target or (
-        source is not None and target is not None and (source.factor, source.offset) == (target.factor, target.offset)
-    ):
-        return 1.0, 0.0
-    source, target = source or Unit("1"), target or Unit("1")
-    return source.factor / target.factor, (source.offset - target.offset) / target.factor
 
 
 def _is_of(name: str, pattern: str) -> bool:

@@ -459,13 +459,9 @@ static fmi2Status consistent(Container *c) {
     double *before = run->rows; /* free until the first step */
     memcpy(before, run->bus, (size_t)run->slots * sizeof(double));
     for (int round = 0; round < ROUNDS; round++) {
-        for (int64_t k = 0; k < run->count; k++) {
-            Member *m = &run->members[k];
-            transfer(run, m);
-            if (set_inputs(run, m)) return done(c, k, run->status, "setting its inputs at the start");
-            if (get_outputs(run, m, 0, m->outputs)) return done(c, k, run->status, "reading its outputs at the start");
-        }
-        for (int64_t k = 0; k < run->count; k++) transfer(run, &run->members[k]);
+        int outcome = exchange(run);
+        if (outcome == SETTING) return done(c, run->member, run->status, "setting its inputs at the start");
+        if (outcome == READING) return done(c, run->member, run->status, "reading its outputs at the start");
         if (!all_finite(run->bus, run->slots)) return FAIL(c, "a value is not finite at the start");
         double largest = 0;
         for (int64_t k = 0; k < run->slots; k++) largest = fmax(largest, fabs(run->bus[k] - before[k]) / fmax(1.0, fabs(before[k])));

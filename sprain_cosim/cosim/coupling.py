@@ -113,7 +113,7 @@ def begin(
 def _guarded(scheme: Scheme, found: Linearisation | None, step: float, steps: int, states: bool) -> list[str]:
     """What the guard has to say. Raises InputError where the coupling would be unstable."""
     finest = scheme.allowed[-1] if isinstance(scheme, Adaptive) else 1
-    others = [Impedance.name, Iterative.name] if states else [Impedance.name]
+    others = (Impedance.name, Iterative.name) if states else (Impedance.name,)
     level, message = verdict(scheme.name, found, step / finest, steps * finest, others)
     if level == "refusal":
         raise InputError(message)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..literature import BRACE_STIFFNESS, BRACE_TORQUE, BRACES_TEXT
-from .energy import Exchange
+from .energy import Exchange, row_changes
 from .stability import WRONG_SIGN
 
 PUSHED, PUSHED_LEAST = 0.1, 0.01  # share of the energy exchanged; J
@@ -53,10 +53,12 @@ def turning_jumps(passed: Exchange) -> dict[int, float]:
         angle, torque = passed.angle[:, axis], passed.torque[:, axis]
         peak = int(np.argmax(angle))
         if BESIDE < peak < len(angle) - BESIDE:
-            changes = np.abs(np.diff(torque))
-            near = np.sort(changes[peak - BESIDE : peak + BESIDE])
-            jump, usual = changes[peak - 2 : peak + 2].max(), 0.5 * (near[BESIDE - 1] + near[BESIDE])  # its median
-            if jump > max(SLIDING * abs(float(torque[peak])), SLIDING_LEAST, 3.0 * usual):
+            changes = np.abs(row_changes(torque[peak - BESIDE : peak + BESIDE + 1]))
+            jump = changes[BESIDE - 2 : BESIDE + 2].max()
+            if jump <= max(SLIDING * abs(float(torque[peak])), SLIDING_LEAST):
+                continue
+            near = np.sort(changes)
+            if jump > 3.0 * (0.5 * (near[BESIDE - 1] + near[BESIDE])):  # their median
                 out[axis] = float(jump)
     return out
 
@@ -66,7 +68,7 @@ def _secants(passed: Exchange) -> tuple[float, float]:
     points; angles of less than NEAR do not count."""
     angle, torque = np.abs(passed.angle), np.abs(passed.torque)
     secants = np.where(angle > NEAR, torque / np.maximum(angle, NEAR), 0.0)
-    at_peak = np.take_along_axis(secants, angle.argmax(axis=0)[None, :], axis=0)
+    at_peak = secants[angle.argmax(axis=0), np.arange(angle.shape[1])]
     return float(at_peak.max()), float(secants.max())
 
 
@@ -76,7 +78,7 @@ def pushed(passed: Exchange | None) -> dict[int, float]:
     takes energy on the way out, whatever it stores, and may give it back on the way home only."""
     if passed is None or len(passed.torque) < 2:
         return {}
-    moved, middle = np.diff(passed.angle, axis=0), 0.5 * (passed.angle[1:] + passed.angle[:-1])
+    moved, middle = row_changes(passed.angle), 0.5 * (passed.angle[1:] + passed.angle[:-1])
     mean = np.where(passed.held, passed.torque[:-1], 0.5 * (passed.torque[1:] + passed.torque[:-1]))
     given = mean * moved
     outward = np.where(middle * moved > 0, given, 0.0).sum(axis=0)

@@ -11,15 +11,18 @@ is stated apart (result.Held)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from functools import lru_cache
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..contract import impedance_input, motion_output, torque_input
 from .assembly import Assembly
+from .layout import Layout, Slots
 
 Values = NDArray[np.floating]
 
@@ -61,54 +64,105 @@ def exchange(
 ) -> Exchange | None:
     """From a record (n, slots) of the assembly's bus at points `steps` (n - 1,) apart, at which members with a rate of
     their own were `due`; None without a device that gives a torque about an axis of the plant."""
-    axes = list(assembly.system.torques)
-    if not axes:
+    site = _site(assembly.layout)
+    if site is None:
         return None
-
-    def columns(names: Iterable[str]) -> Values:
-        return np.stack([_column(assembly, values, name) for name in names], axis=1)
-
-    names = [source.partition(".")[0] for source in assembly.system.torques.values()]
-    owners = [assembly.own_rate.get(name) for name in names]
+    owners = [assembly.own_rate.get(name) for name in site.devices]
     lag = {member.name: member.lag for member in assembly.members}
-    torque = columns(torque_input(a) for a in axes)
+    torque = site.torque.of(values)
     passed = Exchange(
         torque=torque,
         device=torque,
-        angle=columns(motion_output(a, "stiffness") for a in axes),
-        velocity=columns(motion_output(a, "damping") for a in axes),
-        stiffness=_impedances(assembly, values, "stiffness"),
-        damping=_impedances(assembly, values, "damping"),
+        angle=site.angle.of(values),
+        velocity=site.velocity.of(values),
+        stiffness=site.stiffness.of(values),
+        damping=site.damping.of(values),
         steps=steps,
         held=np.array([own is not None and own.rate.sampled for own in owners]),
-        lag=np.array([lag[name] for name in names], dtype=np.intp),
+        lag=np.array([lag[name] for name in site.devices], dtype=np.intp),
     )
     carried = {k: own.member.name for k, own in enumerate(owners) if own is not None and not own.rate.sampled}
     return _with_calls(passed, carried, due or {}) if carried else passed
 
 
-def _column(assembly: Assembly, values: Values, name: str) -> Values:
-    """(n,) of a connector, SI."""
-    unit = assembly.units[assembly.index[name]]
-    raw = values[:, assembly.index[name]]
-    return raw if unit is None else unit.factor * raw + unit.offset
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """Some columns of a record, in SI: slots, factor and offset to SI, and their places in an array of `shape` for each
+    row, which is 0 elsewhere."""
+
+    slots: Slots
+    factor: Values
+    offset: Values
+    places: Slots
+    shape: tuple[int, ...]
+
+    @classmethod
+    def named(cls, layout: Layout, names: Sequence[str], shape: tuple[int, ...]) -> Self:
+        """Of these connectors, in the order of the array; names that there are not are 0."""
+        places = [k for k, name in enumerate(names) if name in layout.index]
+        slots = [layout.index[names[k]] for k in places]
+        units = [layout.units[slot] for slot in slots]
+        return cls(
+            np.array(slots, dtype=np.intp),
+            np.array([1.0 if unit is None else unit.factor for unit in units]),
+            np.array([0.0 if unit is None else unit.offset for unit in units]),
+            np.array(places, dtype=np.intp),
+            shape,
+        )
+
+    def of(self, values: Values) -> Values:
+        """(n, *shape) from a record (n, slots)."""
+        found: Values = values.take(self.slots, axis=1)
+        found *= self.factor
+        found += self.offset
+        if len(self.slots) < math.prod(self.shape):
+            whole = np.zeros((len(values), math.prod(self.shape)))
+            whole[:, self.places] = found
+            found = whole
+        return found.reshape(len(values), *self.shape)
 
 
-def _impedances(assembly: Assembly, values: Values, kind: str) -> Values:
-    """(n, d, d) stiffness or damping on the plant's inputs, SI."""
-    axes = list(assembly.system.torques)
-    matrix = np.zeros((len(values), len(axes), len(axes)))
-    for i, a in enumerate(axes):
-        for j, b in enumerate(axes):
-            name = impedance_input(a, b, kind)
-            if name in assembly.index:
-                matrix[:, i, j] = _column(assembly, values, name)
-    return matrix
+@dataclass(frozen=True, eq=False)
+class _Site:
+    """Where on the bus devices and plant meet; `devices` their names, by axis."""
+
+    devices: list[str]
+    torque: _Columns
+    angle: _Columns
+    velocity: _Columns
+    stiffness: _Columns
+    damping: _Columns
+
+
+@lru_cache(maxsize=16)
+def _site(layout: Layout) -> _Site | None:
+    axes = list(layout.torques)
+    if not axes:
+        return None
+    d = len(axes)
+
+    def impedances(kind: str) -> _Columns:
+        return _Columns.named(layout, [impedance_input(a, b, kind) for a in axes for b in axes], (d, d))
+
+    return _Site(
+        [source.partition(".")[0] for source in layout.torques.values()],
+        _Columns.named(layout, [torque_input(a) for a in axes], (d,)),
+        _Columns.named(layout, [motion_output(a, "stiffness") for a in axes], (d,)),
+        _Columns.named(layout, [motion_output(a, "damping") for a in axes], (d,)),
+        impedances("stiffness"),
+        impedances("damping"),
+    )
+
+
+def row_changes(values: Values) -> Values:
+    """From each row to the next; np.diff takes longer to begin than to do it."""
+    found: Values = values[1:] - values[:-1]
+    return found
 
 
 def handed_over(passed: Exchange) -> Values:
     """(n - 1, axes) change of each torque over each step by stiffness and damping."""
-    turned, quickened = np.diff(passed.angle, axis=0), np.diff(passed.velocity, axis=0)
+    turned, quickened = row_changes(passed.angle), row_changes(passed.velocity)
     change: Values = np.einsum("nij,nj->ni", passed.stiffness[:-1], turned)
     change += np.einsum("nij,nj->ni", passed.damping[:-1], quickened)
     return -change
@@ -133,7 +187,7 @@ def shares(scheme: Applies, passed: Exchange | None) -> tuple[Values, Values] | 
     """Residual and exchanged energy [J] of each step, both (n - 1,) magnitudes."""
     if passed is None or len(passed.torque) < 2:
         return None
-    moved = np.diff(passed.angle, axis=0)
+    moved = row_changes(passed.angle)
     device = passed.device.copy()
     for axis, lag in enumerate((passed.lag + scheme.lag).tolist()):
         if lag:  # the last ones are not known yet: straight on

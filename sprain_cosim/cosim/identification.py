@@ -14,8 +14,9 @@ whether it answers one step late.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property, lru_cache
 from operator import mul
 from typing import Any
 
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 from ..contract import MOTION, impedance_input, inertia_output, motion_output
 from ..errors import SimulationError
 from .assembly import Assembly, Member
+from .layout import Layout, Place, Slots
 from .spare import spare_in_initialization
 
 ANGLE, VELOCITY = 1e-4, 0.05  # rad, rad/s: least movements
@@ -41,9 +43,10 @@ Slopes = NDArray[np.float64]  # (2, d, d): stiffness and damping
 Recent = tuple[list[list[float]], list[float]]  # torques by inputs; inputs and torques, all in the units of the bus
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Linearisation:
-    """The devices at the start, SI.
+    """The devices at the start, SI. Two are equal where every number is, to the bit, so that what follows from them
+    alone may be kept.
 
     axes                    about which they give torques (d)
     stiffness, damping      (d, d) that their torques show where they can be found, else as declared
@@ -66,6 +69,17 @@ class Linearisation:
     identified: tuple[str, ...] = ()
     doubt: str = ""
 
+    @cached_property
+    def _content(self) -> tuple[Any, ...]:
+        values = (getattr(self, f.name) for f in fields(self))
+        return tuple(value.tobytes() if isinstance(value, np.ndarray) else value for value in values)
+
+    def __hash__(self) -> int:
+        return hash(self._content)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Linearisation) and self._content == other._content
+
     @property
     def stiffest(self) -> int:
         """The axis with the greatest stiffness over inertia, or damping where there is no stiffness."""
@@ -87,14 +101,9 @@ class Identification:
     run."""
 
     def __init__(self, assembly: Assembly, step: float) -> None:
-        self.assembly = assembly
-        torques = assembly.system.torques
-        self.axes = tuple(torques)
-        self._devices: list[_Device] = []
-        for member in assembly.members:
-            rows = [k for k, torque in enumerate(torques.values()) if torque.startswith(f"{member.name}.")]
-            if rows:
-                self._devices.append(_Device(assembly, member, self.axes, rows))
+        self.assembly, self._sites = assembly, _sites(assembly.layout)
+        self.axes = self._sites.axes
+        self._devices = [_Device(assembly, assembly.members[k], self.axes, own) for k, own in self._sites.devices]
         self.linearisation = self._at_start(step) if self._devices else None
         repeated = [device for device in self._devices if device.targets and device.constant is None]
         self._repeated = [device for device in repeated if device.member.name not in assembly.own_rate]
@@ -142,7 +151,9 @@ class Identification:
         found, period = _Findings(np.zeros((2, d, d)), np.zeros((2, d, d))), np.zeros(d)
         for device in self._devices:
             span = device.period or step
-            slopes = np.nan_to_num(device.linearise(assembly.time, span), nan=0.0, posinf=0.0, neginf=0.0)
+            slopes = device.linearise(assembly.time, span)
+            if not np.isfinite(slopes).all():
+                slopes = np.nan_to_num(slopes, nan=0.0, posinf=0.0, neginf=0.0)
             device.write(slopes)
             if device.sampled:
                 period[device.rows] = span
@@ -159,14 +170,14 @@ class Identification:
                     f"{device.member.name} answers one step late, {1e3 * span:g} ms, which no scheme makes good; a "
                     "smaller --step lessens it"
                 )
-        inertia = [inertia_output(axis) for axis in axes]
+        inertia = self._sites.inertia
         return Linearisation(
             axes=axes,
             stiffness=found.shown[0],
             damping=found.shown[1],
             handed_stiffness=found.handed[0],
             handed_damping=found.handed[1],
-            inertia=np.array([assembly.si(n) for n in inertia]) if set(inertia) <= set(assembly.index) else None,
+            inertia=None if inertia is None else np.array([assembly.si(slot) for slot in inertia]),
             period=period,
             declared=tuple(found.declared),
             identified=tuple(found.identified),
@@ -175,15 +186,14 @@ class Identification:
 
     def _compare(self, device: _Device, kind: int, row: int, slopes: Slopes, found: _Findings) -> None:
         """What a device declares about one axis against what its torques show."""
-        assembly, axes, connections = self.assembly, self.axes, self.assembly.system.connections
-        own = impedance_input(axes[row], axes[row], KINDS[kind])
         found.shown[kind, row] = slopes[kind, row]
-        if own not in connections:
+        stating = device.site.stating[kind, row]
+        if stating is None:
             return
+        source, places = stating
         if not device.sampled:
-            found.declared.append(connections[own])
-        names = [impedance_input(axes[row], other, KINDS[kind]) for other in axes]
-        stated = np.array([assembly.si(connections[n]) if n in connections else 0.0 for n in names])
+            found.declared.append(source)
+        stated = np.array([0.0 if slot is None else self.assembly.si(slot) for slot in places])
         if not device.sampled:
             found.handed[kind, row] = stated
         if not device.answers:
@@ -192,9 +202,7 @@ class Identification:
         declared, shown = stated[row], found.shown[kind, row, row]
         tolerance = max(0.5 * abs(shown), 0.02 * np.abs(found.shown[kind]).max(), 1e-3)
         if any(c.axis == row and c.kind == kind for c in device.columns) and abs(declared - shown) > tolerance:
-            found.doubts.append(
-                f"{connections[own]} says {declared:.4g} where the torque answers with {shown:.4g} (SI)"
-            )
+            found.doubts.append(f"{source} says {declared:.4g} where the torque answers with {shown:.4g} (SI)")
 
     def _name_targets(self, device: _Device, found: _Findings) -> None:
         missing = " and ".join(n for kind, n in enumerate(KINDS) if any(t.kind == kind for t in device.targets))
@@ -246,13 +254,88 @@ class _Column:
     factor: float
 
 
-class _Device:
-    """The probes of one device.
+@dataclass(frozen=True, eq=False)
+class _Site:
+    """Where on the bus one device is probed.
 
-    rows          the axes about which it gives torques
-    columns       the outputs of the plant that it reads
-    targets       the slots for what it does not declare
+    rows     the axes about which it gives torques
+    torques  slots of these
+    factors  from their units to SI
+    columns  the outputs of the plant that it reads
+    targets  the slots for what it does not declare
+    law      slots of the columns and the torques
+    stating  {kind and row: the output that declares this, and the slots of what is declared by axis, None for none}
+    """
+
+    rows: list[int]
+    torques: list[int]
+    factors: Matrix
+    columns: list[_Column]
+    targets: list[_Target]
+    law: Slots
+    stating: Mapping[tuple[int, int], tuple[str, list[int | None]] | None]
+
+
+@dataclass(frozen=True, eq=False)
+class _Sites:
+    """Of all devices, by their places in the system; `inertia`: slots of the plant's effective inertia about the axes,
+    None where it gives none."""
+
+    axes: tuple[str, ...]
+    devices: list[tuple[int, _Site]]
+    inertia: list[int] | None
+
+
+@lru_cache(maxsize=16)
+def _sites(layout: Layout) -> _Sites:
+    axes, devices = tuple(layout.torques), []
+    for k, component in enumerate(layout.components):
+        rows = [row for row, torque in enumerate(layout.torques.values()) if torque.startswith(f"{component.name}.")]
+        if rows:
+            devices.append((k, _site(layout, layout.places[k], axes, rows)))
+    inertia = [layout.index.get(inertia_output(axis)) for axis in axes]
+    return _Sites(axes, devices, [k for k in inertia if k is not None] if None not in inertia else None)
+
+
+def _site(layout: Layout, place: Place, axes: tuple[str, ...], rows: list[int]) -> _Site:
+    index, connections = layout.index, layout.connections
+    torques = [index[layout.torques[axes[row]]] for row in rows]
+    read = {connections.get(name) for name in layout.names[place.inputs]}
+    columns = [
+        _Column(index[name], index[motion_output(axis, "damping")], kind, k, layout.factor(index[name]))
+        for kind, impedance in enumerate(KINDS)
+        for k, axis in enumerate(axes)
+        if (name := motion_output(axis, impedance)) in read
+    ]
+    targets = [
+        _Target(slot, kind, row, column)
+        for kind, impedance in enumerate(KINDS)
+        for row in rows
+        for column in range(len(axes))
+        if (slot := layout.identified.get(impedance_input(axes[row], axes[column], impedance))) is not None
+    ]
+
+    def stating(kind: str, row: int) -> tuple[str, list[int | None]] | None:
+        sources = [connections.get(impedance_input(axes[row], other, kind)) for other in axes]
+        own = sources[row]
+        return None if own is None else (own, [None if source is None else index[source] for source in sources])
+
+    return _Site(
+        rows,
+        torques,
+        np.array([layout.factor(k) for k in torques]),
+        columns,
+        targets,
+        np.array([c.slot for c in columns] + torques, dtype=np.intp),
+        {(kind, row): stating(name, row) for kind, name in enumerate(KINDS) for row in rows},
+    )
+
+
+class _Device:
+    """The probes of one device, with what its site says.
+
     ways          by column, how its slopes are found
+    targets       those of its site that are written
     incomplete    it does not declare all stiffness and damping about its axes
     period        [s] of its own; None where it takes every step
     sampled       its torques are held between its calls, so it hands nothing over
@@ -262,30 +345,14 @@ class _Device:
     recent        what `has_drifted` judges by
     """
 
-    def __init__(self, assembly: Assembly, member: Member, axes: tuple[str, ...], rows: list[int]) -> None:
-        self.assembly, self.member, self.axes, self.rows = assembly, member, axes, rows
+    def __init__(self, assembly: Assembly, member: Member, axes: tuple[str, ...], site: _Site) -> None:
+        self.assembly, self.member, self.axes, self.site = assembly, member, axes, site
         own = assembly.own_rate.get(member.name)
         self.period = own.rate.period if own else None
         self.sampled = own is not None and own.rate.sampled
-        system, index = assembly.system, assembly.index
-        self._torques = [index[system.torques[axes[row]]] for row in rows]
-        self._factors = np.array([assembly.factor(k) for k in self._torques])
-        read = {system.connections.get(name) for name in assembly.names[member.inputs]}
-        self.columns = [
-            _Column(index[name], index[motion_output(axis, "damping")], kind, k, assembly.factor(index[name]))
-            for kind, impedance in enumerate(KINDS)
-            for k, axis in enumerate(axes)
-            if (name := motion_output(axis, impedance)) in read
-        ]
-        targets = [
-            _Target(slot, kind, row, column)
-            for kind, impedance in enumerate(KINDS)
-            for row in rows
-            for column in range(len(axes))
-            if (slot := assembly.identified.get(impedance_input(axes[row], axes[column], impedance))) is not None
-        ]
-        self.incomplete, self.targets = bool(targets), [] if self.sampled else targets
-        self._law = np.array([c.slot for c in self.columns] + self._torques, dtype=np.intp)
+        self.rows, self.columns = site.rows, site.columns
+        self._torques, self._factors, self._law = site.torques, site.factors, site.law
+        self.incomplete, self.targets = bool(site.targets), [] if self.sampled else site.targets
         self.recent: Recent = ([], [])
         self.ways = [DIRECT] * len(self.columns)
         self.answers, self.inaccessible = False, False

@@ -32,13 +32,11 @@ def make_consistent(assembly: Assembly) -> None:
     ever = np.zeros(len(bus), dtype=bool)
     largest, growing = math.inf, 0
     for _ in range(MAX_ROUNDS):
-        for member in assembly.members:
-            assembly.transfer(member)
-            member.instance.set_inputs()
-            member.instance.get_outputs()
-        for member in assembly.members:
-            assembly.transfer(member)
-        change = np.abs(bus - before) / np.maximum(1.0, np.abs(before))
+        _exchange(assembly)
+        difference = bus - before
+        if not difference.any():  # nothing moved at all, and all is finite
+            return
+        change = np.abs(difference) / np.maximum(1.0, np.abs(before))
         moving = ~(change <= CONSISTENT)
         if not moving.any():
             return
@@ -51,6 +49,18 @@ def make_consistent(assembly: Assembly) -> None:
         largest = change.max()
         before[:] = bus
     _Loop(assembly, ever).solve(start)
+
+
+def _exchange(assembly: Assembly) -> None:
+    if assembly.native is not None:
+        assembly.native.exchange()
+        return
+    for member in assembly.members:
+        assembly.transfer(member)
+        member.instance.set_inputs()
+        member.instance.get_outputs()
+    for member in assembly.members:
+        assembly.transfer(member)
 
 
 class _Loop:

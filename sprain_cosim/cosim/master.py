@@ -95,24 +95,28 @@ class Master:
         """One run of an open system from its initial state; `parameters` {"component.parameter": a number in its own
         unit, or a text such as "0.35 m"}. Unless it is `judged`, its course is not looked at: no coupling error, no
         warning but those of the start. Raises InputError for a parameter that there is not, or that does not fit."""
-        values = assembly.system.in_own_units(parameters)
+        return self.land(assembly, assembly.system.in_own_units(parameters), judged)
+
+    def land(self, assembly: Assembly, parameters: Mapping[str, float], judged: bool = True) -> Result:
+        """The same with numbers that have been looked at, as System.in_own_units gives them."""
         with np.errstate(over="ignore"):  # squares of large numbers; what is not finite is found and named
             try:
-                return self._run(assembly, values, judged)
+                return self._run(assembly, parameters, judged)
             except StepDiscarded:
                 assembly.save_before_steps()
-                return self._run(assembly, values, judged)
+                return self._run(assembly, parameters, judged)
 
     def _run(self, assembly: Assembly, parameters: Mapping[str, float], judged: bool) -> Result:
         began = perf_counter()
-        plan = assembly.schedule(self.start, self.communication_step, self.steps)
+        steps = self.steps
+        plan = assembly.schedule(self.start, self.communication_step, steps)
         coupling, points, status, message = None, 0, "completed", ""
         recorder: Recorder | None = None
         try:
             assembly.start(parameters, self.start, self.stop, plan.rates)
             recorder = Recorder(assembly, plan, self.record)
             coupling = begin(
-                self.scheme, assembly, self.communication_step, self.steps, self.identify, self.guard, self.adaptive
+                self.scheme, assembly, self.communication_step, steps, self.identify, self.guard, self.adaptive
             )
             recorder.write(0)
             native = NativeSteps.of(coupling, assembly, recorder, plan)
@@ -132,8 +136,8 @@ class Master:
         return Result(
             time=plan.record[: len(values)].copy(),
             values=values,
-            names=recorder.names if recorder else tuple(assembly.names),
-            units=recorder.units if recorder else tuple(assembly.units),
+            names=recorder.names if recorder else assembly.names,
+            units=recorder.units if recorder else assembly.units,
             status=status,
             message=message,
             scheme=coupling.scheme.name if coupling else self.scheme,

@@ -1,6 +1,7 @@
-/* Communication steps of Gauss-Seidel and Jacobi over the functions of FMI 2 and 3: what native_steps.py describes, and
-   the same operations in the same order as schemes/gauss_seidel.py, schemes/jacobi.py and assembly.py, so that a record
-   is the same to the bit. container.c steps with them as well. */
+/* Communication steps of Gauss-Seidel and Jacobi over the functions of FMI 2 and 3, and the exchange of values at one
+   instant: what native_steps.py and native_members.py describe, and the same operations in the same order as
+   schemes/gauss_seidel.py, schemes/jacobi.py, assembly.py and loops.py, so that a record is the same to the bit.
+   container.c steps with them as well. */
 
 #include <fenv.h>
 #include <math.h>
@@ -101,6 +102,35 @@ static void transfer(Run *run, Member *m) {
         }
 }
 
+#ifdef _WIN32 /* what the C library of Python saved is not laid out as fesetenv of this library reads it */
+static void keep_environment(Run *run, fenv_t *own) {
+    fegetenv(own);
+    for (int64_t k = 0; k < run->count; k++)
+        if (run->members[k].environment) run->members[k].environment = own;
+}
+#else
+static void keep_environment(Run *run, fenv_t *own) {}
+#endif
+
+/* All members take their inputs and give their outputs at one instant, as loops.py has them do until nothing changes. */
+static int exchange(Run *run) {
+    for (run->member = 0; run->member < run->count; run->member++) {
+        Member *m = run->members + run->member;
+        transfer(run, m);
+        if (set_inputs(run, m)) return SETTING;
+        if (get_outputs(run, m, 0, m->outputs)) return READING;
+    }
+    for (int64_t k = 0; k < run->count; k++) transfer(run, run->members + k);
+    run->member = 0;
+    return FINISHED;
+}
+
+EXPORT int exchange_values(Run *run) {
+    fenv_t own;
+    keep_environment(run, &own);
+    return exchange(run);
+}
+
 static int do_step(Run *run, Member *m) {
     double time = run->time[run->point], step = run->step[run->point];
     int status;
@@ -173,12 +203,8 @@ static int one_step(Run *run) {
    `point`, `member` and `status` say which. */
 EXPORT int take_steps(Run *run, double limit) {
     double end = seconds() + limit;
-#ifdef _WIN32 /* what the C library of Python saved is not laid out as fesetenv of this library reads it */
     fenv_t own;
-    fegetenv(&own);
-    for (int64_t k = 0; k < run->count; k++)
-        if (run->members[k].environment) run->members[k].environment = &own;
-#endif
+    keep_environment(run, &own);
     while (run->point < run->points) {
         int outcome = one_step(run);
         if (outcome != FINISHED) return outcome;

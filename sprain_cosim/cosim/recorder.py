@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..units import Unit
-from .schedule import SAME, Schedule
+from .schedule import Schedule
 
 if TYPE_CHECKING:
     from .assembly import Assembly
@@ -31,17 +31,15 @@ class Recorder:
         self._assembly, self._schedule = assembly, schedule
         self.time = schedule.record
         names, units = assembly.watch_locals(patterns) if patterns else ([], [])
-        self.names: tuple[str, ...] = (*assembly.names, *names)
-        self.units: tuple[Unit | None, ...] = (*assembly.units, *units)
+        self.names: tuple[str, ...] = (*assembly.names, *names) if names else assembly.names
+        self.units: tuple[Unit | None, ...] = (*assembly.units, *units) if names else assembly.units
         self._values = np.empty((len(self.time), len(assembly.names)))
         self._locals = np.empty((len(self.time), len(names)))
         self.passed = self._values if schedule.regular else np.empty((len(schedule.time), len(assembly.names)))
-        between = np.ones(len(self.time), dtype=bool)
-        between[schedule.row[schedule.row >= 0]] = False
-        self._between, self._rows = self.time[between], np.flatnonzero(between)
-        self._near = SAME * float(schedule.step.max())
+        self._between, self._rows = schedule.between
+        self._near = schedule.near
         self._points = 0
-        assembly.recorder = self if between.any() else None
+        assembly.recorder = self if len(self._between) else None
 
     def write(self, point: int) -> None:
         """The values at this point of exchange; the points come in their order."""

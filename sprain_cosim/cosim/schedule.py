@@ -14,15 +14,16 @@ device's rate."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..contract import PLANT
 from ..errors import InputError
-from ..fmu.element import Element
+from ..fmu.element import Element, Same
 
 RECORD = 5e-4  # s
 FINEST = 5e-5  # s
@@ -61,15 +62,33 @@ class Schedule:
     record: Times
     row: NDArray[np.intp]
 
-    @property
+    @cached_property
     def regular(self) -> bool:
         """Every point of the record is a point of exchange, and the other way round."""
         return len(self.record) == len(self.time) and bool((self.row >= 0).all())
 
+    @cached_property
+    def near(self) -> float:
+        """[s] Points of time that are nearer are one."""
+        return SAME * float(self.step.max())
 
-def schedule(components: Sequence[Element], start: float, step: float, steps: int) -> Schedule:
-    """For `steps` communication steps of `step` [s]. Raises InputError where the plant cannot stop at a device's
-    times."""
+    @cached_property
+    def between(self) -> tuple[Times, NDArray[np.intp]]:
+        """Times [s] and rows of the points of the record that are none of exchange."""
+        between = np.ones(len(self.record), dtype=bool)
+        between[self.row[self.row >= 0]] = False
+        return self.record[between], np.flatnonzero(between)
+
+
+def schedule(components: Iterable[Element], start: float, step: float, steps: int) -> Schedule:
+    """For `steps` communication steps of `step` [s], made once. Raises InputError where the plant cannot stop at a
+    device's times."""
+    return _schedule(tuple(map(Same, components)), start, step, steps)
+
+
+@lru_cache(maxsize=16)
+def _schedule(parts: tuple[Same, ...], start: float, step: float, steps: int) -> Schedule:
+    components = [same.element for same in parts]
     rates = own_rates(components, step)
     plant = next((c for c in components if c.name == PLANT), None)
     fine = _record_step(plant) or step
@@ -88,6 +107,8 @@ def schedule(components: Sequence[Element], start: float, step: float, steps: in
     here = np.abs(time[at] - record) <= near
     row = np.full(len(time), -1, dtype=np.intp)
     row[at[here]] = np.flatnonzero(here)
+    for array in (time, size, record, row):
+        array.flags.writeable = False  # kept for other runs
     return Schedule(rates, time, size, due, record, row)
 
 

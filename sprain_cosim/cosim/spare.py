@@ -19,7 +19,7 @@ def spare_in_initialization(assembly: Assembly, member: Member) -> Instance:
     if member.spare is None:
         member.spare = member.component.open()
         member.spare_bus = np.zeros(n + len(member.output_values))
-        names = [name.partition(".")[2] for name in (*assembly.names[member.inputs], *assembly.names[member.outputs])]
+        names = member.place.own_names
         member.spare.bind(member.spare_bus, names[:n], 0, names[n:], n, 0)
     else:
         member.spare.reset()

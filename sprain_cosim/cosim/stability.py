@@ -10,8 +10,8 @@ own damping makes the truth better, not worse."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -74,28 +74,33 @@ def _power(radius: float, steps: int) -> float:
 def _matrix(scheme: str, device: Linearisation, step: float) -> Matrix:
     """One communication step of the scheme: angles and velocities, and for some schemes those of the step before."""
     d = len(device.axes)
+    law = np.hstack([device.stiffness, device.damping])
+    if scheme == "impedance":
+        handed = np.hstack([device.handed_stiffness, device.handed_damping])  # acts within the step; the rest is held
+        inside = _exponential(step * _motion(device, handed))
+        return inside[: 2 * d, : 2 * d] + inside[: 2 * d, 2 * d :] @ (handed - law)
     unit, zero = np.eye(d), np.zeros((d, d))
     free: Matrix = np.block([[unit, step * unit], [zero, unit]])
     push: Matrix = np.vstack([0.5 * step**2 * unit, step * unit]) / _inertia(device)
-    law = np.hstack([device.stiffness, device.damping])
     if scheme == "gauss-seidel":
         return free - push @ law
     if scheme in ("jacobi", "gauss-seidel-extrapolated"):
         now, before = (0.0, 1.0) if scheme == "jacobi" else (1.5, -0.5)
         return np.block([[free - now * push @ law, -before * push @ law], [np.eye(2 * d), np.zeros((2 * d, 2 * d))]])
-    if scheme == "iterative":
-        half = 0.5 * push @ law
-        return np.linalg.solve(np.eye(2 * d) + half, free - half)
-    handed = np.hstack([device.handed_stiffness, device.handed_damping])  # acts within the step; the rest is held
-    inside = _exponential(step * _motion(device, handed))
-    return inside[: 2 * d, : 2 * d] + inside[: 2 * d, 2 * d :] @ (handed - law)
+    half = 0.5 * push @ law
+    return np.linalg.solve(np.eye(2 * d) + half, free - half)
+
+
+@lru_cache(maxsize=8)
+def _rates(device: Linearisation) -> NDArray[Any]:
+    """Eigenvalues of the motion of the coupled system itself."""
+    n = 2 * len(device.axes)
+    return _eigenvalues(_motion(device, np.hstack([device.stiffness, device.damping]))[:n, :n])
 
 
 def _exact(device: Linearisation, step: float) -> NDArray[Any]:
     """Eigenvalues of the coupled system itself over `step`: the exponentials of those of its motion."""
-    n = 2 * len(device.axes)
-    rates = _eigenvalues(_motion(device, np.hstack([device.stiffness, device.damping]))[:n, :n])
-    values = np.exp(step * rates)
+    values = np.exp(step * _rates(device))
     return np.where(np.isfinite(values), values, HUGE)
 
 
@@ -134,8 +139,9 @@ def largest_step(scheme: str, device: Linearisation, step: float, span: float) -
     return next((h for h in steps if growth(scheme, device, h, round(span / h)) <= WARNING), None)
 
 
+@lru_cache(maxsize=64)  # landings differ in much that their devices at the start do not show
 def verdict(
-    scheme: str, device: Linearisation | None, step: float, steps: int, others: Sequence[str] = ()
+    scheme: str, device: Linearisation | None, step: float, steps: int, others: tuple[str, ...] = ()
 ) -> tuple[str, str]:
     """("stable" | "warning" | "refusal", what to say); `others` are the schemes that could run instead. Only a scheme
     or a step that was found stable here is advised."""
@@ -156,16 +162,17 @@ def verdict(
     return "refusal" if factor > REFUSAL else "warning", f"{text}; {advice}"
 
 
-def own_doubts(device: Linearisation | None, span: float) -> list[str]:
+@lru_cache(maxsize=64)
+def own_doubts(device: Linearisation | None, span: float) -> tuple[str, ...]:
     """What grows over `span` [s] by the devices themselves, whatever the coupling: one sentence each."""
     if device is None or device.inertia is None:
-        return []
+        return ()
     found = []
     for period in sorted(set(device.period.tolist())):
         factor = own_growth(device, period, span)
         if factor > WARNING:
             found.append(_cause(_part(device, device.period == period), period, factor))
-    return found
+    return tuple(found)
 
 
 def _cause(device: Linearisation, period: float, factor: float) -> str:

@@ -8,17 +8,18 @@ values only under a scheme that hands them over."""
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
-from ..contract import MOTION, PLANT, PROFILES, impedance_input, motion_output, plain, torque_axis
+from ..contract import PLANT, PROFILES, plain
 from ..errors import InputError, nearest
-from ..fmu.element import Connector, Element
+from ..fmu.element import Connector, Element, Same
 from ..metrics import Signals
 from ..notebook import Card, Rows
 from ..units import shown_unit
 from .assembly import Assembly
+from .layout import Layout, layout
 from .schedule import is_multiple
 
 LEFT = "outside what its FMU is declared for"
@@ -130,12 +131,19 @@ class System(Card):
 
     def check(self, communication_step: float | None = None, span: float = 0.0) -> list[str]:
         """All problems, one line each; empty when the system can run for `span` [s] at `communication_step` [s]."""
-        problems = [p for target, source in self.connections.items() for p in self._check_connection(target, source)]
-        problems += [p for full in self.parameters for p in self._check_parameter(full)]
-        problems += [p for component in self.components for p in self._check_component(component)]
+        connections, components = self._wrong
+        problems = [*connections, *(p for full in self.parameters for p in self._check_parameter(full)), *components]
         if communication_step is not None:
             problems += self.check_step(communication_step, span)
         return problems
+
+    @cached_property
+    def _wrong(self) -> tuple[list[str], list[str]]:
+        """Problems of the connections, and of the components."""
+        return (
+            [p for target, source in self.connections.items() for p in self._check_connection(target, source)],
+            [p for component in self.components for p in self._check_component(component)],
+        )
 
     def check_step(self, h: float, span: float = 0.0) -> list[str]:
         """What keeps the plant from taking a communication step of `h` [s]; other components are called at their own
@@ -196,41 +204,40 @@ class System(Card):
         return []
 
     @cached_property
-    def torques(self) -> dict[str, str]:
+    def layout(self) -> Layout:
+        return layout(self.components, self.connections, self.links)
+
+    @property
+    def torques(self) -> Mapping[str, str]:
         """{axis: the output that gives the torque about it} for all torques of devices on the plant."""
-        plant = self.component(PLANT)
-        outputs = set(plant.outputs) if plant else set[str]()
-        return {
-            axis: source
-            for target, source in self.connections.items()
-            if (axis := torque_axis(target)) is not None
-            and {motion_output(axis, kind).partition(".")[2] for kind in MOTION} <= outputs
-        }
+        return self.layout.torques
 
-    @cached_property
-    def undeclared(self) -> dict[str, tuple[str, str]]:
+    @property
+    def undeclared(self) -> Mapping[str, tuple[str, str]]:
         """{input of the plant: (torque, the plant's output it may depend on)} for stiffness and damping that the plant
-        could use and the device does not declare. Declared about an axis without cross terms means that there are
-        none."""
-        plant = self.component(PLANT)
-        found: dict[str, tuple[str, str]] = {}
-        for kind in MOTION:
-            for axis, torque in self.torques.items():
-                if plant is None or impedance_input(axis, axis, kind) in self.connections:
-                    continue
-                device = torque.partition(".")[0]
-                for other in self.torques:
-                    name, motion = impedance_input(axis, other, kind), motion_output(other, kind)
-                    if name.partition(".")[2] in plant.inputs and self._feeds(motion, device):
-                        found[name] = torque, motion
-        return found
-
-    def _feeds(self, source: str, component: str) -> bool:
-        return any(s == source and t.startswith(f"{component}.") for t, s in self.connections.items())
+        could use and the device does not declare."""
+        return self.layout.undeclared
 
     def open(self) -> Assembly:
         """All components opened on one bus. Raises SimulationError or EnvironmentProblem."""
         return Assembly(self)
+
+
+def coupled(
+    components: Iterable[Element], explicit: Mapping[str, str], complete: Iterable[str] = ()
+) -> tuple[System, tuple[str, ...]]:
+    """The system of the components as `connect` connects them, with the problems met: the same object for the very same
+    components and connections."""
+    return _coupled(tuple(map(Same, components)), tuple(explicit.items()), tuple(complete))
+
+
+@lru_cache(maxsize=16)
+def _coupled(
+    components: tuple[Same, ...], explicit: tuple[tuple[str, str], ...], complete: tuple[str, ...]
+) -> tuple[System, tuple[str, ...]]:
+    elements = tuple(same.element for same in components)
+    connections, problems = connect(elements, dict(explicit), complete)
+    return System(elements, connections), tuple(problems)
 
 
 def connect(

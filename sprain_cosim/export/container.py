@@ -12,7 +12,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from ..contract import is_excitation, is_impedance
-from ..cosim.assembly import conversion, member_layout
+from ..cosim.layout import conversion
 from ..cosim.native_libraries import PLATFORMS_OF_CONTAINER, library_content
 from ..cosim.result import PEAK, Result
 from ..cosim.schedule import RECORD, own_rates, schedule
@@ -150,7 +150,7 @@ class _Plan:
         self.slots: dict[str, _Slots] = {}
         first = 0
         for element in system.components:
-            inputs, outputs, direct = member_layout(element, system)
+            inputs, outputs, direct = system.layout.of(element)
             plain = [n for n in outputs if _is_plain(element.connectors[n])]
             late = [n for n in outputs[len(outputs) - direct :] if n in plain]
             self.slots[element.name] = _Slots(inputs, plain, len(late), first)

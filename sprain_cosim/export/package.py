@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..contract import is_impedance
-from ..cosim.assembly import conversion
+from ..cosim.layout import conversion
 from ..cosim.system import System
 from ..errors import InputError, problems_to_error
 from ..files import write

@@ -21,7 +21,7 @@ import zipfile
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from ..errors import EnvironmentProblem, InputError
 from ..files import read_json, write, write_json
@@ -45,12 +45,21 @@ def cache_folder() -> Path:
     if own:
         return Path(own)
     above = os.environ.get("XDG_CACHE_HOME")
-    if not above:
-        try:
-            above = str(SYSTEM.caches())
-        except RuntimeError:  # no HOME, and no account to take it from
-            return temporary_folder()
+    try:
+        return _below(above) if above else _usual(os.environ.get("HOME"), os.environ.get("LOCALAPPDATA"))
+    except RuntimeError:  # no HOME, and no account to take it from
+        return temporary_folder()
+
+
+@lru_cache(maxsize=8)
+def _below(above: str) -> Path:
     return Path(above) / NAME
+
+
+@lru_cache(maxsize=8)
+def _usual(*_: str | None) -> Path:
+    """Where these variables are as they are."""
+    return SYSTEM.caches() / NAME
 
 
 def temporary_folder() -> Path:
@@ -69,8 +78,8 @@ def unpacked(fmu: Path, sha256: str) -> Path:
     no place for it."""
     entry = f"{UNPACKED}/{sha256[:LENGTH]}"
     for root in _readable():
-        if _sound(root / entry, sha256):
-            return root / entry / CONTENT
+        if _sound(place := f"{root}/{entry}", sha256):
+            return Path(place, CONTENT)
     checked = archive.read(fmu)
     if checked.sha256 != sha256:
         raise InputError(
@@ -179,11 +188,11 @@ def _trusted(root: Path) -> bool:
     was named, whoever."""
     if not hasattr(os, "getuid"):
         return root.is_dir()
-    for folder in (root, root / UNPACKED, root / "files"):
+    for folder in (str(root), f"{root}/{UNPACKED}", f"{root}/files"):
         try:
-            status = folder.lstat() if folder != root else folder.stat()
+            status = os.stat(folder, follow_symlinks=folder == str(root))
         except OSError:
-            if folder == root:
+            if folder == str(root):
                 return False
             continue
         own_group = status.st_mode & stat.S_IWGRP and not (status.st_gid == status.st_uid == os.getuid())
@@ -279,7 +288,7 @@ def _put(fresh: Path, target: Path, sha256: str) -> None:
         except OSError:
             if not target.exists():
                 raise
-        if _sound(target, sha256):
+        if _sound(str(target), sha256):
             return
         aside = Path(tempfile.mkdtemp(dir=target.parent, prefix=".old-"))
         with contextlib.suppress(OSError):
@@ -288,37 +297,66 @@ def _put(fresh: Path, target: Path, sha256: str) -> None:
     raise OSError(0, "another process keeps changing it")
 
 
-def _sound(entry: Path, sha256: str) -> bool:
-    """Whether an entry is what was unpacked. A file whose size, times and number are as noted is taken for unchanged;
-    any other is read. What was added is removed."""
+def _sound(place: str, sha256: str) -> bool:
+    """Whether the entry there is what was unpacked. A file whose size, times and number are as noted is taken for
+    unchanged; any other is read. What was added is removed. Once sound, it is looked into again when anything of it has
+    changed."""
     try:
-        if (entry / MANIFEST).stat().st_size > LARGEST_MANIFEST:
-            return False
-        manifest = read_json(entry / MANIFEST)
-        if manifest["format"] != FORMAT or manifest["archive"] != sha256:
-            return False
-        there = dict(_files(entry / CONTENT))
-        changed = dict[str, str]()
-        for name, (digest, *marks) in manifest["files"].items():
-            status = there.pop(name)
-            if status.st_size != marks[0] or not stat.S_ISREG(status.st_mode):
-                return False
-            if _marks(status) != marks:
-                if file_sha256(entry / CONTENT / name) != digest:
-                    return False
-                changed[name] = digest
-        for name in there:
-            SYSTEM.remove(entry / CONTENT / name)
+        noted = tuple(_marks(os.stat(f"{place}/{MANIFEST}")))
+        folders, files = _listed(place, sha256, noted)
+        now = tuple([_changed(os.lstat(f"{place}/{CONTENT}/{name}")) for name in folders + files])
+        _verify(place, sha256, noted, now)
     except (OSError, InputError, KeyError, TypeError, ValueError, AttributeError):
         return False
+    return True
+
+
+@lru_cache(maxsize=64)
+def _listed(place: str, sha256: str, noted: tuple[int, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Folders and files of an entry whose manifest has these marks. Raises what reading it raises."""
+    files = tuple(_manifest(Path(place), sha256)["files"])
+    return tuple({"": None} | {name[:k]: None for name in files for k, c in enumerate(name) if c == "/"}), files
+
+
+def _manifest(entry: Path, sha256: str) -> dict[str, Any]:
+    if (entry / MANIFEST).stat().st_size > LARGEST_MANIFEST:
+        raise ValueError("size")
+    manifest: dict[str, Any] = read_json(entry / MANIFEST)
+    if manifest["format"] != FORMAT or manifest["archive"] != sha256:
+        raise ValueError("another archive")
+    return manifest
+
+
+@lru_cache(maxsize=64)
+def _verify(place: str, sha256: str, noted: tuple[int, ...], now: tuple[tuple[int, ...], ...]) -> None:
+    """Raises ValueError, or what reading raises, where the entry is not sound. `noted` and `now`, the marks of its
+    manifest, folders and files, say when this is to be asked again."""
+    entry = Path(place)
+    manifest = _manifest(entry, sha256)
+    there = dict(_files(entry / CONTENT))
+    changed = dict[str, str]()
+    for name, (digest, *marks) in manifest["files"].items():
+        status = there.pop(name)
+        if status.st_size != marks[0] or not stat.S_ISREG(status.st_mode):
+            raise ValueError(name)
+        if _marks(status) != marks:
+            if file_sha256(entry / CONTENT / name) != digest:
+                raise ValueError(name)
+            changed[name] = digest
+    for name in there:
+        SYSTEM.remove(entry / CONTENT / name)
     if changed:  # copied or restored: the next opening need not read them again
         with contextlib.suppress(OSError, EnvironmentProblem):
             _note(entry, sha256, {name: values[0] for name, values in manifest["files"].items()})
-    return True
 
 
 def _marks(status: os.stat_result) -> list[int]:
     return [status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino]
+
+
+def _changed(status: os.stat_result) -> tuple[int, ...]:
+    """What tells a change of a file or a folder, also of its kind or rights."""
+    return status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino, status.st_mode
 
 
 def _files(folder: Path) -> Iterator[tuple[str, os.stat_result]]:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from . import archive, library
 from .description import Description
+from .element import Connector
 from .instance import Instance
 from .opener import open_fmu
 from .sums import Summed, part_name
@@ -52,8 +54,11 @@ class Component(Description):
 
     def open(self) -> Instance:
         """Loads the FMU's code into this process and instantiates it. Raises SimulationError or EnvironmentProblem."""
-        sums = {name: connector.parts for name, connector in self.connectors.items() if connector.parts}
-        if not sums:
+        if not self._sums:
             return open_fmu(self)
-        parts = {part_name(name, part): part for name, several in sums.items() for part in several}
-        return Summed(open_fmu(replace(self, connectors={**self.connectors, **parts})), sums)
+        parts = {part_name(name, part): part for name, several in self._sums.items() for part in several}
+        return Summed(open_fmu(replace(self, connectors={**self.connectors, **parts})), self._sums)
+
+    @cached_property
+    def _sums(self) -> dict[str, tuple[Connector, ...]]:
+        return {name: connector.parts for name, connector in self.connectors.items() if connector.parts}

@@ -9,7 +9,7 @@ import re
 import zipfile
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 from xml.etree import ElementTree
@@ -42,6 +42,7 @@ class Description(Element):
     needs_tool  the authoring tool that must be there at run time; "" for none
     allowed     what it may do beyond the sandbox
     constants   {parameter, or input that nothing feeds: its value, as it was written}, unless a run sets another
+    resources   whether it holds files that an instance may read
     """
 
     fmu: Path
@@ -53,6 +54,16 @@ class Description(Element):
     needs_tool: str = ""
     allowed: Allowed = NOTHING
     constants: Mapping[str, float | str | bool] = field(default_factory=dict)
+    resources: bool = True
+
+    @cached_property
+    def doubles(self) -> dict[str, int]:
+        """{name: value reference} of the variables that FMI passes as double-precision numbers, as they are."""
+        return {
+            n: c.reference
+            for n, c in self.connectors.items()
+            if c.kind == "real" and c.fmi_type in ("Real", "Float64") and c.array is None and not c.negated
+        }
 
     def card(self) -> tuple[str, Rows]:
         heading, rows = super().card()
@@ -62,8 +73,12 @@ class Description(Element):
     @classmethod
     def read(cls, name: str, fmu: Path | str) -> Self:
         """Raises InputError when the file is not an FMU that can be run here."""
-        path = Path(fmu)
-        checked = archive.read(path)
+        return cls.of(name, archive.read(Path(fmu)))
+
+    @classmethod
+    def of(cls, name: str, checked: archive.Archive) -> Self:
+        """The same of an archive that has been read."""
+        path = checked.path
         try:
             model = _model(checked.sha256, checked.description, checked.names)
             library = find(path, model.identifier, model.capabilities.fmi_version, checked.names, model.sources_listed)
@@ -84,6 +99,7 @@ class Description(Element):
             library,
             (*checked.quirks, *model.quirks),
             model.needs_tool,
+            resources=any(name.startswith(f"{archive.RESOURCES}/") for name in checked.names),
         )
 
 

@@ -227,3 +227,19 @@ class Element(Card, ABC):
     @abstractmethod
     def open(self) -> Instance:
         """A new instance, to be closed by the caller. Raises SimulationError or EnvironmentProblem."""
+
+
+class Same:
+    """An element as a part of a key: equal to itself alone. Descriptions of one content are one object, see
+    mapping.read_component."""
+
+    __slots__ = ("element",)
+
+    def __init__(self, element: Element) -> None:
+        self.element = element
+
+    def __hash__(self) -> int:
+        return id(self.element)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Same) and other.element is self.element

@@ -36,7 +36,7 @@ class Fmi1CoSimulation(Fmi1Instance):
     def load_library(self, **arguments: Any) -> Any:
         from fmpy.fmi1 import FMU1Slave
 
-        return FMU1Slave(**arguments)
+        return self.made(FMU1Slave, **arguments)
 
     def free_instance(self) -> None:
         self.fmu.fmi1FreeSlaveInstance(self.fmu.component)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import atexit
 import ctypes
+from functools import lru_cache
+from pathlib import Path
 from typing import Any, ClassVar
 
 from .fmi_instance import LAST_SUCCESSFUL_TIME, PENDING, FmiInstance, NativeCalls
@@ -23,10 +25,22 @@ class Fmi2Instance(FmiInstance):
     }
 
     def function(self, name: str) -> Any:
-        return self.fmu.dll[f"fmi2{name}"]
+        return getattr(self.fmu.dll, f"fmi2{name}")
 
     def instantiate(self) -> None:
-        self.fmu.instantiate(callbacks=loggers()[1], loggingOn=True)
+        """Not by fmpy's own method, which spells the folder of resources anew each time."""
+        self.fmu.callbacks = loggers()[1]
+        self.fmu.component = self.fmu.fmi2Instantiate(
+            self.log.label.encode(),
+            int(not self.component.capabilities.model_exchange),
+            self.component.guid.encode(),
+            _resources(self.fmu.unzipDirectory),
+            ctypes.byref(self.fmu.callbacks),
+            False,
+            True,
+        )
+        if self.fmu.component is None:
+            raise RuntimeError("null")
 
     def free_instance(self) -> None:
         self.fmu.fmi2FreeInstance(self.fmu.component)
@@ -48,16 +62,21 @@ class Fmi2Instance(FmiInstance):
         self.call("releasing a state", self.fmu.freeFMUstate, state)
 
 
+@lru_cache(maxsize=64)
+def _resources(folder: str) -> bytes:
+    return Path(folder, "resources").as_uri().encode()
+
+
 class Fmi2CoSimulation(Fmi2Instance):
     def load_library(self, **arguments: Any) -> Any:
         from fmpy.fmi2 import FMU2Slave
 
-        fmu = FMU2Slave(**arguments)
+        fmu = self.made(FMU2Slave, **arguments)
         if hasattr(fmu.dll, "finalizePythonInterpreter"):
             # PythonFMU's library frees its interpreter state twice at the end of the process, unless it did so
             # before
             atexit.register(fmu.dll.finalizePythonInterpreter)
-        self._step = fmu.dll["fmi2DoStep"]
+        self._step = fmu.dll.fmi2DoStep
         self._final = int(
             not self.component.capabilities.state
         )  # no state will be set that lies before the present point

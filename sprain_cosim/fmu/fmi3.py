@@ -33,7 +33,7 @@ class Fmi3Instance(FmiInstance):
     }
 
     def function(self, name: str) -> Any:
-        return self.fmu.dll[f"fmi3{name}"]
+        return getattr(self.fmu.dll, f"fmi3{name}")
 
     def arguments(self, references: Any, n: int, buffer: Any) -> tuple[Any, ...]:
         return self.instance, references, ctypes.c_size_t(n), buffer, ctypes.c_size_t(len(buffer))
@@ -79,7 +79,7 @@ class Fmi3CoSimulation(Fmi3Instance):
     def load_library(self, **arguments: Any) -> Any:
         from fmpy.fmi3 import FMU3Slave
 
-        fmu = FMU3Slave(**arguments)
+        fmu = self.made(FMU3Slave, **arguments)
         self._step = fmu.dll["fmi3DoStep"]
         self._event, self._end, self._early = ctypes.c_bool(), ctypes.c_bool(), ctypes.c_bool()
         self._reached = ctypes.c_double()

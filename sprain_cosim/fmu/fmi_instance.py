@@ -7,6 +7,7 @@ more per step than the FMU. Double-precision variables live on the bus itself, o
 from __future__ import annotations
 
 import contextlib
+import copy
 import ctypes
 import inspect
 import itertools
@@ -14,7 +15,7 @@ import os
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from time import sleep
 from types import UnionType
@@ -108,6 +109,19 @@ def signatures(kind: Any) -> list[tuple[str, str, list[str], list[Any], Any]]:
     return found
 
 
+@lru_cache(maxsize=64)
+def _unpacked_once(fmu: Path, sha256: str, _: Path) -> Path:
+    """The folder, by where it lies, of an FMU that ships and of which an instance reads nothing but its library: a
+    library that is loaded stays as it was, whatever becomes of its file."""
+    return cache.unpacked(fmu, sha256)
+
+
+@lru_cache(maxsize=64)
+def _of_library(kind: Any, **library: Any) -> Any:
+    """fmpy's object for a library, to be copied for each of its instances."""
+    return kind(**library)
+
+
 _one_at_a_time = threading.Lock()
 
 
@@ -165,7 +179,10 @@ class FmiInstance:
         self._floating = FloatingPoint() if is_foreign(component.fmu, component.sha256) else None
         if self._floating is not None:
             foreign_code_loads()
-        folder = cache.unpacked(component.fmu, component.sha256)
+        if self._floating is None and not component.resources:
+            folder = _unpacked_once(component.fmu, component.sha256, cache.cache_folder())
+        else:
+            folder = cache.unpacked(component.fmu, component.sha256)
         _ease_loading()
         beside = contextlib.nullcontext() if self._floating is None else _loading((folder / component.library).parent)
         try:
@@ -192,7 +209,14 @@ class FmiInstance:
     # ---- by version
 
     def load_library(self, **arguments: Any) -> Any:
+        """By `made`."""
         raise NotImplementedError
+
+    def made(self, kind: Any, *, instanceName: str, **library: Any) -> Any:
+        """fmpy's object of a class, for this instance."""
+        fmu = copy.copy(_of_library(kind, **library))
+        fmu.instanceName = instanceName
+        return fmu
 
     def instantiate(self) -> None:
         """Instantiates; sets `self.fmu.component`."""
@@ -243,9 +267,17 @@ class FmiInstance:
         self.input_values = bus[first_input : first_input + len(inputs)]
         self._set_calls = self._calls("Set", inputs, bus, first_input)
         self._get_calls = self._calls("Get", outputs, bus, first_output)
-        boundary = len(outputs) - feedthrough
-        self._get_calls_without_feedthrough = self._calls("Get", outputs[:boundary], bus, first_output)
-        self._get_calls_of_feedthrough = self._calls("Get", outputs[boundary:], bus, first_output + boundary)
+        self._outputs, self._first_output, self._feedthrough = outputs, first_output, feedthrough
+
+    @cached_property
+    def _get_calls_without_feedthrough(self) -> Calls:
+        boundary = len(self._outputs) - self._feedthrough
+        return self._calls("Get", self._outputs[:boundary], self._bus, self._first_output)
+
+    @cached_property
+    def _get_calls_of_feedthrough(self) -> Calls:
+        boundary = len(self._outputs) - self._feedthrough
+        return self._calls("Get", self._outputs[boundary:], self._bus, self._first_output + boundary)
 
     def watch_locals(self, names: Sequence[str], values: np.ndarray) -> None:
         self._local_values = values
@@ -254,6 +286,12 @@ class FmiInstance:
     def _calls(self, verb: str, names: Sequence[str], values: np.ndarray, first: int) -> Calls:
         calls: list[tuple[Any, tuple[Any, ...]]] = []
         conversions: list[tuple[np.ndarray, slice, int]] = []
+        doubles = self.component.doubles
+        plain = [doubles[n] for n in names if n in doubles]
+        if plain and len(plain) == len(names):  # the usual case in one call, and quickly
+            function, n = self.types[self.component.connectors[names[0]].fmi_type][0], len(plain)
+            numbers = (ctypes.c_double * n).from_buffer(values.data, 8 * first)
+            return [self._call(f"{verb}{function}", (ctypes.c_uint * n)(*plain), n, numbers)], conversions
         connectors = [self.component.connectors[n] for n in names]
         arrays: set[int] = set()  # whose call is there already
         for (function, ctype, array, negated), run in itertools.groupby(
@@ -340,7 +378,7 @@ class FmiInstance:
     def plain_calls(self, fmi: int, step: Any, final: bool) -> NativeCalls | None:
         """What the versions share of `native_calls`."""
         (setting, set_conversions), (getting, get_conversions) = self._set_calls, self._get_calls
-        (direct, _), own = self._get_calls_of_feedthrough, self.component.capabilities.fixed_step
+        own = self.component.capabilities.fixed_step
         watched = self._floating is not None and self._floating.watched
         if set_conversions or get_conversions or len(setting) > 1 or len(getting) > 1:
             return None  # numbers of another type
@@ -355,7 +393,7 @@ class FmiInstance:
             step=_address(step),
             inputs=setting[0][1][1] if setting else none,
             outputs=getting[0][1][1] if getting else none,
-            direct=sum(len(arguments[1]) for _, arguments in direct),
+            direct=self._feedthrough,
             final=final,
             environment=None if self._floating is None else self._floating.address,
         )
@@ -565,7 +603,10 @@ class FmiInstance:
 
 
 def _address(function: Any) -> int:
-    return ctypes.cast(function, ctypes.c_void_p).value or 0
+    known: int | None = getattr(function, "address", None)
+    if known is None:
+        known = function.address = ctypes.cast(function, ctypes.c_void_p).value or 0
+    return known
 
 
 def _fill(element: Connector, buffer: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from functools import lru_cache
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from . import archive
 def is_foreign(fmu: Path, sha256: str) -> bool:
     """A file of the package's own folder is not; of any other, which may be a copy, the content decides. Of those that
     ship only the ones of its size are read."""
-    if fmu.parent == FMUS:
+    if os.path.dirname(fmu) == str(FMUS):
         return False
     try:
         return sha256 not in _shipped(fmu.stat().st_size)

@@ -186,7 +186,7 @@ class Fmi1ModelExchange(_Integrated, Fmi1Instance):
     def load_library(self, **arguments: Any) -> Any:
         from fmpy.fmi1 import FMU1Model
 
-        fmu = FMU1Model(**arguments)
+        fmu = self.made(FMU1Model, **arguments)
         completed = fmu.completedIntegratorStep
         fmu.enterEventMode = fmu.enterContinuousTimeMode = lambda: None
         fmu.completedIntegratorStep = lambda: (completed(), False)
@@ -220,7 +220,7 @@ class Fmi2ModelExchange(_Integrated, Fmi2Instance):
     def load_library(self, **arguments: Any) -> Any:
         from fmpy.fmi2 import FMU2Model
 
-        return FMU2Model(**arguments)
+        return self.made(FMU2Model, **arguments)
 
     def _update(self) -> tuple[Any, ...]:
         return tuple(self.fmu.newDiscreteStates())
@@ -236,7 +236,7 @@ class Fmi3ModelExchange(_Integrated, Fmi3Instance):
     def load_library(self, **arguments: Any) -> Any:
         from fmpy.fmi3 import FMU3Model
 
-        return FMU3Model(**arguments)
+        return self.made(FMU3Model, **arguments)
 
     def make(self, *common: Any) -> Any:
         return self.fmu.fmi3InstantiateModelExchange(*common, self.log.environment, logger3())

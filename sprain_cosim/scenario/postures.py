@@ -69,7 +69,7 @@ def hold(
                 assembly.transfer(device)
                 assembly.advance(device, k * h, h, all_outputs=True)
             make_consistent(assembly)
-            out[posture] = math.copysign(1.0, degrees) * assembly.si(f"plant.brace_{axis}_moment")
+            out[posture] = math.copysign(1.0, degrees) * assembly.si(assembly.index[f"plant.brace_{axis}_moment"])
     finally:
         assembly.close()
     return out

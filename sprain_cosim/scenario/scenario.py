@@ -14,7 +14,7 @@ from ..cosim.assembly import Assembly
 from ..cosim.coupling import check_scheme
 from ..cosim.master import Master
 from ..cosim.result import HALVED_WITHIN, PEAK, Result, unconverged
-from ..cosim.system import System, connect
+from ..cosim.system import System, coupled
 from ..errors import InputError, SimulationError, nearest, problems_to_error
 from ..fmu.component import Component
 from ..fmu.confine import confinement
@@ -357,7 +357,10 @@ class Scenario(Card):
 
     def system(self) -> System:
         """The checked system. Raises InputError with all problems in one line."""
-        system = self._described()
+        return self._checked(self.components())
+
+    def _checked(self, components: Sequence[Component]) -> System:
+        system = self._described(components)
         problems = system.check(self.master.communication_step, self.master.stop - self.master.start)
         values: dict[str, float] = {}
         if self.subject is not None:
@@ -402,7 +405,7 @@ class Scenario(Card):
 
     def foreign(self) -> tuple[str, ...]:
         """The components that do not ship and share a process with the others. Raises InputError."""
-        return tuple(c.name for c in self.components() if is_foreign(c.fmu, c.sha256) and not isinstance(c, Isolated))
+        return _foreign(self.components())
 
     def isolation(self, of_trials: bool = False) -> Isolation:
         """Where the FMUs run; `of_trials`: those of a study. Raises InputError."""
@@ -443,16 +446,15 @@ class Scenario(Card):
         others = {name: text for name, text in texts.items() if not is_of_subject(name)}
         return replace(self, subject=subject, parameters={**self.parameters, **others})
 
-    def _described(self) -> System:
-        components = self.components()
-        connections, problems = self._connected(components)
+    def _described(self, components: Sequence[Component] | None = None) -> System:
+        system, problems = self._coupled(self.components() if components is None else components)
         problems_to_error(self.source, problems)
-        derived = {} if self.subject is None else subject_connectors(self.subject)
-        system = System(components, connections, derived=derived)
+        if self.subject is not None:
+            system = replace(system, derived=subject_connectors(self.subject))
         return system if self.wiring is None else self.wiring.linked(system)
 
-    def _connected(self, components: Sequence[Component]) -> tuple[dict[str, str], list[str]]:
-        return connect(components, self.connections, () if self.wiring is None else self.wiring.complete)
+    def _coupled(self, components: Sequence[Component]) -> tuple[System, Sequence[str]]:
+        return coupled(components, self.connections, () if self.wiring is None else self.wiring.complete)
 
     def _untried(self) -> list[str]:
         """Values outside those at which landings are known to run, a line each."""
@@ -488,7 +490,7 @@ class Scenario(Card):
         """What is assumed without being said anywhere, one line each: undeclared units of connected variables, a
         mapping that another replaces, a change that has no effect; and what foreign FMUs may do beyond the sandbox."""
         components = self.components()
-        connections, _ = self._connected(components)
+        connections = self._coupled(components)[0].connections
         links = {} if self.wiring is None else self.wiring.links
         said = [target for target in connections if links.get(target, AS_IT_IS) != AS_IT_IS]
         found = self.without_effect([change.partition(" = ")[0] for change in self.changes])
@@ -533,9 +535,13 @@ class Scenario(Card):
         """Loads and instantiates the FMUs: in this process where all of them ship (or, with `in_process`, whatever they
         are), else together in one of their own, in a sandbox and within `limits`. `system`: its own, where that has
         been described before. Raises InputError, SimulationError, EnvironmentProblem."""
-        if in_process or self.in_process or not self.foreign():
+        self.master.steps  # noqa: B018 - raises for times that do not fit
+        if in_process or self.in_process:
             return Session(self, system, limits)
-        return Apart(self, limits)
+        components = self.components()
+        if _foreign(components):
+            return Apart(self, limits)
+        return Session(self, system or self._checked(components), limits)
 
     def coupling_check(self, result: Result) -> dict[str, float]:
         """Change of every metric at half the steps, as in Session.at_half_the_step: how far `result` is from converged.
@@ -602,9 +608,11 @@ class Session:
     def __init__(self, scenario: Scenario, system: System | None = None, limits: Limits | None = None) -> None:
         """`system`: that of the scenario; None: it is described here. `limits` of FMUs with a process of their own."""
         scenario.master.steps  # noqa: B018 - raises for times that do not fit
-        self.scenario, system = scenario, system or scenario.system()
-        limited = [replace(c, limits=limits) if limits and isinstance(c, Isolated) else c for c in system.components]
-        self.system = replace(system, components=tuple(limited))
+        self.scenario, self.system = scenario, system or scenario.system()
+        parts = self.system.components
+        if limits and any(isinstance(c, Isolated) for c in parts):
+            limited = (replace(c, limits=limits) if isinstance(c, Isolated) else c for c in parts)
+            self.system = replace(self.system, components=tuple(limited))
         self._assembly: Assembly | None = self.system.open()
 
     def run(self, parameters: Mapping[str, float | str] | None = None, judged: bool = True) -> Result:
@@ -629,7 +637,7 @@ class Session:
         if self._assembly is None:
             self._assembly = self.system.open()
         own = self.scenario.of_persons(self.system, values)
-        result = master.run(self._assembly, {**self.system.parameters, **own}, judged)
+        result = master.land(self._assembly, {**self.system.parameters, **own}, judged)
         if result.status != "completed":  # an instance that reported an error may only be freed
             self.close()
         elif judged:
@@ -664,6 +672,10 @@ def _finer_plant(system: System, values: Mapping[str, float]) -> dict[str, float
     if connector.causality != "parameter" or not isinstance(held, int | float):
         return {}
     return {TOLERANCE: max(OF_HALF_THE_STEP * held, connector.minimum)}
+
+
+def _foreign(components: Iterable[Component]) -> tuple[str, ...]:
+    return tuple(c.name for c in components if is_foreign(c.fmu, c.sha256) and not isinstance(c, Isolated))
 
 
 def _constants(components: Iterable[Element]) -> dict[str, Value]:

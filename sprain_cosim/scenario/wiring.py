@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Self
 
 from ..contract import PLANT
-from ..cosim.assembly import conversion
+from ..cosim.layout import conversion
 from ..cosim.system import System
 from ..errors import InputError
 from ..fmu.component import Component

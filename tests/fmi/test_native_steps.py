@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import sprain_cosim as sc
-from sprain_cosim.cosim import native_steps
+from sprain_cosim.cosim import native_members
 from sprain_cosim.cosim.native_steps import NativeSteps
 from sprain_cosim.cosim.system import connect
 from tests.native import compile_fmu, mischief
@@ -35,7 +35,7 @@ def both(monkeypatch: pytest.MonkeyPatch, run: object) -> Iterator[sc.Result]:
     """The result of `run()` in C, then in Python."""
     yield run()
     with monkeypatch.context() as patch:
-        patch.setattr(native_steps, "_take_steps", lambda: None)
+        patch.setattr(native_members, "loaded", lambda: None)
         yield run()
 
 
@@ -114,10 +114,10 @@ def test_a_foreign_library_changes_no_arithmetic_but_its_own(
 
 
 def test_a_library_of_another_source_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert native_steps._take_steps() is not None
-    native_steps._take_steps.cache_clear()
-    monkeypatch.setattr(native_steps, "source_digest", lambda name: "0" * 64)
+    assert native_members.loaded() is not None
+    native_members.loaded.cache_clear()
+    monkeypatch.setattr(native_members, "source_digest", lambda name: "0" * 64)
     try:
-        assert native_steps._take_steps() is None
+        assert native_members.loaded() is None
     finally:
-        native_steps._take_steps.cache_clear()
+        native_members.loaded.cache_clear()

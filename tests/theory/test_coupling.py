@@ -457,7 +457,7 @@ def test_every_scheme_and_step_that_is_advised_runs_calmly(scheme: str) -> None:
 
 def test_no_advice_where_nothing_was_found() -> None:
     """A declared stiffness of the wrong sign under impedance, by a device that cannot repeat a step: no step helps."""
-    lines = verdict("impedance", hopeless(), 5e-4, 300, ["impedance"])
+    lines = verdict("impedance", hopeless(), 5e-4, 300, ("impedance",))
     assert lines[0] == "refusal"
     assert lines[1].endswith("no scheme or step was found that would do")
 
