@@ -209,16 +209,16 @@ def _print_table(title: str, pose: str | None, result: Result) -> None:
     )
     rows = table(result)
     if rows:
-        _show(f"{'':32}{'value':>10}  {'unit':7}{'time [ms]':>10}")
+        _show(f"{'':30}{'value':>10}  {'unit':7}{'time [ms]':>10}")
     for label, value, unit, time in rows:
-        _show(f"{label:32}{value:10.2f}  {unit:7}{1e3 * time:10.1f}")
+        _show(f"{label:30}{value:10.2f}  {unit:7}{1e3 * time:10.1f}")
     if pose_artefacts(result.metrics, pose):
         _show(THROWN_TEXT)
     if result.coupling_error is not None:
-        _show(f"{'coupling error':32}{100 * result.coupling_error:10.2f}  % of the energy exchanged")
+        _show(f"{'coupling error':30}{100 * result.coupling_error:10.2f}  % of the energy exchanged")
     if result.coupling_doubt is not None:
         _show(
-            f"{'doubt of the step':32}{result.coupling_doubt:10.2f}  deg     of the peak, twice its change at half the "
+            f"{'doubt of the step':30}{result.coupling_doubt:10.2f}  deg     of the peak, twice its change at half the "
             f"step{'' if result.converged else ': not converged'}"
         )
     if result.estimates_doubt is not None:
@@ -228,7 +228,7 @@ def _print_table(title: str, pose: str | None, result: Result) -> None:
         )
     for name, held in result.held.items():
         _show(
-            f"{'age of a held torque':32}{held.largest_change:10.2f}  N·m     {name} is sampled every "
+            f"{'age of a held torque':30}{held.largest_change:10.2f}  N·m     {name} is sampled every "
             f"{1e3 * held.period:g} ms; {held.axis} torque, {100 * held.share:.0f} % of its largest, at most, from one "
             "call to the next"
         )

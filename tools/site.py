@@ -32,7 +32,10 @@ FILES = "<!-- files -->"
 NAMES = "<!-- names -->"
 NOTEBOOK = re.compile(r"\]\(([\w./-]+)\.ipynb\)(?!\{)")  # a link to one, but to load it down
 EXAMPLE = re.compile(r"^>>> .*(?:\n(?!\s*$).*)*", re.MULTILINE)  # a prompt and all up to the next empty line
-IN_TABLE = re.compile(r"(?<=<td><code>)[\w.]+(?=</code>)")
+IN_TABLE = re.compile(r"<td.*?</td>", re.DOTALL)
+CODE = re.compile(r"(?<=<code>)[^<]+(?=</code>)")
+BREAK = re.compile(r"(?<=[\w)\]])([_./=])(?=\w)")  # where a long name may go on in the next line
+LINE = re.compile(r'(?<=<div class="language-text) (?=highlight"><pre><span></span><code>[^\n]*\n</code>)')  # a message
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\s*\\([(\[])(.*?)\\[)\]]\s*</\1>', re.DOTALL)
 
 
@@ -60,8 +63,10 @@ def on_config(config: Any) -> None:
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    """`$...$` and `$$...$$`, as arithmatex leaves them, as MathML; names in tables with places to break."""
-    content = IN_TABLE.sub(lambda m: m[0].replace("_", "_<wbr>").replace(".", ".<wbr>"), content)
+    """`$...$` and `$$...$$`, as arithmatex leaves them, as MathML; names in tables with places to break; output of one
+    line, which may wrap."""
+    content = IN_TABLE.sub(lambda cell: CODE.sub(lambda m: BREAK.sub(r"\1<wbr>", m[0]), cell[0]), content)
+    content = LINE.sub(" line ", content)
     return FORMULA.sub(
         lambda m: convert(html.unescape(m[3].strip()), display="block" if m[2] == "[" else "inline"), content
     )
@@ -111,7 +116,7 @@ def _parameters(title: str, text: str, chosen: Scenario, component: str) -> list
         "",
         text,
         "",
-        "| Parameter | Unit | Range | Default | Meaning |",
+        "| Parameter | Meaning | Unit | Default | Range |",
         "|---|---|---|---|---|",
         *rows,
         "",
@@ -121,7 +126,7 @@ def _parameters(title: str, text: str, chosen: Scenario, component: str) -> list
 def _parameter_row(parameter: Settable) -> str:
     name, unit, span, default, value, meaning = parameter.row()
     default = str(value or default) if parameter.name.startswith("subject.") else default
-    return f"| `{name}` | {unit} | {_prose(span)} | {_prose(default)} | {_prose(meaning)} |"
+    return f"| `{name}` | {_prose(meaning)} | {unit} | {_prose(default)} | {_prose(span)} |"
 
 
 def _section(command: click.Command, path: str, parent: click.Context | None) -> list[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..folders.comparison import INJURY, INVERSION, Estimates, MeanEstimate, PersonBand, Persons, WorstInput, WorstTenth
-from ..scenario.body import OWNER, is_of_subject
+from ..scenario.body import OWNER, SEX, is_of_subject
 from ..subject.anthropometry import MASS, STATURE
 from .estimates import injury_estimate, mean_estimate
 
@@ -114,20 +114,26 @@ def persons_listing(persons: Persons, metric: str, label: str, factor: float) ->
         lines += ["", f"{title:44}" + "".join(f"{b:>{width}}" for b in braces)]
         for band in bands:
             cells = (_cell(band.metrics[b].get(metric), factor) for b in braces)
-            row = f"  {band.low:.3g} ... {band.high:.3g}"
+            row = f"  {' ... '.join(band.ends)}"
             lines.append(f"{row:44}" + "".join(f"{c:>{width}}" for c in cells))
     for brace, worst in persons.worst.items():
-        told = ", ".join(
-            f"{name.partition('.')[2].replace('_', ' ')} {i.shift.value or 0.0:+.1f} SD"
-            for name, i in list(worst.inputs.items())[:4]
-        )
+        told = ", ".join(_shifted(name, i.shift.value or 0.0) for name, i in list(worst.inputs.items())[:4])
         lines += [""] if brace == next(iter(persons.worst)) else []
-        lines.append(f"worst tenth of {brace} ({persons.response} from {worst.above:.1f}): {told}")
+        lines.append(f"worst tenth with {brace} ({label} from {factor * worst.above:.1f}): {told}")
     return lines
+
+
+def _shifted(name: str, shift: float) -> str:
+    if name == SEX:
+        return f"more {'men' if shift > 0 else 'women'} ({shift:+.1f} SD)"
+    return f"{name.partition('.')[2].replace('_', ' ')} {shift:+.1f} SD"
 
 
 def _cell(e: MeanEstimate | None, factor: float) -> str:
     if e is None or e.value is None:
         return ""
-    half = "" if e.half_width is None else f" ± {factor * e.half_width:.2g}"
-    return f"{factor * e.value:.3g}{half}"
+    if not e.half_width:
+        return f"{factor * e.value:.3g}"
+    half = factor * e.half_width
+    digits = max(0, 1 - math.floor(math.log10(half)))
+    return f"{factor * e.value:.{digits}f} ± {half:.{digits}f}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
 from ..folders.comparison import INJURY, INVERSION, NONE, ComparisonFolder
 from ..folders.study import PEAK, StudyFolder
@@ -17,7 +18,7 @@ from .style import FORM, SeriesLook, palette
 COMPARED = {  # metric of a comparison: what it is called in a forest, unit of the differences, factor to it
     PEAK: ("peak subtalar angle, + supination", "deg", 1.0),
     INVERSION: ("peak inversion from neutral", "deg", 1.0),
-    INJURY: (f"probability of inversion beyond {INJURY_INVERSION_TEXT}°", "% points", 100.0),
+    INJURY: (f"probability of inversion beyond {INJURY_INVERSION_TEXT}°", "percentage points", 100.0),
     "anatomy_subtalar_moment_Nm": ("subtalar moment of the anatomy at the peak", "N·m", 1.0),
 }
 
@@ -36,7 +37,7 @@ def draw_comparison(folder: ComparisonFolder, several: bool) -> Iterator[Drawn]:
         brace: FORM.get().palette.get(name) for brace, name in _names_of(folder).items()
     }
     own = palette(list(folder.summary.braces), [NONE])
-    drawn = paired(folder.summary, threshold_doubts(folder), {b: looks.get(b) or own[b] for b in own})
+    drawn = partial(paired, folder.summary, threshold_doubts(folder), {b: looks.get(b) or own[b] for b in own})
     title = f": {folder.title}" if several else ""
     yield Drawn(f"paired{suffix}", f"What the braces change{title}", caption, drawn)
     panels, reference = brace_differences(folder)
@@ -50,7 +51,7 @@ def draw_comparison(folder: ComparisonFolder, several: bool) -> Iterator[Drawn]:
         )
         note = f"{folder.summary.source}: {folder.summary.count}, the same for every brace. "
         note += f"Initial pose: {folder.summary.initial_pose}." if folder.summary.initial_pose else ""
-        drawn = forest(panels, against, {b: looks.get(b) or own[b] for b in own}, note.strip())
+        drawn = partial(forest, panels, against, {b: looks.get(b) or own[b] for b in own}, note.strip())
         yield Drawn(f"forest{suffix}", f"Differences to {against}{title}", caption, drawn)
 
 

@@ -200,7 +200,7 @@ def _risks(
     if doubts.keys() & risks.keys():
         keys["threshold"] = legend_line(INK, linewidth=1.0, marker="|")
     if keys:
-        axis.legend(list(keys.values()), list(keys), ncols=2, loc="lower left", handletextpad=0.5)
+        axis.legend(list(keys.values()), list(keys), ncols=2, loc="lower left", handletextpad=0.9)
 
 
 def _moments(axis: Axes, braces: Mapping[str, BraceSummary]) -> None:

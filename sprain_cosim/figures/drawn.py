@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,12 +22,13 @@ CAPTIONS = "captions.txt"
 
 @dataclass(frozen=True)
 class Drawn:
-    """A figure with the name of its file, a title and a caption in words, and what it shows; None: all there is."""
+    """A figure with the name of its file, a title and a caption in words, what draws it once it is wanted, and what it
+    shows; None: all there is."""
 
     name: str
     title: str
     caption: str
-    figure: Figure
+    draw: Callable[[], Figure]
     shown: Sequence[Named] | None = None
 
 
@@ -38,7 +39,7 @@ def write_drawn(figures: Iterable[Drawn], folders: Sequence[Folder], target: Pat
     try:
         for drawn in figures:
             target.mkdir(parents=True, exist_ok=True)
-            written += save(drawn.figure, target / drawn.name, kinds)
+            written += save(drawn.draw(), target / drawn.name, kinds)
             captions.append(_caption(drawn, folders))
         if captions:
             write(target / CAPTIONS, "\n\n".join(captions) + "\n")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cache, partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -88,7 +89,7 @@ def leave_run(folder: Path, result: Result, summary: RunSummary) -> None:
 
 
 def draw(folders: Sequence[Folder]) -> Iterator[Drawn]:
-    """One figure after the other, those that answer the first questions first."""
+    """One figure after the other, those that answer the first questions first; none is drawn yet."""
     items = named_folders(folders)
     runs = [(name, item) for name, item in items if isinstance(item, RunFolder)]
     studies = [(name, item) for name, item in items if isinstance(item, StudyFolder)]
@@ -107,7 +108,7 @@ def draw(folders: Sequence[Folder]) -> Iterator[Drawn]:
     for folder in folders:
         if isinstance(folder, ComparisonFolder) and folder.summary.persons is not None:
             caption = "Means over parts of the persons with equal numbers, the same landings with every brace."
-            yield Drawn("persons", "For whom does each brace work?", caption, persons_figure(folder.summary))
+            yield Drawn("persons", "For whom does each brace work?", caption, partial(persons_figure, folder.summary))
             break
     yield from _phase(runs, studies)
     moments = [(name, _moments(item)) for name, item in items]
@@ -117,14 +118,14 @@ def draw(folders: Sequence[Folder]) -> Iterator[Drawn]:
             "Resisting moment about the subtalar axis at the time of its peak angle: what the passive tissue "
             "bears, and what the brace takes."
         )
-        yield Drawn("sharing", "Who bears the load", caption, plots.sharing(rows, pose_note(items)))
+        yield Drawn("sharing", "Who bears the load", caption, partial(plots.sharing, rows, pose_note(items)))
     caption = (
         "Torque-angle laws of the paper's passive ankle and of its braces (the same law with the angle scaled), about "
         "the three body-fixed axes. "
         "For comparison with Figures 1C and 2 of Yoder et al. 2021."
     )
     title = "Torque-angle laws of the paper's ankle and braces"
-    yield Drawn("torque_angle", title, caption, plots.torque_angle(), ())
+    yield Drawn("torque_angle", title, caption, plots.torque_angle, ())
 
 
 def figure_form(width: str | None, screen: bool, panels: bool) -> plots.Form:
@@ -202,12 +203,12 @@ def _of_runs(runs: Runs) -> Iterator[Drawn]:
     overlaid = [(name, run.result) for name, run in runs]
     note = coupling_note([run.summary for _, run in runs])
     caption = "Each landing from contact on; the dot marks the peak of supination."
-    yield Drawn("landing", "The landing over time", caption, plots.landing_signals(overlaid, note))
+    yield Drawn("landing", "The landing over time", caption, partial(plots.landing_signals, overlaid, note))
     caption = (
         "The path each landing took: a loop means that the moment depends on more than this angle (speed, the "
         "other axes, coupling)."
     )
-    yield Drawn("moment_angle", "Moment over angle", caption, plots.moment_angle(overlaid, note))
+    yield Drawn("moment_angle", "Moment over angle", caption, partial(plots.moment_angle, overlaid, note))
 
 
 def _of_studies(studies: Studies) -> Iterator[Drawn]:
@@ -238,12 +239,12 @@ def _distributions(chosen: Studies, samples: Mapping[str, Sample], text: str, su
         "Share of landings whose peak stays below the value. Circles: the published levels, where the study "
         "is one of the paper's in its pose."
     )
-    drawn = plots.cdf([samples[n] for n, _ in chosen], text, pose_note(chosen))
+    drawn = partial(plots.cdf, [samples[n] for n, _ in chosen], text, pose_note(chosen))
     yield Drawn(f"cdf{suffix}", "Distribution", caption, drawn)
     with_levels = [(n, s) for n, s in chosen if samples[n].percentiles]
     if len(with_levels) > 1:
         caption = "The 5, 50 and 95 % levels with their 95 % intervals."
-        drawn = plots.percentiles([samples[n] for n, _ in with_levels], text, pose_note(with_levels))
+        drawn = partial(plots.percentiles, [samples[n] for n, _ in with_levels], text, pose_note(with_levels))
         yield Drawn(f"percentiles{suffix}", "Levels side by side", caption, drawn)
     yield from _poses(chosen, samples, text, suffix)
 
@@ -283,7 +284,7 @@ def _questions(studies: Studies) -> Iterator[Drawn]:
             "How likely the response exceeds a threshold. What the sample leaves open and what is not known of the "
             "threshold stand apart: more landings narrow the first alone, more specimens the second alone."
         )
-        drawn = plots.questions(answers, curves, pose_note([(name, study)]))
+        drawn = partial(plots.questions, answers, curves, pose_note([(name, study)]))
         yield Drawn(f"questions{_end(study, len(asked))}", f"How likely: {name}", caption, drawn, [(name, study)])
 
 
@@ -299,7 +300,7 @@ def _designs(studies: Studies) -> Iterator[Drawn]:
                 "the value found. Away from there the band joins what landings drawn again would change; below a tenth "
                 "of the goal the curve says no more than “less than”. The doubt about the threshold is not in the band."
             )
-            drawn = plots.design_curve(_designed(design, quantity), note)
+            drawn = partial(plots.design_curve, _designed(design, quantity), note)
             yield Drawn(f"design{end}", f"{design.find.capitalize()} value: {name}", caption, drawn)
             continue
         low, high = design.range
@@ -321,7 +322,7 @@ def _designs(studies: Studies) -> Iterator[Drawn]:
             )
             second = _labelled(design.second or "", design.second_unit or "")
             goal = f"P ≤ {100 * design.at_most:g} %"
-            drawn = plots.trade_off(quantity, second, points, design.find == "least", goal, (low, high), note)
+            drawn = partial(plots.trade_off, quantity, second, points, design.find == "least", goal, (low, high), note)
             yield Drawn(f"design{end}", f"Trade-off: {name}", caption, drawn)
 
 
@@ -360,7 +361,8 @@ def _tornado(name: str, study: StudyFolder, end: str) -> Drawn:
         "What moves the response (Pearson's r) and what widens it (normalised sensitivity of its "
         "standard deviation), with 95 % intervals."
     )
-    drawn = plots.tornado(
+    drawn = partial(
+        plots.tornado,
         pearson_intervals(study, study.response),
         spread_intervals(study, study.response),
         name,
@@ -388,8 +390,8 @@ def _pairs(studies: Studies) -> Iterator[Drawn]:
             f"The response and its {rule}. Below the diagonal each point is a landing{every}; on it the distribution; "
             f"above it Spearman's rank correlation, {doubt}{'' if independent else ' independent landings'}."
         )
-        note = f"{shorten(name, 60)}: n = {n}. {pose_note([(name, study)])}"
-        drawn = plots.pairs([*chosen, response], independent, note)
+        note = f"{shorten(name, 60)}: n\u00a0=\u00a0{n}. {pose_note([(name, study)])}"
+        drawn = partial(plots.pairs, [*chosen, response], independent, note)
         title = f"Inputs and response: {name}"
         yield Drawn(f"pairs{_end(study, len(found))}", title, caption, drawn, [(name, study)])
 
@@ -418,7 +420,10 @@ def _poses(chosen: Studies, samples: Mapping[str, Sample], text: str, suffix: st
             )
             title = "Initial poses side by side"
             yield Drawn(
-                f"poses{suffix}{k or ''}", title, caption, plots.poses(list(pairs.items()), text, pose_note(group))
+                f"poses{suffix}{k or ''}",
+                title,
+                caption,
+                partial(plots.poses, list(pairs.items()), text, pose_note(group)),
             )
 
 
@@ -431,12 +436,14 @@ def _searches(
     searches = [(name, study, amv) for name, study, amv in found if amv is not None and amv.levels]
     for name, study, amv in searches:
         beside = next((samples[n] for n, s in distributions if same_question(s, study)), None)
-        note = f"{pose_note([(name, study)])} Gate of the method: {amv.status}."
+        note = f"{pose_note([(name, study)])} The method's own test says {amv.status}."
         caption = (
             "Levels of the response found with few landings, on the distribution of the Monte Carlo study if "
             "there is one; which input leads to each."
         )
-        drawn = plots.level_search(samples[name], importance_of(amv), response_label(study.response), beside, note)
+        drawn = partial(
+            plots.level_search, samples[name], importance_of(amv), response_label(study.response), beside, note
+        )
         yield Drawn(f"amv{_end(study, len(searches))}", name, caption, drawn)
 
 
@@ -456,11 +463,12 @@ def _events(studies: Studies) -> Iterator[Drawn]:
             "The probability of the event, from sampling about its design point, with what the landings and what the "
             "threshold leave open; what first and second order alone say; which inputs lead to the event."
         )
-        drawn = plots.event_search(
+        drawn = partial(
+            plots.event_search,
             answer,
             {method: p for method, p in orders.items() if p is not None},
             {n: v for n, v in form.importance.items() if v is not None},
-            f"{pose_note([(name, study)])} Gate of the method: {form.status}.",
+            f"{pose_note([(name, study)])} The method's own test says {form.status}.",
         )
         yield Drawn(f"form{_end(study, len(searches))}", f"How likely: {name}", caption, drawn, [(name, study)])
 
@@ -477,7 +485,9 @@ def _indices(studies: Studies) -> Iterator[Drawn]:
             "Share of the response's variance that each input explains, alone and in all with the others, with 95 % "
             "intervals. A share lies between 0 and 100 %; what reaches beyond is doubt from few landings."
         )
-        drawn = plots.variance_shares(first, total, response_label(sobol.response), name, pose_note([(name, study)]))
+        drawn = partial(
+            plots.variance_shares, first, total, response_label(sobol.response), name, pose_note([(name, study)])
+        )
         yield Drawn(f"sobol{_end(study, len(searches))}", f"Variance: {name}", caption, drawn, [(name, study)])
 
 
@@ -519,25 +529,27 @@ def _grids(studies: Studies) -> Iterator[Drawn]:
                 rows.append((title, part[study.response].to_numpy(float)))
         if rows:
             note, along = pose_note([(name, study)]), label + (f", + {sign}" if sign else "")
-            drawn = plots.grid(levels, rows, along, response_label(study.response), note)
+            drawn = partial(plots.grid, levels, rows, along, response_label(study.response), note)
             caption = "The response at the points of the grid. A grid is no sample: no probability is in it."
             yield Drawn(f"grid{_end(study, len(grids))}", name, caption, drawn)
 
 
 def _fans(studies: Studies) -> Iterator[Drawn]:
-    groups = []
+    found = []
     for name, study in studies:
         # only the first trials are a fair sample: the others were kept because they are extreme
         done = set(study.done["trial"])
         chosen = [trial for trial in study.trajectories if trial < study.summary.first_kept and trial in done]
         if len(chosen) >= FAN:
-            groups.append(_fan(name, [study.trajectory(trial) for trial in chosen]))
-    for k in range(0, len(groups), 3):
+            found.append((name, study, chosen))
+    fans = cache(lambda: [_fan(name, [study.trajectory(t) for t in chosen]) for name, study, chosen in found])
+    note = pose_note(studies)
+    for k in range(0, len(found), 3):
         caption = (
             "Percentiles at each moment over the trials whose signals were kept. A band joins different landings: none "
             "of them need follow it."
         )
-        drawn = plots.fan(groups[k : k + 3], pose_note(studies), groups)
+        drawn = partial(lambda k: plots.fan(fans()[k : k + 3], note, fans()), k)
         yield Drawn(f"fan{k // 3 or ''}", "Many landings over time", caption, drawn)
 
 
@@ -584,7 +596,7 @@ def _phase(runs: Runs, studies: Studies) -> Iterator[Drawn]:
             "phase",
             "Inversion against measured sprains",
             caption,
-            plots.phase(tracks, points, pose_note([*runs, *studies])),
+            partial(plots.phase, tracks, points, pose_note([*runs, *studies])),
         )
 
 
@@ -606,4 +618,6 @@ def _published(studies: Studies) -> Iterator[Drawn]:
     matched = [(name, *pair) for name, pair in found if pair is not None]
     if matched:
         caption = "Every trial with the inputs of a published one; records are rounded to 0.1°."
-        yield Drawn("published", "Published against simulated", caption, plots.published(matched, pose_note(studies)))
+        yield Drawn(
+            "published", "Published against simulated", caption, partial(plots.published, matched, pose_note(studies))
+        )

@@ -24,7 +24,7 @@ def persons_figure(summary: ComparisonSummary) -> Figure:
     assert persons is not None
     parts = ", ".join(str(n) for n in sorted({len(bands) for bands in persons.bands.values()}))
     note = f"{summary.source}: {summary.count}, the same for every brace. Means over {parts} parts of the persons with "
-    note += "equal numbers, with their 95 % intervals."
+    note += "equal numbers, with their 95\u00a0% intervals."
     drawn, axes = sheet([HEIGHT] * len(persons.bands), note, columns=2)
     braces = list(next(iter(persons.bands.values()))[0].metrics)
     shown = palette(list(summary.braces), [NONE])
@@ -54,9 +54,9 @@ def _by_measure(
         offset = 0.004 * (bands[-1].high - bands[0].low) * (shift - 0.5 * (len(look) - 1))
         x = np.array([at + offset for at, _ in points])
         y = factor * np.array([e.value for _, e in points], float)
-        half = np.tile(factor * np.array([e.half_width or 0.0 for _, e in points]), (2, 1))
-        if metric == INJURY:  # no probability lies beyond 0 and 100 %
-            half = np.minimum(half, [y, 100.0 - y])
+        ends = [[e.value if end is None else end for end in (e.ci_low, e.ci_high)] for _, e in points]
+        low, high = factor * np.array(ends, float).T
+        half = np.array([y - low, high - y])  # an interval of a probability is not even about it
         drawn: Any = dict(color=one.colour, linestyle=one.line, marker=one.dot, markersize=2.5, capsize=1.5)
         axis.errorbar(x, y, yerr=half, **drawn)
     axis.set_xlabel(f"{label(name)} [{persons.units[name]}]")

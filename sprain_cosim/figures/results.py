@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,15 +22,16 @@ from .samples import cdf
 from .selection import palette_of, response_label, sample_of
 from .style import FORM, drawn_as, picture
 
-Named = Iterator[tuple[str, Figure]]
+Named = Iterator[tuple[str, Callable[[], Figure]]]
 
 
 def figure_of(item: object, kind: str) -> Figure:
     """See `Plottable.plot`. A notebook shows the figure also where pyplot was never loaded."""
     folder, known = _folder(item), list[str]()
     with drawn_as(FORM.get() if folder is None else replace(FORM.get(), palette=palette_of([folder]))):
-        for name, figure in _of_memory(item) if folder is None else ((d.name, d.figure) for d in draw([folder])):
+        for name, drawn in _of_memory(item) if folder is None else ((d.name, d.draw) for d in draw([folder])):
             if not kind or is_of_kind(name, kind):
+                figure = drawn()
                 vars(figure)["_repr_png_"] = partial(picture, figure, "png")
                 return figure
             known.append(name)
@@ -50,11 +51,11 @@ def _of_memory(item: object) -> Named:
     if isinstance(item, Result):
         if "plant.subtalar_angle" in item.index and len(item.time):
             title = "landing" if item.status == "completed" else item.status
-            yield "landing", landing_signals([(title, item)])
-            yield "moment_angle", moment_angle([(title, item)])
+            yield "landing", partial(landing_signals, [(title, item)])
+            yield "moment_angle", partial(moment_angle, [(title, item)])
     elif isinstance(item, Campaign):
         study = StudyFolder(Path(), item.summary, item.trials, StudyFile(responses=item.study.responses))
         for response in item.study.responses:
             sample = sample_of(item.summary.title, study, response, with_published=False)
             if len(sample.values) > 1:
-                yield f"cdf_{response}", cdf([sample], response_label(response))
+                yield f"cdf_{response}", partial(cdf, [sample], response_label(response))

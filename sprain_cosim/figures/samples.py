@@ -127,7 +127,7 @@ def level_search(
     if sample is None:
         values = [v for v, _, _ in search.percentiles.values()] + list(search.published.values())
         width = max(values) - min(values) or 1.0
-        top.set_xlim(min(values) - 0.3 * width, max(values) + 0.4 * width)
+        top.set_xlim(min(values) - 0.45 * width, max(values) + 0.45 * width)
     entries += _draw_importance(below, importance, names, theirs)
     legend_above(figure, entries)
     return figure
@@ -200,9 +200,7 @@ def tornado(
     high)} with 95 % intervals, circles for `published` ones, and how the response's SD follows the parameter's SD,
     `spread` (dσ/dσ normalised, likewise)."""
     names = sorted(sensitivity, key=lambda n: abs(sensitivity[n][0]))
-    panels = [(sensitivity, "Pearson's r, 95 %,\n+ raises it")] + (
-        [(spread, "dSD/dSD, 95 %,\n+ widens it")] if spread else []
-    )
+    panels = [(sensitivity, "Pearson's r,\n+ raises it")] + ([(spread, "dSD/dSD,\n+ widens it")] if spread else [])
     figure, axes = sheet([height_of(names)], note, len(panels), sharey=True)
     for axis, (values, meaning) in zip(axes, panels, strict=True):
         for k, name in enumerate(names):
@@ -216,11 +214,11 @@ def tornado(
         reach = 1.08 * max([1e-3, *(max(abs(low), abs(high)) for _, low, high in values.values())])
         axis.set_xlim(-reach, reach)
         axis.tick_params(axis="y", labelleft=axis is axes[0])
-    entries: Entries = []
+    entries: Entries = [(legend_line(INK, linewidth=0.9, marker="|", markersize=4), "95 % interval")]
     for name, r in (published or {}).items():
         if name in names:
             published_circle(axes[0], r, names.index(name), 4.5, "white")
-            entries = [(published_key(4.5, "white"), "published r (Yoder et al. 2021, Table 2)")]
+            entries[1:] = [(published_key(4.5, "white"), "published r (Yoder et al. 2021, Table 2)")]
     legend_above(figure, [(legend_line(INK, "none"), text) for text in (title, quantity)] + entries)
     return figure
 
@@ -377,7 +375,7 @@ def height_of(names: Sequence[str]) -> float:
 
 
 def name_inputs(axis: Axes, names: Sequence[str]) -> None:
-    axis.set_yticks(range(len(names)), [label(n).replace(", ", "\n") for n in names])
+    axis.set_yticks(range(len(names)), [label(n).replace(", ", "\n", 1) for n in names])
     axis.set_ylim(-0.6, len(names) - 0.4)
     axis.tick_params(axis="y", length=0)
     axis.axvline(0, color=FAINT, linewidth=0.6)

@@ -158,6 +158,12 @@ class PersonBand(Record):
     metrics: Mapping[str, Estimates] = field(default_factory=dict)
     mean: float | None = None
 
+    @property
+    def ends(self) -> tuple[str, str]:
+        """With three figures, the last ones kept where they are 0."""
+        low, high = (f"{end:#.3g}".rstrip(".") for end in (self.low, self.high))
+        return low, high
+
 
 @dataclass(frozen=True)
 class WorstInput(Record):

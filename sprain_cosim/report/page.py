@@ -157,7 +157,7 @@ def _about(folders: Sequence[Folder], items: Sequence[Named]) -> str:
 
 def _drawn(folders: Sequence[Folder]) -> list[Picture]:
     return [
-        Picture(d.title, d.caption, "image/svg+xml", _base64(plots.picture(d.figure, "svg")), d.name)
+        Picture(d.title, d.caption, "image/svg+xml", _base64(plots.picture(d.draw(), "svg")), d.name)
         for d in gallery.draw(folders)
     ]
 

@@ -12,6 +12,8 @@ from ..folders.run import RunFolder, RunSummary
 from ..folders.study import StudyFolder
 from ..scenario.body import is_of_subject
 from ..study.summary import VarianceShare
+from ..subject.anthropometry import SEXES
+from ..subject.person import Subject
 from ..units import SHOWN, unit
 from .blocks import Block, Cell, Heading, PageTable, Paragraph, Row
 from .words import ends, percent, percentage, percentage_ends, rounded, signed
@@ -52,10 +54,11 @@ def persons_sentence(persons: Persons | None, brace: str) -> str:
     gap, name, ((least, _, _, few), (most, _, _, many)) = max(known, key=lambda entry: entry[0])
     if gap <= 0.0:
         return (
-            f" With {brace} no measure of the persons moves that probability beyond its interval, fifth against fifth."
+            f" With {brace} no measure of the persons moves that probability beyond its interval, between the persons "
+            "who have least and most of it."
         )
     unit = persons.units[name]
-    high, low = (f"{percent(p)} for {b.low:.3g} to {b.high:.3g} {unit}" for p, b in ((most, many), (least, few)))
+    high, low = (f"{percent(p)} for {' to '.join(b.ends)} {unit}" for p, b in ((most, many), (least, few)))
     return f" With {brace} that probability depends on the {label(name)}: {high}, {low}."
 
 
@@ -91,8 +94,8 @@ def _subject_words(subject: Mapping[str, Any]) -> str:
     """The subject of an identity in words."""
     inner = subject.get("Subject", {})
     measures = inner.get("measures", {}) if isinstance(inner, Mapping) else {}
-    told = [f"{name} {value:g}" for name, value in measures.items() if isinstance(value, float)]
-    return ", ".join([str(inner.get("sex", "")), *told])
+    told = {str(name): value for name, value in measures.items() if isinstance(value, float)}
+    return Subject(str(inner.get("sex")), told).words if inner.get("sex") in SEXES else ""
 
 
 def _bands(persons: Persons) -> PageTable:
@@ -100,7 +103,7 @@ def _bands(persons: Persons) -> PageTable:
     rows: list[Row] = []
     for name, bands in persons.bands.items():
         for band in bands:
-            row: list[str | Cell] = [f"{label(name)} {band.low:.3g} to {band.high:.3g} {persons.units[name]}"]
+            row: list[str | Cell] = [f"{label(name)} {' to '.join(band.ends)} {persons.units[name]}"]
             for brace in braces:
                 found = band.metrics.get(brace, {})
                 row += [_mean(found.get(persons.response)), _risk(found.get(INJURY))]

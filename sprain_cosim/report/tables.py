@@ -343,7 +343,7 @@ def _of_a_study(study: StudyFolder) -> list[tuple[str, str]]:
         ("command", manifest.command),
         ("created", manifest.created),
         ("seed", "" if seed is None else str(seed)),
-        ("study_digest", manifest.study_digest),
+        ("digest of the study", manifest.study_digest),
         ("platform", manifest.platform),
         ("processor", f"code for {', '.join(manifest.processor)}" if manifest.processor else ""),
         ("versions", ", ".join(f"{k} {v}" for k, v in manifest.versions.items())),

@@ -41,7 +41,9 @@ def verdicts(folders: Sequence[Folder], items: Sequence[Named]) -> list[Block]:
                 found.append(Verdict(_of_run(item), shown))
         elif item.summary.n_failed or id(item) not in compared:
             found.append(_of_trials(item, shown, items))
-    return [*(v for v in found if v is not None), Paragraph(LIMITED)]
+    studies = [item for _, item in items if isinstance(item, StudyFolder) and id(item) not in compared]
+    notes = dict.fromkeys(note for study in studies for note in _notes(study))
+    return [*(v for v in found if v is not None), *(Paragraph(n, "about") for n in notes), Paragraph(LIMITED)]
 
 
 def _of_trials(study: StudyFolder, name: str, items: Sequence[Named]) -> Verdict:
@@ -183,7 +185,8 @@ def _of_run(run: RunFolder) -> Markup:
     if PEAK not in m:
         return rich("Ended as {status}. {message}", status=run.summary.status, message=run.summary.message)
     at = f" at {1e3 * m['time_of_peak_subtalar_s']:.0f} ms" if "time_of_peak_subtalar_s" in m else ""
-    text = rich("In this landing the ankle supinated to <b>{peak:.1f}°</b>{at}.", peak=m[PEAK], at=at)
+    text = rich("In this landing the ankle supinated to <b>{peak:.1f}°</b>{at}", peak=m[PEAK], at=at)
+    text += _by_the_step(run.summary.coupling_doubt_deg)
     if INVERSION in m:
         where = "below" if m[INVERSION] < MEAN - SD else "above" if m[INVERSION] > MEAN + SD else "inside"
         text += (
@@ -197,6 +200,12 @@ def _of_run(run: RunFolder) -> Markup:
     if run.summary.coupling_error is not None:
         text += f" Coupling error: {100 * run.summary.coupling_error:.2g} % of the energy exchanged."
     return text
+
+
+def _by_the_step(doubt: float | None) -> str:
+    if doubt is None:
+        return "; what the communication step leaves open of it is not known."
+    return f" (± {doubt:.2g}° by the communication step)."
 
 
 def _of_study(study: StudyFolder) -> Markup:
@@ -221,7 +230,17 @@ def _of_study(study: StudyFolder) -> Markup:
         )
     else:
         text += " No landing failed." if done == n else f" {n - done} landings are missing."
-    return text + "".join(f" {note[:1].upper()}{note[1:]}." for note in summary.notes)
+    return text
+
+
+def _notes(study: StudyFolder) -> list[str]:
+    """What a sample has to say of itself besides its answer, with responses by the names that readers know."""
+    summary, found = study.summary, list[str]()
+    for note in summary.notes if summary.search is None and summary.design is None else ():
+        for response in sorted(summary.responses, key=len, reverse=True):
+            note = note.replace(response, plots.label(response).partition(", ")[0])
+        found.append(f"{note[:1].upper()}{note[1:]}.")
+    return found
 
 
 def until_words(rule: UntilRule) -> Markup:
@@ -273,7 +292,7 @@ def _dominates(q: Probability | FormSearch) -> str:
     if q.threshold_ci is None:
         specimens = "its law, and how many specimens stand behind it, would have to be known"
     words = {
-        "threshold": f"The threshold is what is known least: more landings change nothing, {specimens}",
+        "threshold": f"The threshold is what is known least: more landings change nothing; {specimens}",
         "failures": "What failed is known least: more landings that fail as often narrow nothing",
         "sampling": "The sample is what is known least: more landings narrow it",
         "both": "Sample and threshold leave about as much open: more landings and more knowledge of it are needed",
@@ -318,7 +337,7 @@ def _distribution(study: StudyFolder) -> Markup:
 
 
 def _of_search(study: StudyFolder, found: LevelSearch | FormSearch) -> Markup:
-    unit, response = unit_after(study.response), response_label(study.response)
+    unit, response = unit_after(study.response), plots.label(study.response).partition(", ")[0]
     cost = f"{found.evaluations_executed} landings"
     if isinstance(found, LevelSearch):
         text = rich(
@@ -348,14 +367,15 @@ def _of_search(study: StudyFolder, found: LevelSearch | FormSearch) -> Markup:
         )
     if isinstance(found, LevelSearch) and found.check is not None:
         return text + rich(
-            " {n} random landings test it: {levels}. Together with slopes, curvature and order: <b>{status}</b>.",
+            " {n} random landings test it: {levels}. With that, slopes, curvature and the order of the "
+            "levels the method's own test says <b>{status}</b>.",
             n=found.check.n,
             levels="; ".join(_tested(found.check, level) for level in found.check.off),
             status=found.status,
         )
     return text + rich(
-        " The method's own check of slopes, curvature and order says <b>{status}</b>{reasons}; it does not measure how "
-        "far a level is off.",
+        " The method's own test of slopes, curvature and the order of the levels says <b>{status}</b>{reasons}; it "
+        "does not measure how far a level is off.",
         status=found.status,
         reasons=f": {reasons}" if reasons else "",
     )

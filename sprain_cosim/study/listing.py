@@ -7,6 +7,8 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from ..metrics import unit_of
+from ..units import SHOWN, unit
 from ..uq import statistics
 from .evaluation import FACTORS
 from .groups import groups_listing
@@ -47,7 +49,7 @@ def study_listing(study: Plan, summary: StudySummary) -> str:
     if summary.amv is not None:
         lines += _levels(study, summary.amv)
     elif summary.form is not None:
-        lines += _form(summary.form)
+        lines += _form(study, summary.form)
     elif summary.sobol is not None:
         lines += _sobol(summary.sobol)
     elif summary.design is not None:
@@ -160,9 +162,10 @@ def _without_failed(summary: StudySummary) -> str:
 
 
 def _correlations(moved: Sensitivity, published: Mapping[str, Any], without: str) -> list[str]:
+    room = _room(moved.inputs)
     lines = [
         "",
-        f"{'Pearson r':34}{'here':>10}{'95 % interval':>20}{'published':>12}{'importance ± SE':>18}"
+        f"{'Pearson r':{2 + room}}{'here':>10}{'95 % interval':>20}{'published':>12}{'importance ± SE':>18}"
         f"{'Sobol first total':>19}{'Shapley, 95 % interval':>26}{without}",
     ]
     for key, s in moved.inputs.items():
@@ -175,7 +178,7 @@ def _correlations(moved: Sensitivity, published: Mapping[str, Any], without: str
         if s.shapley is not None:
             shapley = f"{s.shapley:.2f} ({_interval(*(s.shapley_ci or (None, None)))})"
         lines.append(
-            f"  {key:32}{_number(s.pearson.value, '.2f'):>10}{_interval(s.pearson.low, s.pearson.high):>20}"
+            f"  {key:{room}}{_number(s.pearson.value, '.2f'):>10}{_interval(s.pearson.low, s.pearson.high):>20}"
             f"{_number(published.get(key)):>12}{alpha:>18}{indices:>19}{shapley:>26}"
         )
     if moved.chaos is not None:
@@ -187,19 +190,20 @@ def _correlations(moved: Sensitivity, published: Mapping[str, Any], without: str
 
 
 def _factors(inputs: Mapping[str, InputSensitivity], without: str) -> list[str]:
+    known = {key: s for key, s in inputs.items() if any(getattr(s, f) is not None for f in FACTORS)}
+    room = _room(known)
     lines = [
         "",
-        f"{'sensitivity factors ± SE':34}{'dmean/dmean':>16}{'dmean/dsd':>16}{'dsd/dmean':>16}{'dsd/dsd':>16}    "
-        f"(* 95 % interval without 0){without}",
+        f"{'sensitivity factors ± SE':{2 + room}}{'dmean/dmean':>16}{'dmean/dsd':>16}{'dsd/dmean':>16}{'dsd/dsd':>16}"
+        f"    (* 95 % interval without 0){without}",
     ]
-    known = {key: s for key, s in inputs.items() if any(getattr(s, f) is not None for f in FACTORS)}
     for key, s in known.items():
         cells = []
         for f in FACTORS:
             value, error, interval = (getattr(held, f) for held in (s, s.standard_error, s.ci))
             mark = "*" if _beyond_noise(interval) else " "
             cells.append(f"{_number(value, '.2f') or '-'} ± {_number(error, '.2f') or '-'}{mark}")
-        lines.append(f"  {key:32}" + "".join(f"{cell:>16}" for cell in cells))
+        lines.append(f"  {key:{room}}" + "".join(f"{cell:>16}" for cell in cells))
     return lines
 
 
@@ -218,8 +222,8 @@ def _rows(r: Response) -> Iterable[tuple[str, float | None, PAIR]]:
 def _ending(found: LevelSearch | FormSearch) -> list[str]:
     return [
         "",
-        f"evaluations: {found.evaluations_requested} requested, {found.evaluations_executed} executed; gate: "
-        f"{found.status}",
+        f"landings: {found.evaluations_requested} asked for, {found.evaluations_executed} made; the method's own test "
+        f"says {found.status}",
         *(f"  {reason}" for reason in found.reasons),
     ]
 
@@ -240,10 +244,11 @@ def _levels(study: Plan, found: LevelSearch) -> list[str]:
             interval = f"{sampled[0]:g} ({sampled[1]:g} ... {sampled[2]:g})"
             line += f"{interval:>24}   {entry.against_monte_carlo} / {verdict}"
         lines.append(line)
-    lines += ["", f"{'importance':34}{'linear':>10}" + "".join(f"{level + ' %':>10}" for level in found.levels)]
+    room = _room(found.linear_importance)
+    lines += ["", f"{'importance':{2 + room}}{'linear':>10}" + "".join(f"{level + ' %':>10}" for level in found.levels)]
     for name, value in found.linear_importance.items():
         cells = (value, *(e.importance.get(name) for e in found.levels.values()))
-        lines.append(f"  {name:32}" + "".join(f"{_number(cell, '.2f'):>10}" for cell in cells))
+        lines.append(f"  {name:{room}}" + "".join(f"{_number(cell, '.2f'):>10}" for cell in cells))
     return lines + _tested(found) + _ending(found)
 
 
@@ -263,10 +268,16 @@ def _tested(found: LevelSearch) -> list[str]:
     return lines
 
 
-def _form(found: FormSearch) -> list[str]:
+def _room(names: Iterable[str]) -> int:
+    """Of a column of names."""
+    return max(32, *(len(name) for name in names))
+
+
+def _form(study: Plan, found: FormSearch) -> list[str]:
     threshold = found.threshold.distribution or _number(found.threshold.mean)
     sampled = found.ci_low is not None
     interval = f"({_share(found.ci_low)} ... {_share(found.ci_high)})" if sampled else "(first order: no interval)"
+    room = _room(found.importance)
     lines = ["", f"P({found.response} > {threshold}) = {_share(found.probability)}  {interval}"]
     if sampled:
         points = "the design point" if found.design_points == 1 else f"{found.design_points} design points"
@@ -284,25 +295,30 @@ def _form(found: FormSearch) -> list[str]:
         lines.append(f"  beta {_number(found.beta, '.3f')}")
     lines += [
         "",
-        f"{'':34}{'importance':>12}{'design point':>16}",
+        f"  {'':{room}}{'importance':>12}{'design point':>16}",
     ]
     for name, value in found.importance.items():
+        own = study.units.get(name, "")
+        shown = SHOWN.get(own, own) if name in study.units else unit_of(found.response)
+        factor = unit(own).factor / unit(shown).factor if own else 1.0
         point = found.design_point.get(name)
-        lines.append(f"  {name:32}{_number(value, '.2f'):>12}{_number(point, '.5g'):>16}")
+        text = _number(None if point is None else factor * point, ".5g")
+        lines.append(f"  {name:{room}}{_number(value, '.2f'):>12}{text:>16} {shown}".rstrip())
     return lines + _ending(found)
 
 
 def _sobol(found: SobolSearch) -> list[str]:
     sd = None if found.variance is None else math.sqrt(found.variance)
+    room = _room(found.indices)
     lines = [
         "",
         f"{found.response}: mean {_number(found.mean, '.3f')}, SD {_number(sd, '.3f')}, {found.evaluations} landings",
         "",
-        f"{'Sobol indices':34}{'first':>8}{'95 % interval':>20}{'total':>8}{'95 % interval':>20}",
+        f"{'Sobol indices':{2 + room}}{'first':>8}{'95 % interval':>20}{'total':>8}{'95 % interval':>20}",
     ]
     for name, i in found.indices.items():
         lines.append(
-            f"  {name:32}{_number(i.first, '.2f'):>8}{_interval(i.first_low, i.first_high):>20}"
+            f"  {name:{room}}{_number(i.first, '.2f'):>8}{_interval(i.first_low, i.first_high):>20}"
             f"{_number(i.total, '.2f'):>8}{_interval(i.total_low, i.total_high):>20}"
         )
     return lines

@@ -4,6 +4,7 @@ beside."""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -88,7 +89,7 @@ def _figure_1c() -> Drawn:
         f"coefficients, for which the article has curves alone. Largest gap {apart:.1g} N·m."
     )
     note = "Body-fixed X-Y-Z angles of the calcaneus in the tibia, zero at neutral. No landing, no initial pose."
-    return Drawn("figure_1c", "Torque-angle laws of ankle and braces", caption, figure_1c(measured, note), ())
+    return Drawn("figure_1c", "Torque-angle laws of ankle and braces", caption, partial(figure_1c, measured, note), ())
 
 
 def law_torques(name: str, scale: float) -> dict[str, tuple[Array, Array]]:
@@ -126,7 +127,7 @@ def _figure_4(studies: Sequence[StudyFolder]) -> Drawn:
         else f"Missing here: the authors' own trials ({REFERENCE} names their folder); of them the levels alone."
     )
     named = [(s.title, s) for s in studies]
-    drawn = figure_4(repeated, response_label(PEAK), pose_note(named))
+    drawn = partial(figure_4, repeated, response_label(PEAK), pose_note(named))
     return Drawn("figure_4", "Peak supination in the paper's six studies", caption, drawn, named)
 
 
@@ -146,6 +147,6 @@ def _figure_5(study: StudyFolder, search: StudyFolder) -> Drawn:
         f"of the method, here: {amv.status}."
     )
     shown = [(study.title, study), (search.title, search)]
-    note = f"{pose_note(shown)} Gate of the method: {amv.status}."
-    drawn = level_search(levels, importance_of(amv), response_label(PEAK), sample, note, theirs)
+    note = f"{pose_note(shown)} The method's own test says {amv.status}."
+    drawn = partial(level_search, levels, importance_of(amv), response_label(PEAK), sample, note, theirs)
     return Drawn("figure_5", "Advanced mean value method over Monte Carlo", caption, drawn, shown)

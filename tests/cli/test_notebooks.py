@@ -12,7 +12,8 @@ import pytest
 nbformat = pytest.importorskip("nbformat", reason="the extra [docs] is not installed")
 pytest.importorskip("nbclient", reason="the extra [docs] is not installed")
 
-from tools.notebooks import FOLDER, executed  # noqa: E402 - needs both
+from tools import notebooks  # noqa: E402 - needs both
+from tools.notebooks import FOLDER, executed  # noqa: E402
 
 PATHS = sorted(FOLDER.glob("*.ipynb"))
 
@@ -26,6 +27,44 @@ def test_a_notebook_in_the_repository_has_no_outputs(path: Path) -> None:
         if cell.cell_type == "code":
             assert cell.outputs == [] and cell.execution_count is None
     assert notebook.cells[0].source.startswith("# ")
+
+
+def test_a_notebook_is_run_again_where_anything_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ran = list[str]()
+
+    def run(path: Path) -> Any:
+        ran.append(path.name)
+        return nbformat.read(path, 4)
+
+    monkeypatch.setattr(notebooks, "executed", run)
+    monkeypatch.setattr(notebooks, "KEPT", tmp_path / "kept")
+    path = tmp_path / "a.ipynb"
+    path.write_bytes(PATHS[0].read_bytes())
+    first = notebooks.kept(path, b"1")
+    assert notebooks.kept(path, b"1") == first and ran == ["a.ipynb"]
+    notebooks.kept(path, b"2")
+    path.write_text(path.read_text("utf-8").replace("# ", "# Other ", 1), "utf-8")
+    notebooks.kept(path, b"2")
+    assert len(ran) == 3
+    assert len(list((tmp_path / "kept").iterdir())) == 1, "what is of no use any more is gone"
+
+
+@pytest.mark.parametrize("change", ["sprain_cosim/metrics.py", "sprain_cosim/_fmus/plant.fmu", "scenarios/level.toml"])
+def test_what_a_notebook_depends_on(change: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in (
+        "sprain_cosim/metrics.py",
+        "sprain_cosim/_fmus/plant.fmu",
+        "scenarios/level.toml",
+        "tools/notebooks.py",
+    ):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(name)
+    monkeypatch.setattr(notebooks, "ROOT", tmp_path)
+    monkeypatch.setattr(notebooks, "__file__", str(tmp_path / "tools" / "notebooks.py"))
+    before = notebooks.state()
+    assert notebooks.state() == before
+    (tmp_path / change).write_text("changed")
+    assert notebooks.state() != before
 
 
 @pytest.mark.long

@@ -98,10 +98,11 @@ def test_a_landing_a_search_and_two_poses(results: Path) -> None:
     head = json.loads((results / "run" / "summary.json").read_text())
     assert f"{head['metrics']['peak_subtalar_angle_deg']:.1f}°" in page.sections["verdict"]
     assert "the brace bore" in page.sections["verdict"]
+    assert f"(± {head['coupling_doubt_deg']:.2g}° by the communication step)" in page.sections["verdict"]
     assert head["sha256"]["brace"] in page.sections["provenance"]
     assert {"landing", "moment_angle", "phase", "sharing"} <= figures(page)
     _, page = made(results / "amv")
-    assert "The method's own check of slopes, curvature and order says" in page.sections["verdict"]
+    assert "The method's own test of slopes, curvature and the order of the levels says" in page.sections["verdict"]
     assert "importance" in page.sections["sensitivities"]
     _, page = made(results / "study", results / "touching", results / "amv")
     assert {"poses", "amv", "percentiles"} <= figures(page)

@@ -97,7 +97,7 @@ def test_a_result_has_one_colour_and_landings_without_a_brace_are_grey(tmp_path:
     alone = read_folders([tmp_path / "b"])
     assert palette_of(alone)["B"][0] == SERIES[0], "grey is for what stands beside a brace"
     with drawn_as(Form(palette=looks)):
-        lines = {d.name: d.figure for d in gallery.draw(folders)}["cdf"].axes[0].lines
+        lines = {d.name: d for d in gallery.draw(folders)}["cdf"].draw().axes[0].lines
     assert [line.get_color() for line in lines[:1]] == [SERIES[0]]
     assert UNBRACED in [line.get_color() for line in lines]
 
@@ -130,7 +130,7 @@ def test_published_trials_are_matched_by_number_and_inputs(tmp_path: Path, monke
     assert "published" not in names(path)
     monkeypatch.setenv("SPRAIN_REFERENCE", str(tmp_path))
     (drawn,) = (d for d in gallery.draw(read_folders([path])) if d.name == "published")
-    np.testing.assert_allclose(drawn.figure.axes[1].lines[0].get_ydata(), -0.25)
+    np.testing.assert_allclose(drawn.draw().axes[1].lines[0].get_ydata(), -0.25)
     records.assign(drop_height_m=records["drop_height_m"] + 0.01).to_csv(
         tmp_path / "paper" / "study2_trials.csv", index=False
     )
@@ -215,12 +215,12 @@ def test_the_pairs_of_a_study_are_in_the_units_that_people_read(tmp_path: Path) 
     table["plant.held [m]"] = 1.0
     table.to_csv(path / "trials.csv", index=False)
     (drawn,) = (d for d in gallery.draw(read_folders([path])) if d.name == "pairs")
-    names = [axis.get_xlabel().replace("\n", " ") for axis in drawn.figure.axes if axis.get_xlabel()]
+    names = [axis.get_xlabel().replace("\n", " ") for axis in drawn.draw().axes if axis.get_xlabel()]
     assert names[0] == "drop height [m]", "the largest rank correlation first"
     assert set(names[1:3]) == {"contact modulus [MPa/m]", "contact dissipation [s/m]"}
     assert names[3] == "peak subtalar angle [deg]"
     assert "The response and its inputs." in drawn.caption
-    low, high = drawn.figure.axes[-1 - 4 + names.index("contact modulus [MPa/m]") + 1].get_xlim()
+    low, high = drawn.draw().axes[-1 - 4 + names.index("contact modulus [MPa/m]") + 1].get_xlim()
     assert 35 < low < 40 < 60 < high < 65
 
 
@@ -243,3 +243,17 @@ def test_figures_that_folders_do_not_allow_say_what_they_need(only: str, words: 
     few.assign(status="failed", peak_subtalar_angle_deg=np.nan).to_csv(path / "trials.csv", index=False)
     with pytest.raises(InputError, match="none of its 1 landings completed; nothing to draw"):
         gallery.write_figures(read_folders([path]), tmp_path)
+
+
+def test_what_is_not_asked_for_is_not_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folders = read_folders([study(tmp_path / "s")])
+
+    def never(*_: object) -> None:
+        raise AssertionError("drawn")
+
+    for other in ("tornado", "pairs", "phase", "sharing", "torque_angle"):
+        monkeypatch.setattr(gallery.plots, other, never)
+    written = gallery.write_figures(folders, tmp_path, ["png"], only=["cdf"])
+    assert [path.name for path in written] == ["cdf.png", "captions.txt"]
+    with pytest.raises(AssertionError, match="drawn"):
+        gallery.write_figures(folders, tmp_path, ["png"], only=["tornado"])

@@ -72,7 +72,7 @@ def test_the_worst_tenth_are_the_heavy(summary: ComparisonSummary) -> None:
     assert mass.worst == pytest.approx(rows["subject.mass [kg]"].iloc[:40].mean())
     assert (mass.shift.ci_low or 0) > 1.0
     text = "\n".join(persons_listing(summary.persons, INVERSION, "peak inversion [deg]", 1.0))
-    assert "worst tenth of none" in text
+    assert "worst tenth with none (peak inversion [deg] from" in text
     assert "mass +" in text
 
 
@@ -90,6 +90,17 @@ def test_a_summary_with_persons_travels_and_is_shown(summary: ComparisonSummary)
     said = persons_sentence(summary.persons, "none")
     assert said.startswith(" With none that probability depends on the body mass: ")
     assert persons_sentence(summary.persons, "absent") == persons_sentence(None, "none") == ""
+
+
+def test_the_figure_draws_the_intervals_of_the_table(summary: ComparisonSummary) -> None:
+    """Those of a probability are not even about it."""
+    assert summary.persons is not None
+    right = persons_figure(summary).axes[3]
+    for bars, brace in zip(right.containers, ("none", "soft"), strict=True):
+        found = [band.metrics[brace][INJURY] for band in summary.persons.bands["subject.mass"]]
+        drawn = [segment[:, 1] for segment in bars.lines[2][0].get_segments()]
+        np.testing.assert_allclose(drawn, [[100 * (e.ci_low or 0), 100 * (e.ci_high or 0)] for e in found])
+    assert found[0].value is not None and found[0].ci_high - found[0].value != found[0].value - found[0].ci_low
 
 
 def test_landings_that_are_no_random_sample_have_no_intervals() -> None:

@@ -66,6 +66,12 @@ ANGLES = np.radians(np.linspace(-35, 35, 29))
 QUANTITY = "peak subtalar angle [deg], + supination"
 NOTE = "Initial pose: touching."
 R = sample(1).sensitivity
+POPULATION = (
+    "plant.subtalar_angle_at_contact",
+    "subject.sex",
+    "subject.lateral_epicondyle_height",
+    "plant.drop_height",
+)
 FIGURES: dict[str, Callable[[], Figure]] = {
     "landing": lambda: plots.landing_signals([("a", run(1)), ("no brace", run(2, False))], NOTE),
     "many landings": lambda: plots.landing_signals(
@@ -91,13 +97,16 @@ FIGURES: dict[str, Callable[[], Figure]] = {
         NOTE,
     ),
     "tornado": lambda: plots.tornado(R, R, "s", QUANTITY, {"plant.drop_height": 0.61}, NOTE),
+    "tornado of a population": lambda: plots.tornado(
+        dict.fromkeys(POPULATION, (0.4, 0.2, 0.6)), dict.fromkeys(POPULATION, (0.1, -0.2, 0.4)), "s", QUANTITY, {}, NOTE
+    ),
     "percentiles": lambda: plots.percentiles([sample(1), sample(2)], QUANTITY, NOTE),
     "poses": lambda: plots.poses([("published", sample(1)), ("touching", sample(2))], QUANTITY, NOTE),
     "published": lambda: plots.published([("s", np.arange(5.0), np.arange(5.0) + 0.1)], NOTE),
     "forest": lambda: plots.forest(
         [
             plots.Changed("peak subtalar angle, + supination", "deg", BRACES_DRAWN),
-            plots.Changed("probability of inversion beyond 35 ± 6°", "% points", DOUBTFUL),
+            plots.Changed("probability of inversion beyond 35 ± 6°", "percentage points", DOUBTFUL),
         ],
         "no brace",
         palette(list(BRACES_DRAWN)),
@@ -206,7 +215,7 @@ def test_files_are_letters_in_a_vector_file_and_the_same_each_time(name: str, tm
 def test_axes_name_units_and_signs_and_the_figure_its_pose(name: str) -> None:
     figure = drawn(name)
     words = " ".join(t.get_text() for t in texts(figure))
-    assert re.search(r"\[(deg|N·m|ms|kN|deg/s|%)\]", words) or name == "tornado"
+    assert re.search(r"\[(deg|N·m|ms|kN|deg/s|%)\]", words) or name.startswith("tornado")
     assert "+ " in words
     assert "initial pose" in " ".join(words.lower().split())  # however the note is wrapped
     for axis in figure.axes:
@@ -284,7 +293,7 @@ def test_the_forest_has_each_difference_with_both_doubts() -> None:
     assert tuple(probability.lines[0].get_xdata()) == (0, 0), "the line of no difference"
     words = [text.get_text() for text in probability.texts]
     assert words == ["−0.05\n−0.08 … −0.02\n−0.40 … −0.01"] * len(DOUBTFUL)
-    assert probability.get_xlabel() == "difference to no brace [% points]"
+    assert probability.get_xlabel() == "difference to no brace [percentage points]"
 
 
 def test_the_pairs_of_a_sample_and_their_rank_correlations() -> None:
