@@ -22,7 +22,7 @@ from sprain_cosim.shipped import FMUS
 
 TARGET = Path(__file__).parent.parent / "docs" / "figures" / "axes.png"
 TURN = np.radians(25.0)
-SIZE, SCALE = 420, 900.0  # px, px/m
+SIZE, SCALE = 420, 1050.0  # px, px/m
 NOWHERE = np.array([0.0, -50.0, 0.0])
 VIEWS = (  # coordinate, axis of the contract, direction to the right of the picture, name of the view, colour
     ("subtalar_angle_r", "subtalar", Z, "from behind", SUBTALAR),
@@ -58,24 +58,17 @@ def panel(axis: Axes, skeleton: Skeleton, view: tuple[str, str, np.ndarray, str,
     axis.annotate(
         "", path[-1] + 1.5 * (path[-1] - path[-4]), path[-4], arrowprops=dict(color=colour, width=2.0, headwidth=9)
     )
-    axis.set_title(f"{name}_angle +, {title}:\n{POSITIVE[name]}", fontsize=10, color=INK, loc="left", pad=10)
+    axis.set_title(f"{name}_angle +\n{title}:\n{POSITIVE[name]}", fontsize=16, color=INK, loc="left", pad=10)
     axis.axis("off")
+    axis.set_anchor("S")
 
 
 def main() -> None:
     skeleton = Skeleton.read(FMUS / "plant.fmu")
-    figure = Figure(figsize=(8.6, 5.6), layout="constrained")
+    figure = Figure(figsize=(8.6, 5.2), layout="constrained")
     FigureCanvasAgg(figure)
     for axis, view in zip(figure.subplots(1, 2), VIEWS, strict=True):
         panel(axis, skeleton, view)
-    figure.supxlabel(
-        "Right leg. Pale: neutral pose, angle 0; strong: +25°. Torque is that of the brace on the foot: a brace that "
-        "resists\nthis motion gives a negative torque. In the view from behind, right of the picture is lateral.",
-        fontsize=9,
-        color=INK,
-        x=0.01,
-        ha="left",
-    )
     figure.savefig(TARGET, dpi=110, metadata={"Software": None})
     print(f"written: {TARGET}")
 

@@ -183,9 +183,14 @@ def _short(value: float | int | str | bool) -> str:
 
 
 def _shipped(path: Path) -> str:
-    """The model of a shipped FMU, or of a copy of one under its own name; empty for any other file."""
-    built = FMUS / path.name
+    """The model of a shipped FMU, of a copy of one under its own name, or under that of its component, as in a package;
+    empty for any other file."""
+    built = FMUS.glob("*.fmu") if path.stem in ("brace", *SHIPPED) else [FMUS / path.name]
+    return next((file.stem.removesuffix(FMI3) for file in built if _same(path, file)), "")
+
+
+def _same(path: Path, other: Path) -> bool:
     try:
-        return path.stem.removesuffix(FMI3) if path.samefile(built) or filecmp.cmp(path, built, shallow=False) else ""
+        return path.samefile(other) or filecmp.cmp(path, other, shallow=False)
     except OSError:
-        return ""
+        return False

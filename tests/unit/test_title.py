@@ -114,6 +114,16 @@ def test_a_copy_of_a_shipped_fmu_is_described_as_what_it_is(tmp_path: Path) -> N
     )
 
 
+def test_the_files_of_a_package_are_described_as_what_they_are(tmp_path: Path) -> None:
+    """They bear the names of their components."""
+    own = load_scenario("incline30_brace")
+    names = {"plant": "plant", "controller": "reflex_controller", "brace": "brace_bushing"}
+    packed = {c: Path(shutil.copy(fmu_path(n, tmp_path, ""), tmp_path / f"{c}.fmu")) for c, n in names.items()}
+    assert replace(own, fmus=packed).heading == own.heading
+    (tmp_path / "brace.fmu").write_bytes(b"other")
+    assert "brace.fmu (angle_scale 2.4)" in replace(own, fmus=packed).heading
+
+
 def test_a_comparison_names_no_brace_and_no_value_that_stands_already() -> None:
     study = sc.load_study("population_mixed")
     who = "30° slope, population of women and men (50 : 50 %)"
