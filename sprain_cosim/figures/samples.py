@@ -12,7 +12,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from .style import (
@@ -210,9 +209,10 @@ def tornado(
                 axis.plot([low, high], [k, k], color=INK, linewidth=0.9, marker="|", markersize=4)
         name_inputs(axis, names)
         axis.set_xlabel(meaning)
-        axis.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
         reach = 1.08 * max([1e-3, *(max(abs(low), abs(high)) for _, low, high in values.values())])
-        axis.set_xlim(-reach, reach)
+        size = 10.0 ** np.floor(np.log10(reach))
+        tick = size * max(step for step in (1, 2, 5) if step * size <= reach)
+        axis.set(xlim=(-reach, reach), xticks=(-tick, 0.0, tick))
         axis.tick_params(axis="y", labelleft=axis is axes[0])
     entries: Entries = [(legend_line(INK, linewidth=0.9, marker="|", markersize=4), "95 % interval")]
     for name, r in (published or {}).items():
