@@ -156,7 +156,8 @@ def doubtful_peaks(run: Signals, stop: float) -> list[str]:
         )
     elif largest == 0:
         found.append("the foot never rolled outwards: its peak is the angle at contact")
-    late = [f"{label} {1e3 * time:g} ms" for label, _, _, time in table(run) if time > LATE and "moment" not in label]
+    rows = table(run) if run.time[-1] > LATE else []
+    late = [f"{label} {1e3 * time:g} ms" for label, _, _, time in rows if time > LATE and "moment" not in label]
     if late:
         found.append(f"{SUNK} ({', '.join(late)}); {earlier()}")
     return found

@@ -4,6 +4,7 @@ connections. Nothing of a run is kept here."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..contract import MOTION, PLANT, impedance_input, is_excitation, is_impedance, motion_output, torque_axis
-from ..fmu.element import Element, Same
+from ..fmu.element import Connector, Element, Same
 from ..units import Unit
 
 Slots = NDArray[np.intp]
@@ -162,6 +163,18 @@ class Layout:
     @property
     def size(self) -> int:
         return self.zero + 1 + len(self.identified) + len(self.at_rest)
+
+    @cached_property
+    def bounded(self) -> tuple[tuple[str, Connector], ...]:
+        """Connected inputs with a declared range."""
+        return tuple(
+            (f"{component.name}.{connector.name}", connector)
+            for component in self.components
+            for connector in component.connectors.values()
+            if connector.causality == "input"
+            and (connector.minimum > -math.inf or connector.maximum < math.inf)
+            and f"{component.name}.{connector.name}" in self.connections
+        )
 
     @cached_property
     def places(self) -> tuple[Place, ...]:

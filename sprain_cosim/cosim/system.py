@@ -7,7 +7,6 @@ values only under a scheme that hands them over."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
@@ -59,22 +58,10 @@ class System(Card):
     def _owners(self) -> frozenset[str]:
         return frozenset(other.partition(".")[0] for other in self.derived)
 
-    @cached_property
-    def _bounded(self) -> tuple[tuple[str, Connector], ...]:
-        """Connected inputs with a declared range."""
-        return tuple(
-            (f"{component.name}.{connector.name}", connector)
-            for component in self.components
-            for connector in component.connectors.values()
-            if connector.causality == "input"
-            and (connector.minimum > -math.inf or connector.maximum < math.inf)
-            and f"{component.name}.{connector.name}" in self.connections
-        )
-
     def left_ranges(self, run: Signals) -> list[str]:
         """The inputs that left the range which their FMU declares: what it was made or measured for. A line each."""
         found = []
-        for name, connector in self._bounded:
+        for name, connector in self.layout.bounded:
             if name not in run.index:
                 continue
             values = run[name]

@@ -640,8 +640,7 @@ class Session:
         result = master.land(self._assembly, {**self.system.parameters, **own}, judged)
         if result.status != "completed":  # an instance that reported an error may only be freed
             self.close()
-        elif judged:
-            more = (*self.system.left_ranges(result), *doubtful_peaks(result, master.stop))
+        elif judged and (more := (*self.system.left_ranges(result), *doubtful_peaks(result, master.stop))):
             result = replace(result, warning="; ".join(text for text in (result.warning, *more) if text))
         return result
 
