@@ -33,6 +33,11 @@ def ends_of(named: Mapping[str, float] | None) -> tuple[float, float] | None:
     return (min(named.values()), max(named.values())) if named else None
 
 
+def differences(one: Mapping[str, float] | None, other: Mapping[str, float] | None) -> dict[str, float]:
+    """{name: the number of `one` minus that of `other`} of the names that both have."""
+    return {name: value - other[name] for name, value in (one or {}).items() if other and name in other}
+
+
 def known_format(content: dict[str, Any], path: Path) -> dict[str, Any]:
     """The content of a summary.json or compare.json. Raises InputError for a file of a later version than this one."""
     found = content.get("format", 1)

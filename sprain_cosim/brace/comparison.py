@@ -235,6 +235,10 @@ def _rows(summary: ComparisonSummary) -> Iterator[tuple[str, list[str]]]:
                 "    change against none",
                 [_cell(b.difference_to_none.get(key), factor, sign=True) for b in braces],
             )
+        if key == INJURY:
+            bare = summary.braces.get(NONE)
+            against = [None if b is bare else b.injury_doubt_against(bare) for b in braces]
+            yield "        for a threshold of another shape", [_between(ends) for ends in against]
     for motion in postures():
         yield f"resists {motion} of 5 / 10 deg [N·m]", [_held(b, motion) for b in braces]
     yield "landings completed", [summary.completion(b) for b in braces]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 
 from ..folders.comparison import INJURY, INVERSION, NONE, ComparisonFolder
 from ..folders.study import PEAK, StudyFolder
 from ..literature import INJURY_INVERSION_TEXT
-from ..records import ends_of
+from ..records import differences, ends_of
 from .comparison import paired
 from .drawn import Drawn, as_file_name
 from .forest import Changed, Difference, forest
@@ -61,16 +61,21 @@ def _names_of(folder: ComparisonFolder) -> dict[str, str]:
 
 
 def threshold_doubts(folder: ComparisonFolder) -> dict[str, tuple[float, float]]:
-    """{brace: ends of the probability of injury as far as the threshold is known}, of studies that say them."""
-    found = {}
-    for brace, member in folder.members.items():
-        question = member.summary.questions.get(INVERSION) if isinstance(member, StudyFolder) else None
-        brace_summary = folder.summary.braces.get(brace)
-        ends = (both_ends(question.threshold_ci) or ends_of(question.shapes)) if question else None
-        ends = ends or (brace_summary.injury_doubt if brace_summary else None)
-        if ends:
-            found[brace] = ends
-    return found
+    """{brace: ends of the probability of injury as far as the threshold is known}."""
+    found = {brace: _other_thresholds(folder, brace) for brace in folder.members}
+    known = {brace: ends or ends_of(shapes) for brace, (ends, shapes) in found.items()}
+    return {brace: ends for brace, ends in known.items() if ends}
+
+
+def _other_thresholds(
+    folder: ComparisonFolder, brace: str
+) -> tuple[tuple[float, float] | None, Mapping[str, float] | None]:
+    """The probability of injury with other thresholds: its ends as far as their specimens are known, and
+    {law: probability} of the same mean and SD. None for what nothing says."""
+    member, summary = folder.members.get(brace), folder.summary.braces.get(brace)
+    question = member.summary.questions.get(INVERSION) if isinstance(member, StudyFolder) else None
+    ends, shapes = (both_ends(question.threshold_ci), question.shapes) if question else (None, None)
+    return ends, shapes or (summary.injury_shapes if summary else None)
 
 
 def brace_differences(folder: ComparisonFolder) -> tuple[list[Changed], str]:
@@ -99,14 +104,7 @@ def brace_differences(folder: ComparisonFolder) -> tuple[list[Changed], str]:
 def _doubt_of_difference(folder: ComparisonFolder, brace: str, reference: str) -> tuple[float, float] | None:
     """Ends of the difference of two probabilities against one threshold: with each law of the same mean and SD, or with
     the ends of what its specimens leave open, which move both probabilities the same way."""
-    members = (folder.members.get(name) for name in (brace, reference))
-    ours, theirs = (m.summary.questions.get(INVERSION) if isinstance(m, StudyFolder) else None for m in members)
-    if ours is None or theirs is None:
-        return None
-    ends = both_ends(ours.threshold_ci), both_ends(theirs.threshold_ci)
-    if ends[0] and ends[1]:
-        found = [a - b for a, b in zip(ends[0], ends[1], strict=True)]
-    else:
-        one, other = ours.shapes or {}, theirs.shapes or {}
-        found = [one[law] - other[law] for law in one if law in other]
-    return (min(found), max(found)) if found else None
+    (ours, one), (theirs, other) = (_other_thresholds(folder, name) for name in (brace, reference))
+    if ours and theirs:
+        return ends_of({str(k): a - b for k, (a, b) in enumerate(zip(ours, theirs, strict=True))})
+    return ends_of(differences(one, other))

@@ -9,7 +9,7 @@ import pandas as pd
 
 from ..figures.selection import Named
 from ..figures.style import MOST_DRAWN
-from ..folders.comparison import ComparisonFolder, MeanEstimate
+from ..folders.comparison import INJURY, NONE, ComparisonFolder, MeanEstimate
 from ..folders.read import Folder
 from ..folders.run import RunFolder
 from ..metrics import unit_of
@@ -50,6 +50,13 @@ def _of_comparisons(folders: Sequence[Folder]) -> Iterator[Line]:
                     yield _estimate(name, key, "mean" if folder.summary.is_study else "value", e)
                 for key, e in brace.difference_to_none.items():
                     yield _estimate(name, key, "paired difference to none", e)
+                against = brace.injury_doubt_against(folder.summary.braces.get(NONE))
+                for statistic, of, threshold in (
+                    ("value, thresholds of other shapes", brace.metrics, brace.injury_doubt),
+                    ("difference to none, thresholds of other shapes", brace.difference_to_none, against),
+                ):
+                    if threshold is not None and INJURY in of:
+                        yield name, INJURY, "1", statistic, of[INJURY].value, *threshold, of[INJURY].n
             for pair, estimates in folder.summary.pairs.items():
                 for key, e in estimates.items():
                     yield _estimate(pair, key, "paired difference", e)

@@ -132,7 +132,13 @@ def _comparison(folder: ComparisonFolder) -> PageTable:
             rows.append([label.strip(), *cells])
         changes = [b.difference_to_none.get(key) for b in braces.values()]
         if key in CHANGED and any(changes):
-            rows.append(["\u00a0 change against none", *(_estimate(e, factor, True) for e in changes)])
+            cells = (
+                _share_changed(e, b.injury_doubt_against(braces.get(NONE)))
+                if key == INJURY
+                else _estimate(e, factor, True)
+                for e, b in zip(changes, braces.values(), strict=True)
+            )
+            rows.append(["\u00a0 change against none", *cells])
     for motion in postures():
         held = [_held(b, motion) for b in braces.values()]
         if any(held):
@@ -155,6 +161,15 @@ def _share(e: MeanEstimate | None, shapes: tuple[float, float] | None) -> str | 
     doubts = [f"landings {line}" for line in fine_ends(e.ci_low, e.ci_high)]
     doubts += [f"threshold's shape {line}" for line in fine_ends(*(shapes or (None, None)))]
     return Cell(percentage(e.value), tuple(doubts))
+
+
+def _share_changed(e: MeanEstimate | None, shapes: tuple[float, float] | None) -> str | Cell:
+    """The change of a probability in percentage points, with both of its doubts."""
+    if e is None or e.value is None:
+        return ""
+    doubts = [f"landings {line}" for line in ends(e.ci_low, e.ci_high, 100)]
+    doubts += [f"threshold's shape {line}" for line in ends(*(shapes or (None, None)), factor=100)]
+    return Cell(signed(100 * e.value, 2), tuple(doubts))
 
 
 def _held(brace: BraceSummary, motion: str) -> str:

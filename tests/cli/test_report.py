@@ -150,6 +150,13 @@ def test_a_comparison(results: Path) -> None:
     assert {"landing", "sharing", "paired"} <= figures(page)
     assert "one landing: no interval" in verdict
     assert "no brace" in page.sections["numbers"]
+    one, none = (data["braces"][name]["injury_shapes"] for name in (best, "none"))
+    ends = sorted(100 * (one[law] - none[law]) for law in one)[::2]
+    shown = " … ".join(f"{end:.1f}".replace("-", "−") for end in ends)
+    assert f"threshold's shape {shown}" in page.sections["numbers"].replace("\u00a0", " ")
+    given = tables(page)["numbers.csv"].set_index(["result", "statistic"])
+    line = given.loc[(best, "difference to none, thresholds of other shapes")]
+    np.testing.assert_allclose([100 * line["ci_low"], 100 * line["ci_high"]], ends, rtol=1e-4)
 
 
 def scene(text: str) -> dict:
@@ -192,18 +199,22 @@ def test_a_study_shows_one_landing_that_gives_its_record(results: Path, tmp_path
     assert "sprain-cosim trial s N --out LANDING" in page.sections["verdict"]
 
 
-def test_the_numbers_can_be_taken_along(results: Path) -> None:
-    _, page = made(results / "study")
+def tables(page: Page) -> dict[str | None, pd.DataFrame]:
+    """{name: content} of what can be taken along."""
     data = {a["download"]: a["href"] for tag, a in page.tags if tag == "a" and "download" in a}
-    tables = {
+    return {
         name: pd.read_csv(io.BytesIO(base64.b64decode((href or "").partition("base64,")[2])))
         for name, href in data.items()
     }
+
+
+def test_the_numbers_can_be_taken_along(results: Path) -> None:
+    _, page = made(results / "study")
     trials = pd.read_csv(results / "study" / "trials.csv")
-    landings = tables["landings.csv"]
+    landings = tables(page)["landings.csv"]
     np.testing.assert_allclose(landings["peak_subtalar_angle_deg"], trials["peak_subtalar_angle_deg"], rtol=1e-5)
     assert "plant.drop_height [m]" in landings
-    numbers = tables["numbers.csv"].set_index(["response", "statistic"])
+    numbers = tables(page)["numbers.csv"].set_index(["response", "statistic"])
     level = json.loads((results / "study" / "summary.json").read_text())["responses"]["peak_subtalar_angle_deg"]
     for column, key in (("value", "value"), ("ci_low", "ci_low"), ("ci_high", "ci_high")):
         found = numbers.loc[("peak_subtalar_angle_deg", "50 %"), column]

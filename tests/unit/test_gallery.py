@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import pytest
 
 from sprain_cosim.errors import InputError
 from sprain_cosim.figures import Difference, gallery
-from sprain_cosim.figures.braces import brace_differences
+from sprain_cosim.figures.braces import brace_differences, threshold_doubts
 from sprain_cosim.figures.selection import named_folders, palette_of, sample_of
 from sprain_cosim.figures.style import SERIES, UNBRACED, Form, drawn_as
 from sprain_cosim.folders.comparison import BraceSummary, ComparisonFolder, ComparisonSummary, MeanEstimate
@@ -31,7 +32,7 @@ method = "monte-carlo"
 "5 % [deg]" = 23.2
 "50 % [deg]" = 29.7
 """
-PEAK = "peak_subtalar_angle_deg"
+PEAK, INVERSION = "peak_subtalar_angle_deg", "peak_inversion_from_neutral_deg"
 FMUS = {"plant": "plant.fmu", "controller": "reflex_controller.fmu"}
 
 
@@ -158,11 +159,10 @@ def test_questions_are_drawn_where_they_are_asked(tmp_path: Path) -> None:
 
 def comparison(folder: Path, without_none: bool = False) -> ComparisonFolder:
     """Two braces over the same 30 landings; their probabilities under three laws of the threshold."""
-    inversion = "peak_inversion_from_neutral_deg"
     members, braces = {}, {}
     for k, name in enumerate(("none", "soft", "stiff")):
         laws = {"normal": 0.06 - 0.02 * k, "lognormal": 0.05 - 0.02 * k, "weibull": 0.08 - 0.025 * k}
-        asked = {inversion: {"event": "above 35 ± 6 deg", "probability": laws["normal"], "shapes": laws}}
+        asked = {INVERSION: {"event": "above 35 ± 6 deg", "probability": laws["normal"], "shapes": laws}}
         found = read_folder(
             study(folder / name, fmus=FMUS if k == 0 else {**FMUS, "brace": f"{name}.fmu"}, questions=asked)
         )
@@ -198,6 +198,24 @@ def test_the_forest_of_a_comparison(tmp_path: Path) -> None:
     drawn = [d.name for d in gallery.draw([compared])]
     assert drawn[:2] == ["paired", "forest"]
     assert not [name for name in drawn if name.startswith("pairs")], "none for each of many braces"
+
+
+def test_the_forest_of_single_landings_has_the_doubt_of_the_threshold(tmp_path: Path) -> None:
+    """Their folders ask no questions; compare.json says what thresholds of other laws give."""
+    compared = comparison(tmp_path)
+    braces = {
+        name: replace(brace, injury_shapes=compared.members[name].summary.questions[INVERSION].shapes)
+        for name, brace in compared.summary.braces.items()
+    }
+    members = {
+        name: replace(member, summary=replace(member.summary, questions={}))
+        for name, member in compared.members.items()
+    }
+    summary = replace(compared.summary, kind="scenario", braces=braces)
+    single = replace(compared, members=members, summary=summary)
+    assert brace_differences(single)[0][1].rows["stiff"].threshold == pytest.approx((-5.0, -4.0))
+    assert braces["stiff"].injury_doubt_against(braces["none"]) == pytest.approx((-0.05, -0.04))
+    assert threshold_doubts(single) == threshold_doubts(compared) != {}
 
 
 def test_the_forest_without_landings_without_a_brace(tmp_path: Path) -> None:
