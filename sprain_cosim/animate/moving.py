@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ..folders.landing import Landing
 from ..metrics import brace_torques
@@ -74,21 +73,22 @@ class MovingBodies:
             return np.interp(time, result.time, result[f"plant.{name}"]) if there else np.zeros(steps)
 
         coordinates = {name: at(name) for name in skeleton.coordinates}
-        poses = [skeleton.pose({name: values[k] for name, values in coordinates.items()}) for k in range(steps)]
+        pose = skeleton.pose(coordinates)
+        first = {body: (place[0], turn[0]) for body, (place, turn) in pose.items()}
         carriers = _carriers(skeleton.content["bodies"])
         names = list(dict.fromkeys(carriers.values()))
-        turns = {name: np.array([pose[name][1] for pose in poses]) for name in names}
+        turns = {name: pose[name][1] for name in names}
         joint, tilt = skeleton.content["subtalar_axis"], landing.parameter(skeleton.content["platform"]["incline"])
-        pivot = platform_place(skeleton, poses[0], tilt)
-        edge = platform_edge(landing, poses[0], pivot, tilt)
+        pivot = platform_place(skeleton, first, tilt)
+        edge = platform_edge(landing, first, pivot, tilt)
         contact = at("in_contact") > 0.5
         braced = bool(brace_torques(result))
-        volumes = [_carried(volume, carriers[volume["body"]], poses[0]) for volume in skeleton.content["volumes"]]
+        volumes = [_carried(volume, carriers[volume["body"]], first) for volume in skeleton.content["volumes"]]
         return cls(
             title=landing.title,
             label=landing.label,
             time=time,
-            places={name: np.array([pose[name][0] for pose in poses]) for name in names},
+            places={name: pose[name][0] for name in names},
             turns={name: quaternions(turns[name]) for name in names},
             volumes=tuple(v for v in volumes if braced or v["part"] != "brace"),
             braced=braced,
@@ -96,7 +96,7 @@ class MovingBodies:
             tilt=tilt,
             outline=platform_outline(edge),
             edge=edge,
-            ankle=np.array([skeleton.point("ankle", pose) for pose in poses]),
+            ankle=skeleton.point("ankle", pose),
             axis=turns[joint["body"]] @ np.array(joint["axis"], float),
             force=np.stack([at(f"ground_force_{c}") for c in "xyz"], axis=1) * contact[:, None],
             point=np.stack([at(f"ground_point_{c}") for c in "xyz"], axis=1) * contact[:, None],
@@ -188,7 +188,18 @@ def _with_bones(skeleton: Skeleton) -> Skeleton:
 def quaternions(turns: Array) -> Array:
     """(n, 4) x, y, z, w of rotation matrices (n, 3, 3), each on the side of the one before it, so that what lies
     between two of them is the short way."""
-    found: Array = Rotation.from_matrix(turns).as_quat()
+    (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(turns, 0, -1)
+    four = np.array(  # four times each product of two components; the row of the largest component is the surest
+        [
+            [1 + a - e - i, b + d, c + g, h - f],
+            [b + d, 1 - a + e - i, f + h, c - g],
+            [c + g, f + h, 1 - a - e + i, d - b],
+            [h - f, c - g, d - b, 1 + a + e + i],
+        ]
+    )
+    largest = np.argmax(np.einsum("kkn->kn", four), axis=0)
+    found: Array = four[largest, :, np.arange(len(turns))]
+    found /= np.linalg.norm(found, axis=1, keepdims=True)
     back = np.cumsum(np.einsum("ij,ij->i", found[1:], found[:-1]) < 0) % 2 == 1
     found[1:][back] *= -1
     return found

@@ -68,9 +68,11 @@ class Skeleton:
     def coordinates(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(m["coordinate"] for body in self.content["bodies"] for m in body["movements"]))
 
-    def pose(self, coordinates: Mapping[str, float]) -> Pose:
-        """From the coordinates [rad, m] to the place of every body."""
-        placed: Pose = {"ground": (np.zeros(3), np.eye(3))}
+    def pose(self, coordinates: Mapping[str, float | np.ndarray]) -> Pose:
+        """From the coordinates [rad, m] to the place of every body; from (n,) values of each to n places (n, 3) and
+        orientations (n, 3, 3)."""
+        many = np.broadcast_shapes(*(np.shape(value) for value in coordinates.values()))
+        placed: Pose = {"ground": (np.zeros((*many, 3)), np.broadcast_to(np.eye(3), (*many, 3, 3)))}
         for body in self.content["bodies"]:
             origin, turn = placed[body["parent"]]
             joint = np.array(body["at_parent"], float) + body.get("shift", 0.0)
@@ -78,17 +80,18 @@ class Skeleton:
             for movement in body["movements"]:
                 value, axis = coordinates[movement["coordinate"]], np.array(movement["axis"], float)
                 if "values" in movement:
-                    value = float(np.interp(value, *movement["values"]))
+                    value = np.interp(value, *movement["values"])
                 if movement["motion"] == "translation":
-                    joint = joint + value * axis
+                    joint = joint + np.multiply.outer(value, axis)
                 else:
                     local = local @ rotation(axis, value)
             turn_here = turn @ local
-            placed[body["name"]] = (origin + turn @ joint - turn_here @ np.array(body["at_child"], float), turn_here)
+            at_child = np.array(body["at_child"], float)
+            placed[body["name"]] = (origin + np.matvec(turn, joint) - turn_here @ at_child, turn_here)
         return placed
 
     def point(self, name: str, pose: Pose) -> np.ndarray:
-        """(3,) [m] of a named landmark: knee, ankle."""
+        """(3,) [m] of a named landmark: knee, ankle; (n, 3) in n poses."""
         landmark = self.content["points"][name]
         origin, turn = pose[landmark["body"]]
         place: np.ndarray = origin + turn @ np.array(landmark["at"])
@@ -134,9 +137,11 @@ def _scaled_volume(volume: dict[str, Any], factors: np.ndarray) -> dict[str, Any
     return volume | {"from": start * factors, "to": end * factors, "radii": np.array(volume["radii"]) * across}
 
 
-def rotation(axis: np.ndarray, angle: float) -> np.ndarray:
-    """(3, 3) rotation by `angle` [rad] about `axis` (Rodrigues)."""
+def rotation(axis: np.ndarray, angle: float | np.ndarray) -> np.ndarray:
+    """(3, 3) rotation by `angle` [rad] about `axis` (Rodrigues); (n, 3, 3) by n angles."""
     x, y, z = axis / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    turn: np.ndarray = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    turn: np.ndarray = (
+        np.eye(3) + np.multiply.outer(np.sin(angle), cross) + np.multiply.outer(1 - np.cos(angle), cross @ cross)
+    )
     return turn

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import struct
 import zlib
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -42,16 +43,26 @@ def read_record(data: bytes, place: str) -> Result:
     if CHECKSUM.unpack(data[-CHECKSUM.size :])[0] != zlib.crc32(memoryview(data)[: -CHECKSUM.size]):
         raise InputError(f"{place}: {DAMAGED}")
     length = LENGTH.unpack(data[len(MARK) : at])[0]
-    head = parse_json(data[at : at + length].decode("utf-8", "replace"), place)
     try:
-        names = tuple(str(name) for name in head["names"])
-        units = tuple(None if unit is None else _unit(*unit) for unit in head["units"])
-        table = _unpacked(data[at + length : -CHECKSUM.size], int(head["rows"]), len(names) + 1, place)
-        if len(units) != len(names):
-            raise ValueError("units")
+        try:
+            names, units, rows = _head(data[at : at + length])
+        except InputError as problem:
+            raise InputError(f"{place}: {problem}") from None
+        table = _unpacked(data[at + length : -CHECKSUM.size], rows, len(names) + 1, place)
     except (KeyError, TypeError, ValueError, IndexError, OverflowError, zlib.error):
         raise InputError(f"{place}: {DAMAGED}") from None
     return Result(table[:, 0].copy(), table[:, 1:].copy(), names, units, status="completed", message="", scheme="")
+
+
+@lru_cache(maxsize=4)  # the records of a study have the same
+def _head(data: bytes) -> tuple[tuple[str, ...], tuple[Unit | None, ...], int]:
+    """Names and units of the columns, number of rows."""
+    head = parse_json(data.decode("utf-8", "replace"), "head")
+    names = tuple(str(name) for name in head["names"])
+    units = tuple(None if unit is None else _unit(*unit) for unit in head["units"])
+    if len(units) != len(names):
+        raise ValueError("units")
+    return names, units, int(head["rows"])
 
 
 def _unit(name: str, exponents: list[int], factor: float, offset: float) -> Unit:

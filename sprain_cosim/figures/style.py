@@ -236,7 +236,8 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
                 assert isinstance(text, Text)
                 if (shown := visible(text.get_text())) != text.get_text():
                     text.set_text(shown)
-            figure.draw_without_rendering()
+            if (layout := figure.get_layout_engine()) is not None:
+                layout.execute(figure)
         figure.set_layout_engine(
             "none"
         )  # laid out once, and rounded, so that every file of the figure is the same to the byte

@@ -95,7 +95,7 @@ class StudyFolder(Plottable):
     def manifest(self) -> Manifest:
         return read_manifest(self.path)
 
-    @property
+    @cached_property
     def done(self) -> pd.DataFrame:
         """The completed trials."""
         return self.trials[self.trials["status"] == "completed"]

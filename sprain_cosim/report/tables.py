@@ -168,7 +168,8 @@ def _share_changed(e: MeanEstimate | None, shapes: tuple[float, float] | None) -
     if e is None or e.value is None:
         return ""
     doubts = [f"landings {line}" for line in ends(e.ci_low, e.ci_high, 100)]
-    doubts += [f"threshold's shape {line}" for line in ends(*(shapes or (None, None)), factor=100)]
+    low, high = shapes or (None, None)
+    doubts += [f"threshold's shape {line}" for line in ends(low, high, 100)]
     return Cell(signed(100 * e.value, 2), tuple(doubts))
 
 

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from .distributions import Array
 from .distributions.marginal import as_array
@@ -92,6 +91,8 @@ def orthonormal(columns: Array) -> tuple[Array, Array]:
 
     By Cholesky's factor of the products of the columns, in a third of the time of Householder's reflections, which
     columns get that depend on each other more than those of a polynomial basis do."""
+    from scipy.linalg import solve_triangular  # slow to import
+
     with contextlib.suppress(np.linalg.LinAlgError):
         lower = np.linalg.cholesky(columns.T @ columns)
         diagonal = np.diag(lower)

@@ -27,7 +27,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from .distributions import Array
@@ -57,6 +56,8 @@ def look_confidence(looks: Sequence[int], confidence: float = 0.95) -> float:
     looks   numbers of rows, ascending, planned beforehand
 
     Raises ValueError for looks out of order."""
+    from scipy.optimize import brentq  # slow to import
+
     if not looks or looks[0] < 1 or any(later <= earlier for earlier, later in itertools.pairwise(looks)):
         raise ValueError(f"the looks must ascend, got {list(looks)}")
     most = float(ndtri(1.0 - 0.5 * (1.0 - confidence) / len(looks)))  # the union bound

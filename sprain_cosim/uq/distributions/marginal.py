@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.integrate import quad
 from scipy.special import log_ndtr, ndtr, ndtri
 
 __all__ = ["Array", "Marginal", "as_array", "between", "density", "mass_between", "require_finite", "times_density"]
@@ -98,6 +97,8 @@ class Marginal(ABC):
 
     def truncated_moments(self, a: float, b: float) -> tuple[float, float]:
         """Mean and standard deviation of x given a ≤ u ≤ b, by quadrature over the truncated variable's own u."""
+        from scipy.integrate import quad  # slow to import
+
         mass = mass_between(a, b)
 
         def integrand(w: float) -> float:

@@ -9,7 +9,6 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 from scipy.special import digamma, gammaln, log_ndtr, ndtri_exp
 
 from .marginal import Array, Marginal, as_array, density, require_finite
@@ -59,6 +58,8 @@ class Weibull(Marginal):
 
     @cached_property
     def shape(self) -> float:
+        from scipy.optimize import brentq  # slow to import
+
         spread = math.log(self.sd / self.mean)
         ends = [math.log(end) for end in _SHAPES]
         return math.exp(brentq(lambda k: _log_variation(math.exp(k)) - spread, *ends, xtol=1e-15, rtol=1e-15))
