@@ -19,7 +19,20 @@ from matplotlib.text import Text
 
 from ..errors import InputError, visible
 from ..figures import DEGREES
-from ..figures.style import ANATOMY, BRACE, DOTS, FAINT, GROUND, INK, MUTED, SUBTALAR, TALOCRURAL, lines_of, palette
+from ..figures.style import (
+    ANATOMY,
+    BRACE,
+    DOTS,
+    FAINT,
+    GROUND,
+    INK,
+    MUTED,
+    SUBTALAR,
+    TALOCRURAL,
+    letters,
+    lines_of,
+    palette,
+)
 from ..folders.landing import Landing
 from ..metrics import brace_torques
 from .moving import HALF_PLATFORM, platform_axes, platform_edge, platform_place
@@ -28,7 +41,7 @@ from .solid import PAPER, Camera
 
 MOST = 6
 COLOURS = {
-    "brace": (0.94, 0.71, 0.33),
+    "brace": to_rgb(BRACE),
     "shirt": (0.30, 0.45, 0.62),
     "shorts": (0.20, 0.26, 0.36),
     "skin": (0.86, 0.68, 0.56),
@@ -339,7 +352,7 @@ class _Panel:
         stage.label(left + 9, top + (16 if view.whole else tall - 13), view.title, 9.5, MUTED)
         stage.front.plot([left + 9, left + 9 + bar], [y, y], color=MUTED, lw=1.6, solid_capstyle="butt")
         stage.label(left + 14 + bar, y, f"{metres:g} m", 8.5, MUTED)
-        self.arrow = Polygon(np.zeros((7, 2)), closed=True, fc="#3d4852", ec="white", lw=0.8, alpha=0.92, animated=True)
+        self.arrow = Polygon(np.zeros((7, 2)), closed=True, fc=GROUND, ec="white", lw=0.8, alpha=0.92, animated=True)
         page.add_patch(self.arrow)
         self.arcs: list[tuple[int, str, Line2D, Polygon]] = []
         self.figures: list[tuple[Text, str, float, str]] = []
@@ -353,11 +366,11 @@ class _Panel:
                 self.arcs.append((radius, f"plant.{name}_subtalar_moment", line, head))
             rows = [
                 ("subtalar", "plant.subtalar_angle", DEGREES, "°", SUBTALAR),
-                ("brace", "plant.brace_subtalar_moment", 1.0, " N·m", "#b97714"),
+                ("brace", "plant.brace_subtalar_moment", 1.0, " N·m", letters(BRACE)),
             ]
             rows += [
-                ("anatomy", "plant.anatomy_subtalar_moment", 1.0, " N·m", "#1f7f74"),
-                ("ground", "plant.ground_force", 1e-3, " kN", "#3d4852"),
+                ("anatomy", "plant.anatomy_subtalar_moment", 1.0, " N·m", letters(ANATOMY)),
+                ("ground", "plant.ground_force", 1e-3, " kN", GROUND),
             ]
             for n, (name, signal, factor, unit, colour) in enumerate(
                 row for row in rows if row[0] != "brace" or actor.braced

@@ -109,8 +109,7 @@ def _mesh_of_body(made: _Document, moving: MovingBodies, body: str) -> int | Non
             parts.setdefault(str(volume["part"]), []).append(_round_cone(volume))
     shapes = []
     for part, cones in parts.items():
-        colour = np.array(to_rgb(BRACE)) if part == "brace" else part_colour(part)
-        shapes.append((*_joined(cones), made.material(colour, SEEN_THROUGH.get(part, 1.0))))
+        shapes.append((*_joined(cones), made.material(part_colour(part), SEEN_THROUGH.get(part, 1.0))))
     return made.mesh(body, shapes) if shapes else None
 
 

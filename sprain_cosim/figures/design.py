@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from .style import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, VERMILION, legend_above, legend_line, sheet, small, styled
+from .style import BLUE, GREEN, INK, OCHRE, PURPLE, SKY, VERMILION, legend_above, legend_line, sheet, small, styled
 
 Array = NDArray[np.float64]
 LOWEST = 30.0  # times below the goal, where the axis of probabilities ends at the latest
-MOTIONS = {"supination": (PURPLE, "o"), "plantarflexion": (SKY, "s"), "dorsiflexion": (ORANGE, "^")}
+MOTIONS = {"supination": (PURPLE, "o"), "plantarflexion": (SKY, "s"), "dorsiflexion": (OCHRE, "^")}
 OTHER = (INK, "D")
 
 

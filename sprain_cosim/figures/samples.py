@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
@@ -320,7 +321,7 @@ def grid(levels: Array, rows: Sequence[tuple[str, Array]], parameter: str, quant
     for k, (title, values) in enumerate(rows):
         shade = k / max(len(rows) - 1, 1)
         color: Any = (
-            tuple(np.array([0.90, 0.62, 0.0]) * (1 - shade) + np.array([0.0, 0.27, 0.50]) * shade)
+            tuple(np.array(to_rgb(VERMILION)) * (1 - shade) + np.array(to_rgb(BLUE)) * shade)
             if len(rows) > len(LINES)
             else SERIES[k]
         )

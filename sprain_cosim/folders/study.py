@@ -128,7 +128,7 @@ class StudyFolder(Plottable):
             raise InputError(f"{self.path / MANIFEST}, identity, parameters: must be an object")
         return found
 
-    @property
+    @cached_property
     def published(self) -> Mapping[str, Any]:
         """Published figures of the study file; none when the study ran with another pose, device or parameter than the
         file names."""

@@ -63,12 +63,14 @@ class Heading:
 
 @dataclass(frozen=True)
 class Verdict:
-    """A sentence or more; `name` of the result that it is about; `warn` where something is wrong."""
+    """A sentence or more; `name` of the result that it is about; `warn` where something is wrong; `headline`, the
+    answer in one line, above it."""
 
     kind: ClassVar[str] = "verdict"
     text: str | Markup
     name: str = ""
     warn: bool = False
+    headline: str | Markup = ""
 
 
 @dataclass(frozen=True)

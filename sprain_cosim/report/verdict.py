@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from markupsafe import Markup
@@ -10,7 +11,16 @@ from markupsafe import Markup
 from .. import figures as plots
 from ..figures.braces import threshold_doubts
 from ..figures.selection import Named, response_label, same_question
-from ..folders.comparison import INJURY, INVERSION, NONE, ComparisonFolder, Decisions, PairLook
+from ..folders.comparison import (
+    INJURY,
+    INVERSION,
+    NONE,
+    ComparisonFolder,
+    ComparisonSummary,
+    Decisions,
+    MeanEstimate,
+    PairLook,
+)
 from ..folders.read import Folder
 from ..folders.run import RunFolder
 from ..folders.study import PEAK, StudyFolder
@@ -23,6 +33,10 @@ from .persons import persons_sentence
 from .words import WithInterval, ends, fine_ends, interval, percent, percentage_ends, rounded, signed, unit_after
 
 MEAN, SD = INJURY_INVERSION
+Change = tuple[
+    float, str, WithInterval
+]  # of the peak against no brace, name of the brace, the change with its interval
+NOT_RANDOM = " No interval: these landings are no random sample."
 EXCEEDS = f"Probability that inversion exceeds the injury range ({MEAN:g} ± {SD:g}° from neutral)"
 LIMITED = Markup(
     'These are figures of a model, with its <a href="#limits">limits</a>; they rank braces, they do not certify one.'
@@ -89,36 +103,90 @@ def _of_comparison(folder: ComparisonFolder) -> Verdict | None:
         change = brace.difference_to_none.get(PEAK)
         if change is not None and change.value is not None:
             rows.append((change.value, name, change))
-    text = _best_first(folder, rows) if rows else Markup("")
+    headline, text = _best_first(folder, rows) if rows else (Markup(""), Markup(""))
     failed = "; ".join(f"{name}: {brace.message}" for name, brace in folder.summary.failed.items())
     if failed:
         text += rich(" <b>Failed:</b> {failed}.", failed=failed)
-    return Verdict(text, warn=bool(failed)) if text else None
+    return Verdict(text, warn=bool(failed), headline=headline) if text else None
 
 
-def _best_first(folder: ComparisonFolder, rows: Sequence[tuple[float, str, WithInterval]]) -> Markup:
-    """The sentences on braces by (change of the peak against no brace, name, the change with its interval)."""
-    decisions, is_study = folder.summary.decisions, folder.summary.is_study
-    lowest = None if decisions is None else decisions.lowest(name for _, name, _ in rows)
+def _best_first(folder: ComparisonFolder, rows: Sequence[Change]) -> tuple[Markup, Markup]:
+    """The answer in one line, which is read in ten seconds, and what else is known, by (change of the peak against no
+    brace, name, the change with its interval)."""
+    summary = folder.summary
+    lowest = None if summary.decisions is None else summary.decisions.lowest(name for _, name, _ in rows)
     rows = sorted(rows, key=lambda row: (row[1] != lowest, row[0]))
-    value, best, change = rows[0]
-    alike = [] if decisions is not None else _not_apart(folder, best, [name for _, name, _ in rows[1:]])
-    text = rich(
-        "Over {count}, <b>{best}</b> {moved} the peak of supination{alone}: by <b>{by}</b>{about}{injury}.",
-        count=f"the same {folder.summary.count}" if is_study else "the same landing",
-        best=best,
-        moved="lowered" if value < 0 else "raised",
-        alone="" if len(rows) == 1 or (decisions and not lowest) or alike else " most of all",
-        by=f"{abs(value):.1f}°{' on average' if is_study else ''}",
-        about=interval(change, 1, "°", value < 0) or ("" if is_study else " (one landing: no interval)"),
-        injury=_injuries(folder, best),
-    )
+    best = rows[0][1]
+    text = _injuries(folder, best)
     if rows[1:]:
-        text += f" The others: {', '.join(f'{n} {signed(v)}°' for v, n, _ in rows[1:])}."
+        others = [f"{n} {signed(v)}°{_within(e, False, ' (', ')')}" for v, n, e in rows[1:]]
+        text += f" Peak of supination against no brace, the others: {', '.join(others)}."
+    text += f" Every brace made the same {summary.count if summary.is_study else 'landing'}."
+    alike = [] if summary.decisions is not None else _not_apart(folder, best, [name for _, name, _ in rows[1:]])
     if alike:
         text += rich(" These landings cannot tell {best} from {alike}.", best=best, alike=" and ".join(alike))
-    text += _decided(decisions) if decisions is not None else Markup("")
-    return text + persons_sentence(folder.summary.persons, best)
+    text += _decided(summary.decisions) if summary.decisions is not None else Markup("")
+    return _headline(summary, rows, lowest, alike), text + persons_sentence(summary.persons, best)
+
+
+def _headline(summary: ComparisonSummary, rows: Sequence[Change], lowest: str | None, alike: Sequence[str]) -> Markup:
+    """Which brace, by how much, how sure: against no brace, and against the next. A brace is called the best only where
+    every other one is told apart from it; one landing tells nothing of the next, and says so."""
+    value, best, change = rows[0]
+    known = change.ci_low is None or change.ci_high is None or change.ci_low * change.ci_high > 0
+    text = rich(
+        "<b>{by}° {word}</b> than without a brace{sure}{doubt}",
+        by=f"{abs(value):.1f}",
+        word="less" if value < 0 else "more",
+        sure=_within(change, value < 0, " (95 % sure: ", "°)"),
+        doubt="" if known else rich(", <b>which is not told apart from none</b>"),
+    )
+    lead = rich("With <b>{best}</b> the ankle rolls ", best=best)
+    ahead = {name: _ahead(summary, best, name) for _, name, _ in rows[1:]}
+    if ahead:
+        nearest = rows[1][1]
+        if alike or (summary.decisions is not None and lowest is None):
+            names = " and ".join(alike or ahead)
+            gaps = "".join(_within(ahead[n], False, " (", "°)") for n in alike[:1])
+            text += rich("; <b>not told apart from {names}</b>{gaps}", names=names, gaps=gaps)
+        else:
+            least = (
+                "With <b>{best}</b> the ankle rolls least: "
+                if value < 0
+                else "No brace helps; with <b>{best}</b> it rolls "
+            )
+            lead = rich(least, best=best)
+            e = ahead[nearest]
+            text += rich(
+                ", {gap}than with {nearest}, the next{sure}",
+                gap="less " if e is None or e.value is None else f"{abs(e.value):.1f}° less ",
+                nearest=nearest,
+                sure=_within(e, True, " (", "°)"),
+            )
+    alone = "" if summary.has_intervals else " One landing: no interval." if not summary.is_study else NOT_RANDOM
+    return lead + text + "." + alone
+
+
+def _ahead(summary: ComparisonSummary, best: str, name: str) -> MeanEstimate | None:
+    """The peak with `best` minus that with another brace, over the same landings."""
+    e, flip = summary.pairs.get(f"{best} - {name}", {}).get(PEAK), 1.0
+    if e is None:
+        e, flip = summary.pairs.get(f"{name} - {best}", {}).get(PEAK), -1.0
+    if e is None or e.value is None:
+        return e
+    if e.ci_low is None or e.ci_high is None:
+        return replace(e, value=flip * e.value)
+    low, high = sorted((flip * e.ci_low, flip * e.ci_high))
+    return replace(e, value=flip * e.value, ci_low=low, ci_high=high)
+
+
+def _within(e: WithInterval | None, negate: bool, before: str, after: str) -> str:
+    """ "9.1 to 9.8", with as many digits as tell the ends apart; nothing where there is no interval."""
+    if e is None or e.ci_low is None or e.ci_high is None:
+        return ""
+    low, high = sorted((-e.ci_low, -e.ci_high) if negate else (e.ci_low, e.ci_high))
+    digits = 1 if high - low >= 0.15 else 2
+    return f"{before}{low:.{digits}f} to {high:.{digits}f}{after}".replace("-", "−")
 
 
 def _not_apart(folder: ComparisonFolder, best: str, others: Sequence[str]) -> list[str]:
@@ -172,8 +240,8 @@ def _injuries(folder: ComparisonFolder, best: str) -> Markup:
     ends = threshold_doubts(folder).get(best, (None, None))
     doubts += [f"as far as the threshold is known {e} %" for e in fine_ends(*ends)]
     return rich(
-        ", and the {exceeds} from {without} to <b>{best}</b>{doubts}",
-        exceeds=f"{EXCEEDS[:1].lower()}{EXCEEDS[1:]}",
+        "{exceeds}: <b>{best}</b> instead of {without}{doubts}.",
+        exceeds=EXCEEDS,
         without=percent(without.value),
         best=percent(with_best.value),
         doubts=f" ({'; '.join(doubts)})" if doubts else "",

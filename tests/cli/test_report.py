@@ -144,11 +144,11 @@ def test_a_comparison(results: Path) -> None:
     }
     best = min(change, key=lambda n: change[n])
     verdict = " ".join(page.sections["verdict"].split())
-    assert f"{best} lowered the peak of supination most of all: by {-change[best]:.1f}°" in verdict
+    assert f"With {best} the ankle rolls least: {-change[best]:.1f}° less than without a brace" in verdict
     assert "change against none" in page.sections["numbers"]
     assert "no brace" in page.sections["numbers"]
     assert {"landing", "sharing", "paired"} <= figures(page)
-    assert "one landing: no interval" in verdict
+    assert "One landing: no interval." in verdict
     assert "no brace" in page.sections["numbers"]
     one, none = (data["braces"][name]["injury_shapes"] for name in (best, "none"))
     ends = sorted(100 * (one[law] - none[law]) for law in one)[::2]

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from importlib import resources
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,9 +18,25 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
 from sprain_cosim import figures as plots
+from sprain_cosim.animate.stage import part_colour
 from sprain_cosim.errors import InputError
 from sprain_cosim.figures.gallery import figure_form, figure_kinds
-from sprain_cosim.figures.style import DOUBLE, SINGLE, Form, _style, drawn_as, palette, picture
+from sprain_cosim.figures.style import (
+    ANATOMY,
+    BRACE,
+    DOUBLE,
+    GROUND,
+    SERIES,
+    SINGLE,
+    SUBTALAR,
+    TALOCRURAL,
+    UNBRACED,
+    Form,
+    _style,
+    drawn_as,
+    palette,
+    picture,
+)
 
 from .test_plots import FIGURES, drawn, run, sample
 
@@ -129,6 +147,59 @@ def test_braces_differ_from_no_brace_in_more_than_colour() -> None:
     grey = {(str(look.line), look.dot if look.marked else "") for look in looks.values()}
     assert len(grey) == len(looks)
     assert len({look.dot for look in looks.values()}) == len(looks)
+
+
+COLOUR_BLIND = {  # of linear red, green, blue; Machado, Oliveira & Fernandes 2009, severity 1
+    "trichromat": np.eye(3),
+    "deuteranope": [
+        [0.367322, 0.860646, -0.227968],
+        [0.280085, 0.672501, 0.047413],
+        [-0.011820, 0.042940, 0.968881],
+    ],
+    "protanope": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
+}
+XYZ = np.array(
+    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+)
+COLOURS = (*SERIES, UNBRACED)
+
+
+def linear(colour: str) -> np.ndarray:
+    rgb = np.array(to_rgb(colour))
+    return np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+
+
+def lab(rgb: np.ndarray) -> np.ndarray:
+    """CIELAB at the white of sRGB."""
+    x, y, z = np.cbrt(XYZ @ np.clip(rgb, 0, 1) / XYZ.sum(axis=1))
+    return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])
+
+
+@pytest.mark.parametrize("eyes", COLOUR_BLIND)
+def test_colours_are_told_apart(eyes: str) -> None:
+    """The nearest two of all, and of the first four and grey, which most figures have."""
+    seen = {colour: lab(np.array(COLOUR_BLIND[eyes]) @ linear(colour)) for colour in COLOURS}
+    assert lab(np.ones(3)) == pytest.approx((100, 0, 0), abs=1e-9), "the measure itself"
+    for among, least in ((COLOURS, 12.5), ((*SERIES[:4], UNBRACED), 18.0)):
+        assert min(np.linalg.norm(seen[a] - seen[b]) for a, b in combinations(among, 2)) > least
+
+
+def test_colours_are_seen_on_paper_and_in_the_dark() -> None:
+    css = (resources.files("sprain_cosim.report") / "style.css").read_text("utf-8")
+    paper, dark = re.findall(r"--paper: (#\w+);", css)[:2]
+    grounds = [float(linear(ground) @ XYZ[1]) for ground in ("#ffffff" if paper == "#fff" else paper, dark)]
+    assert grounds[0] > 0.99 > 0.02 > grounds[1]
+    for colour in (*COLOURS, ANATOMY, BRACE, SUBTALAR, TALOCRURAL, GROUND):
+        for ground in grounds:
+            low, high = sorted((ground, float(linear(colour) @ XYZ[1])))
+            assert (high + 0.05) / (low + 0.05) >= 3, (colour, ground)
+
+
+def test_film_and_glb_take_their_colours_from_the_figures() -> None:
+    assert tuple(part_colour("brace")) == pytest.approx(to_rgb(BRACE))
+    for text in (Path(str(resources.files("sprain_cosim") / name)).read_text("utf-8")
+                 for name in ("animate/film.py", "export/gltf.py", "report/scene.py", "report/charts.py")):  # fmt: skip
+        assert not re.search(r"#[0-9a-fA-F]{6}", text)
 
 
 @pytest.mark.parametrize("kind", ["pdf", "tiff"])
