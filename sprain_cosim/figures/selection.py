@@ -89,8 +89,7 @@ def is_braced(item: RunFolder | StudyFolder) -> bool:
 def sample_of(name: str, study: StudyFolder, response: str | None = None, with_published: bool = True) -> Sample:
     """A response of the study with everything known about it; of a search, its levels."""
     response = response or study.response
-    figures = study.published if with_published and response == PEAK else {}
-    published = {level: float(figures[f"{level:g} % [deg]"]) for level in LEVELS if f"{level:g} % [deg]" in figures}
+    published = published_levels(study, response) if with_published else {}
     search = study.summary.search
     if search is not None:
         found = search.levels if isinstance(search, LevelSearch) else {}
@@ -108,6 +107,12 @@ def sample_of(name: str, study: StudyFolder, response: str | None = None, with_p
             if p.value is not None:
                 percentiles[float(key)] = as_interval(p.value, p.ci_low, p.ci_high)
     return Sample(name, values, low, high, percentiles, published, pearson_intervals(study, response))
+
+
+def published_levels(study: StudyFolder, response: str) -> dict[float, float]:
+    """{level [%]: value} that the study's file gives of the response."""
+    figures = study.published if response == PEAK else {}
+    return {level: float(figures[f"{level:g} % [deg]"]) for level in LEVELS if f"{level:g} % [deg]" in figures}
 
 
 def pearson_intervals(study: StudyFolder, response: str) -> dict[str, Interval]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .. import figures as plots
 from ..figures.samples import drawn_ranks
-from ..figures.selection import FEWEST, Named, response_label, sample_of
+from ..figures.selection import FEWEST, Named, published_levels, response_label
 from ..figures.style import LINES, MOST_DRAWN
 from ..figures.style import SeriesLook as StyledLook
 from ..folders.comparison import INVERSION
@@ -73,7 +73,7 @@ def _distributions(studies: Sequence[tuple[str, StudyFolder, Look]]) -> list[dic
         for name, study, look in studies:
             values = study.done[response].dropna().to_numpy(float) if response in study.done else np.empty(0)
             if len(values) >= FEWEST:
-                marks = [[v, p / 100] for p, v in sample_of(name, study, response).published.items()]
+                marks = [[v, p / 100] for p, v in published_levels(study, response).items()]
                 x = _digits(np.sort(values)[drawn_ranks(len(values))])
                 series.append({"name": name, **look, "x": x, "marks": marks})
         if series:
