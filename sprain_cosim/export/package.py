@@ -68,7 +68,7 @@ def export_package(scenario: Scenario, out: Path, version: str = "1.0") -> list[
     written = [_written(part, system, [*joints, *hand_over]) for part in parts.values()]
     content = package_bytes(scenario.heading, version, written, joints, master.stop, settings, hand_over)
     write(out, content)
-    return _notes(parts, hand_over, master.communication_step)
+    return _notes(parts, joints, hand_over, master.communication_step)
 
 
 def exported(scenario: Scenario, name: str, path: Path) -> Exported:
@@ -89,7 +89,7 @@ def _joint(system: System, parts: dict[str, Exported], source: str, target: str)
     own = [connector.unit for _, connector in ends]
     one, other = own
     alike = (one is None and other is None) or (one is not None and other is not None and one.same_dimension(other))
-    plain = alike and conversion(one, other) == link
+    plain = alike and link == (1.0, 0.0)  # the standard leaves it to the tool whether it converts units: some do not
     (first, giving), (second, taking) = ends
     return Joint(f"{first}.{giving.name}", f"{second}.{taking.name}", None if plain else link)
 
@@ -106,7 +106,7 @@ def _written(part: Exported, system: System, joints: list[Joint]) -> Written:
     return Written(component.name, component.fmu.read_bytes(), connectors, values, part.device())
 
 
-def _notes(parts: dict[str, Exported], hand_over: list[Joint], step: float) -> list[str]:
+def _notes(parts: dict[str, Exported], joints: list[Joint], hand_over: list[Joint], step: float) -> list[str]:
     notes = [
         f"{name}: what its mapping allows beyond the sandbox is not in the package; whoever runs it grants that anew"
         for name, part in parts.items()
@@ -116,6 +116,12 @@ def _notes(parts: dict[str, Exported], hand_over: list[Joint], step: float) -> l
         f"all parameter sets are called {SET}: a tool that takes them by name and is not told that one runs the FMUs' "
         "own start values"
     )
+    changed = [joint.target for joint in joints if joint.link is not None]
+    if changed:
+        notes.append(
+            f"{', '.join(changed)}: the connection has a LinearTransformation; OMSimulator before 2026 leaves it out "
+            "without a word: compare its first run with `run`"
+        )
     if hand_over:
         notes.append(
             "stiffness and damping of the brace stand in our annotations, not among the connections: our master hands "

@@ -9,15 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from ..contract import PLANT, plain
+from ..cosim.assembly import conversion
 from ..cosim.master import Master
 from ..errors import InputError, problems_to_error
 from ..fmu import cache
 from ..fmu.component import Component
-from ..ssp.flat import Feed, Flat
+from ..ssp.flat import Feed, Flat, unlike
 from ..ssp.package import Package
 from ..ssp.values import finite_number, parameter_set, set_name
-from ..units import SECOND, quantity
-from .wiring import Wiring
+from ..units import SECOND, Unit, quantity
+from .wiring import Link, Wiring
 
 SUFFIXES = (".ssp", ".ssd")  # the second is answered with what it lacks
 BRACE = "brace"
@@ -93,46 +94,68 @@ def device(flat: Flat, name: str, plant: Component) -> PackagedDevice:
     first = giving[0] if giving else next(iter(flat.components), "")
     names = {c: name if c == first else f"{name}_{c}" for c in flat.components}
     feeds = {_named(target, names): _seen(feed, names) for target, feed in flat.feeds.items()}
-    met, problems = _meetings(flat, names, plant)
+    met, heard, problems = _meetings(flat, names, plant)
     problems += ["annotation HandOver belongs to a landing, not to a device"] * bool(flat.hand_over)
     problems_to_error(str(flat.path), problems)
     feeds |= met
-    found = _components(flat, names)
+    found, values = _components(flat, names), {_named(n, names): value for n, value in flat.parameters.items()}
+    deaf = [f"output {n} of the system is no signal of the contract; left out" for n in flat.outputs if n not in heard]
+    fed = [f"{n}: is fed by {feeds[n].source}; its start value is left out" for n in values if n in feeds]
     return PackagedDevice(
         {n: spec["fmu"] for n, spec in found.items()},
         {n: spec["map"] for n, spec in found.items() if "map" in spec},
-        {_named(n, names): value for n, value in flat.parameters.items()},
+        {n: value for n, value in values.items() if n not in feeds},
         {target: feed.source for target, feed in feeds.items()},
         Wiring(
             {_named(n, names): u for n, u in flat.units.items()},
             {target: feed.link for target, feed in feeds.items() if feed.link is not None},
             tuple(names.values()),
         ),
-        tuple(f"{flat.path.name}: {note}" for note in flat.notes),
+        tuple(f"{flat.path.name}: {note}" for note in (*flat.notes, *deaf, *fed)),
     )
 
 
-def _meetings(flat: Flat, names: Mapping[str, str], plant: Component) -> tuple[dict[str, Feed], list[str]]:
-    """{target: its feed} where the system's own connectors meet those of the plant, and the problems."""
+def _meetings(flat: Flat, names: Mapping[str, str], plant: Component) -> tuple[dict[str, Feed], set[str], list[str]]:
+    """{target: its feed} where the system's own connectors meet those of the plant, the outputs that do, and the
+    problems."""
     gives, takes = {plain(n): n for n in plant.outputs}, {plain(n): n for n in plant.inputs}
-    found, problems = dict[str, Feed](), list[str]()
+    found, heard, problems = dict[str, Feed](), set[str](), list[str]()
     for port, fed in flat.inputs.items():
         if plain(port) not in gives:
             problems.append(f"its input {port} is no signal of the contract")
             continue
-        source = f"{PLANT}.{gives[plain(port)]}"
-        found |= {_named(target, names): Feed(source, feed.link) for target, feed in fed.items()}
-    torques = 0
+        given = plant.outputs[gives[plain(port)]]
+        for target, feed in fed.items():
+            link, wrong = _joined(feed, given.unit, inward=True)
+            problems += [f"its input {port}: {wrong}"] * bool(wrong)
+            found[_named(target, names)] = Feed(f"{PLANT}.{given.name}", link)
     for port, feed in flat.outputs.items():
-        target = takes.get(plain(port)) or takes.get(f"brace{plain(port)}")
-        if target is not None and not feed.outer:
-            found[f"{PLANT}.{target}"] = _seen(feed, names)
-            torques += 1
-    if not torques:
+        name = takes.get(plain(port)) or takes.get(f"brace{plain(port)}")
+        if name is None or feed.outer:
+            continue
+        link, wrong = _joined(feed, plant.inputs[name].unit, inward=False)
+        problems += [f"its output {port}: {wrong}"] * bool(wrong)
+        if f"{PLANT}.{name}" in found:
+            problems.append(f"its output {port}: another output means {PLANT}.{name} as well; keep one")
+        found[f"{PLANT}.{name}"] = Feed(_named(feed.source, names), link)
+        heard.add(port)
+    if not heard:
         problems.append(
             "none of the system's own outputs is a torque of the contract; expose one, such as subtalar_torque"
         )
-    return found, problems
+    return found, heard, problems
+
+
+def _joined(feed: Feed, own: Unit | None, inward: bool) -> tuple[Link | None, str]:
+    """The link of a feed between a device and the plant's connector in the unit `own`; and what is wrong."""
+    if feed.unit is None or own is None or feed.unclear:
+        return feed.link, feed.unclear
+    wrong = unlike(own, feed.unit)
+    if wrong or feed.link is None:
+        return feed.link, wrong
+    factor, offset = feed.link
+    scale, shift = conversion(own, feed.unit) if inward else conversion(feed.unit, own)
+    return ((factor * scale, factor * shift + offset) if inward else (scale * factor, scale * offset + shift)), ""
 
 
 def _seen(feed: Feed, names: Mapping[str, str]) -> Feed:
@@ -144,16 +167,19 @@ def parameter_set_values(component: Component, name: str) -> dict[str, float | s
     or its file's. Raises InputError with the names there are."""
     inside = Package.within(component.fmu)
     files = [file for file in inside.names if file.lower().endswith(".ssv")]
-    sets: dict[str, str] = {}
+    sets: dict[str, dict[str, None]] = {}
     for file in files:
-        sets[Path(file).stem] = file
-        sets.setdefault(set_name(inside.content(file), f"{component.fmu}:{file}"), file)
+        for known in (Path(file).stem, set_name(inside.content(file), f"{component.fmu}:{file}")):
+            sets.setdefault(known, {})[file] = None
     if name not in sets:
-        known = f"it has {', '.join(sorted(sets))}" if sets else "it carries none"
-        raise InputError(f"@{name}: {component.fmu.name} has no parameter set of that name; {known}")
-    place = f"{component.fmu}:{sets[name]}"
+        there = f"it has {', '.join(sorted(sets))}" if sets else "it carries none"
+        raise InputError(f"@{name}: {component.fmu.name} has no parameter set of that name; {there}")
+    if len(sets[name]) > 1:
+        raise InputError(f"@{name}: {component.fmu.name} has several of that name: {', '.join(sets[name])}")
+    file = next(iter(sets[name]))
+    place = f"{component.fmu}:{file}"
     found, unknown = dict[str, float | str | bool](), list[str]()
-    for value in parameter_set(inside.content(sets[name]), place):
+    for value in parameter_set(inside.content(file), place):
         connector = component.connectors.get(value.name)
         if connector is None:
             unknown.append(f"{value.name}: the FMU has no such parameter")

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from ..contract import PLANT
-from ..cosim.assembly import Assembly
+from ..cosim.assembly import Assembly, conversion
 from ..cosim.coupling import check_scheme
 from ..cosim.master import Master
 from ..cosim.result import HALVED_WITHIN, PEAK, Result, unconverged
@@ -46,7 +46,7 @@ from .isolation import Isolation, isolation
 from .package import device, is_package, parameter_set_values
 from .settable import settable_table, settables
 from .title import Ran, heading
-from .wiring import AS_IT_IS, Wiring
+from .wiring import Wiring
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -492,7 +492,9 @@ class Scenario(Card):
         components = self.components()
         connections = self._coupled(components)[0].connections
         links = {} if self.wiring is None else self.wiring.links
-        said = [target for target in connections if links.get(target, AS_IT_IS) != AS_IT_IS]
+        system = System(components, connections)
+        units = {t: (system.find(s).unit, system.find(t).unit) for t, s in connections.items() if t in links}
+        said = [target for target, pair in units.items() if links[target] != conversion(*pair)]
         found = self.without_effect([change.partition(" = ")[0] for change in self.changes])
         found += self._untried()
         for component in components:

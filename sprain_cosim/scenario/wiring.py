@@ -16,7 +16,6 @@ from ..fmu.element import Connector
 from ..units import Unit
 
 Link = tuple[float, float]
-AS_IT_IS: Link = (1.0, 0.0)
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,11 @@ SPACE = "http://ssp-standard.org/SSP1/SystemStructure"
 SSC, SSD, SSV, SSM = (f"{SPACE}{name}" for name in ("Common", "Description", "ParameterValues", "ParameterMapping"))
 VERSIONS = ("1.0", "2.0")
 OWN = "urn:sprain-cosim:ssp:1"  # of our annotations
-ANNOTATIONS: dict[str, tuple[str, bool, tuple[str, ...], tuple[str, ...] | None]] = {
-    # of our own: the element that each belongs to, whether there may be several, attributes that it must have, and may
-    "Master": ("SystemStructureDescription", False, ("communicationStep", "scheme", "identify", "adaptive"), ()),
-    "HandOver": ("SystemStructureDescription", True, ("source", "target"), ("factor", "offset")),
-    "Device": ("Component", False, (), None),  # its reader judges them
+ANNOTATIONS: dict[str, tuple[bool, tuple[str, ...], tuple[str, ...] | None]] = {
+    # of our own, in the outermost system: whether there may be several, attributes that it must have, and may
+    "Master": (False, ("communicationStep", "scheme", "identify", "adaptive"), ()),
+    "HandOver": (True, ("source", "target"), ("factor", "offset")),
+    "Device": (True, ("component",), None),  # its reader judges them
 }
 SCHEMAS = {
     f"{{{SSD}}}SystemStructureDescription": "SystemStructureDescription.xsd",
@@ -82,8 +82,10 @@ def document(data: bytes, place: str, root: str) -> Any:
     except (etree.XMLSyntaxError, ValueError) as problem:
         raise InputError(f"{place}: no readable XML ({' '.join(str(problem).split())[:200]})") from None
     if tree.tag != root:
+        space = etree.QName(tree).namespace
         raise InputError(
-            f"{place}: is {_plain(tree.tag)}, expected {_plain(root)} of SSP ({root[1:].partition('}')[0]})"
+            f"{place}: is {_plain(tree.tag)}{f' of {space}' if space else ''}, expected {_plain(root)} of SSP "
+            f"({root[1:].partition('}')[0]})"
         )
     return fitting(tree, place)
 
@@ -114,10 +116,10 @@ def local(element: Any) -> str:
     return _plain(element.tag)
 
 
-def own_annotation(element: Any, name: str) -> dict[str, str]:
-    """The attributes of our annotation {OWN}name of an element; empty where there is none."""
-    found = children(element, "Annotations", "Annotation", name)
-    return dict(found[0].attrib) if found and found[0].tag == f"{{{OWN}}}{name}" else {}
+def own_annotations(tree: Any, name: str) -> list[dict[str, str]]:
+    """The attributes of our annotations {OWN}name in the outermost system of a structure."""
+    found = children(tree, "System", "Annotations", "Annotation", name)
+    return [dict(element.attrib) for element in found if element.tag == f"{{{OWN}}}{name}"]
 
 
 def _refused(tree: Any) -> list[str]:
@@ -146,14 +148,14 @@ def _wrong_annotations(element: Any) -> list[str]:
     """What is wrong with those of our own in an element Annotations, one line each: else a name with a slip in it
     would stand for nothing."""
     problems, met = list[str](), set[str]()
-    around = local(element.getparent())
+    outermost = local(element.getparent()) == "System" and element.getparent().getparent().getparent() is None
     for own in (a for annotation in element for a in annotation if str(a.tag).startswith(f"{{{OWN}}}")):
         name, line = local(own), f"line {own.sourceline}: annotation {local(own)}"
-        place, several, needed, more = ANNOTATIONS.get(name, ("", False, (), None))
-        if not place:
+        several, needed, more = ANNOTATIONS.get(name, (False, (), None))
+        if name not in ANNOTATIONS:
             problems.append(f"{line}: none of ours; they are {', '.join(ANNOTATIONS)}")
-        elif place != around:
-            problems.append(f"{line}: belongs to {place}, not to {around}")
+        elif not outermost:
+            problems.append(f"{line}: belongs to the outermost System")
         elif name in met and not several:
             problems.append(f"{line}: there are two; keep one")
         elif len(own):

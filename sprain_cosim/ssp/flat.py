@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from ..cosim.assembly import conversion
 from ..errors import InputError, nearest, problems_to_error
 from ..fmu.component import Component
 from ..fmu.element import Connector
@@ -20,6 +21,7 @@ from .values import Assigned
 Node = tuple[tuple[str, ...], str]  # names of the systems and the element, from the outermost; connector
 Affine = tuple[float, float]  # factor * value + offset arrives
 SETTABLE = ("parameter", "structuralParameter")
+JOINED = ("input", "output", *SETTABLE)  # kinds of connectors that connections join
 KINDS = {  # of a connector of an FMU, by the type that a document states
     **dict.fromkeys(REALS, ("real",)),
     **dict.fromkeys(NUMERALS, ("integer", "enumeration")),
@@ -37,11 +39,15 @@ class Feed:
     source  "component.output", or the name of an input of the outermost system
     link    from the number at the source to that at the target; None: as their units say
     outer   whether the source is an input of the outermost system
+    unit    of the number at a connector of the outermost system; None: nothing says it, or none is an end
+    unclear  what keeps that unit from being known, in a line; empty for nothing
     """
 
     source: str
     link: Affine | None = None
     outer: bool = False
+    unit: Unit | None = None
+    unclear: str = ""
 
 
 @dataclass(frozen=True)
@@ -80,6 +86,48 @@ def flattened(path: Path) -> Flat:
     return _Flattening(package, structure(package)).result()
 
 
+@dataclass
+class _Number:
+    """A number on its way along a chain of connections.
+
+    unit            of it; None: nothing says it
+    factor, offset  factor * number at the source + offset is the number here
+    plain           whether nothing but conversions of units changed it
+    unsaid          why its unit is not known for sure, in a line; empty where it is
+    """
+
+    unit: Unit | None
+    factor: float = 1.0
+    offset: float = 0.0
+    plain: bool = True
+    unsaid: str = ""
+
+    def arrive(self, node: Node, wire: Wire, own: Unit | None) -> None:
+        """At a connector in the unit `own`; None where it states none. Raises InputError."""
+        change, both = wire.transformation, own is not None and self.unit is not None
+        alike = own is None or self.unit is None or own.equivalent(self.unit)
+        if own is not None and not alike and not wire.suppressed:
+            self._convert(own)
+        self.plain &= change is None and (not wire.suppressed or (both and alike))
+        if change is not None:
+            self.factor, self.offset = change.factor * self.factor, change.factor * self.offset + change.offset
+        if own is not None:
+            self.unit, self.unsaid = own, ""
+        elif wire.suppressed:
+            self.unit = None
+        elif change is not None and self.unit is not None:
+            self.unsaid = _unsaid(node, self.unit)
+
+    def _convert(self, own: Unit) -> None:
+        assert self.unit is not None
+        wrong = self.unsaid or unlike(self.unit, own)
+        if wrong:
+            raise InputError(wrong)
+        scale = self.unit.factor / own.factor
+        self.factor *= scale
+        self.offset = scale * self.offset + (self.unit.offset - own.offset) / own.factor
+
+
 class _Flattening:
     def __init__(self, package: Package, described: Structure) -> None:
         self.package, self.described = package, described
@@ -102,11 +150,12 @@ class _Flattening:
             for wire in part.wires:
                 self._connect(path, wire)
         feeds, inputs = self._feeds()
-        outputs = {
-            port.name: feed
-            for port in self.described.system.ports.values()
-            if port.kind == "output" and (feed := self._feed(((), port.name))) is not None
-        }
+        own = self.described.system.ports
+        outputs = {n: f for n, p in own.items() if p.kind == "output" and (f := self._feed(((), n))) is not None}
+        for kind, used, what in (("input", inputs, "leads nowhere"), ("output", outputs, "is fed by nothing")):
+            self.notes += [
+                f"{kind} {n} of the system {what}" for n, p in own.items() if p.kind == kind and n not in used
+            ]
         parameters, hand_over = self._parameters(feeds), self._handed(feeds)
         self._say_what_is_silent([*feeds, *(t for fed in inputs.values() for t in fed), *parameters], hand_over)
         problems_to_error(str(self.package.path), self.problems)
@@ -179,8 +228,8 @@ class _Flattening:
             if not kind:
                 self.problems.append(f"{wire.words}: {element or 'the system'} has no connector {name}")
                 return
-            if kind == "calculatedParameter":
-                self.problems.append(f"{wire.words}: connections of calculated parameters are not supported")
+            if kind not in JOINED:
+                self.problems.append(f"{wire.words}: {name} is of kind {kind}, whose connections are not supported")
                 return
             nodes.append((at, name))
             gives.append((kind == "output") == bool(element))
@@ -232,30 +281,41 @@ class _Flattening:
         path, name = node
         if not chain or (path and path not in self.components) or self._kind(node) in SETTABLE:
             return None  # an input of a system that nothing feeds, or a parameter, whose value is set
-        link = self._linked(node, chain[::-1])
-        return Feed(f"{self.names[path]}.{name}" if path else name, link, not path)
+        full = f"{self.names[path]}.{name}" if path else name
+        return self._linked(Feed(full, outer=not path), node, chain[::-1])
 
-    def _linked(self, source: Node, chain: Sequence[tuple[Node, Wire]]) -> Affine | None:
-        """The linear transformation along a chain of connections; None where the units of its two ends say all."""
-        factor, offset, unit, plain = 1.0, 0.0, self._unit(source), True
+    def _linked(self, feed: Feed, source: Node, chain: Sequence[tuple[Node, Wire]]) -> Feed:
+        """The feed with the linear transformation along a chain of connections from its source."""
+        ends = self._unit(source), self._unit(chain[-1][0])
+        unit = ends[0]
+        if feed.outer:
+            unit, unclear = (unit, "") if unit is not None else self._deduced(source, chain)
+            feed = replace(feed, unit=unit, unclear=unclear)
+        number = _Number(unit)
         for node, wire in chain:
+            try:
+                number.arrive(node, wire, self._unit(node))
+            except InputError as problem:
+                self.problems.append(f"{wire.words}: {problem}")
+                return feed
+        if not chain[-1][0][0]:  # at an output of the outermost system
+            coherent = number.unit is None or _coherent(number.unit)
+            feed = replace(feed, unit=number.unit, unclear="" if coherent else number.unsaid)
+        link = number.factor, number.offset
+        as_units_say = number.plain and (None not in ends or link == conversion(*ends))
+        return feed if as_units_say else replace(feed, link=link)
+
+    def _deduced(self, source: Node, chain: Sequence[tuple[Node, Wire]]) -> tuple[Unit | None, str]:
+        """The unit of a connector that states none: the first that is stated along the chain, as the standard proposes;
+        and why it cannot be known where a transformation stands between."""
+        for k, (node, wire) in enumerate(chain):
             own = self._unit(node)
-            if own is not None and unit is not None and not wire.suppressed and not own.equivalent(unit):
-                if not own.same_dimension(unit):
-                    self.problems.append(
-                        f"{wire.words}: the units do not match: {unit.name} ({unit.dimension()}) and {own.name} "
-                        f"({own.dimension()})"
-                    )
-                    return None
-                scale = unit.factor / own.factor
-                factor, offset = scale * factor, scale * offset + (unit.offset - own.offset) / own.factor
-            if wire.suppressed and not (own is not None and unit is not None and own.equivalent(unit)):
-                plain = False
-            change = wire.transformation
-            if change is not None:
-                factor, offset, plain = change.factor * factor, change.factor * offset + change.offset, False
-            unit = own if own is not None else unit
-        return None if plain else (factor, offset)
+            if wire.suppressed:
+                break
+            if own is not None:
+                changed = any(w.transformation is not None for _, w in chain[: k + 1])
+                return own, _unsaid(source, own) if changed and not _coherent(own) else ""
+        return None, ""
 
     def _handed(self, feeds: Mapping[str, Feed]) -> list[Handed]:
         """Under the components' names here."""
@@ -300,11 +360,11 @@ class _Flattening:
         assigned: dict[Node, Assigned] = {}
         for path in sorted(self.parts, key=len, reverse=True):
             for value in self.parts[path].values:
-                nodes = self._targets(path, value.name)
-                if not nodes:
+                found = self._targets(path, value.name, value)
+                if not found:
                     hint = nearest(value.name, self.components[path].parameters) if path in self.components else ""
                     self.notes.append(f"{value.place}: {value.name}: there is no such parameter{hint}; left out")
-                assigned |= dict.fromkeys(nodes, value)
+                assigned |= found
         return self._written(assigned, feeds)
 
     def _written(self, assigned: Mapping[Node, Assigned], feeds: Mapping[str, Feed]) -> dict[str, float | str | bool]:
@@ -330,21 +390,29 @@ class _Flattening:
         unit = self.units.get(f"{self.names[path]}.{name}")
         return connector if unit is None else replace(connector, unit=unit)
 
-    def _targets(self, path: tuple[str, ...], name: str) -> list[Node]:
-        """The FMUs' variables that a name means at `path`, all of them where it means several."""
+    def _targets(self, path: tuple[str, ...], name: str, value: Assigned) -> dict[Node, Assigned]:
+        """The FMUs' variables that a name means at `path`, all of them where it means several, and the value there."""
         if path in self.components:
-            return [(path, name)] if name in self.components[path].connectors else []
-        found = list[Node]()
+            return {(path, name): value} if name in self.components[path].connectors else {}
+        found = dict[Node, Assigned]()
         if name in self.parts[path].ports:
-            found += self._fed_by((path, name))
+            found |= self._fed_by((path, name), value)
         for part in self.parts[path].parts:
             if name.startswith(f"{part.name}."):
-                found += self._targets((*path, part.name), name.removeprefix(f"{part.name}."))
+                found |= self._targets((*path, part.name), name.removeprefix(f"{part.name}."), value)
         return found
 
-    def _fed_by(self, node: Node) -> list[Node]:
-        """The FMUs' variables that take the value of a connector of a system."""
-        found = list[Node]()
+    def _fed_by(self, node: Node, value: Assigned) -> dict[Node, Assigned]:
+        """The FMUs' variables that take the value of a connector of a system, and the value in the unit that this
+        states."""
+        unit = self._unit(node)
+        if unit is not None:
+            try:
+                value = value.at(unit)
+            except InputError as problem:
+                self.problems.append(str(problem))
+                return {}
+        found = dict[Node, Assigned]()
         for target, (source, wire) in self.origin.items():
             if source != node:
                 continue
@@ -353,15 +421,34 @@ class _Flattening:
                     f"{wire.words}: a value that is set at {node[1]} would go through its transformation, which is not "
                     "supported; set it at the component"
                 )
-            found += [target] if target[0] in self.components else self._fed_by(target)
+            found |= {target: value} if target[0] in self.components else self._fed_by(target, value)
         return found
+
+
+def _coherent(unit: Unit) -> bool:
+    return (unit.factor, unit.offset) == (1.0, 0.0)
+
+
+def unlike(one: Unit, other: Unit) -> str:
+    """Why there is no conversion between two units; empty where there is one."""
+    if one.same_dimension(other):
+        return ""
+    return f"the units do not match: {one.name} ({one.dimension()}) and {other.name} ({other.dimension()})"
+
+
+def _unsaid(node: Node, unit: Unit) -> str:
+    return (
+        f"{'.'.join((*node[0], node[1]))} states no unit, and a transformation stands between it and {unit.name}; "
+        "state its unit, or suppress the conversion"
+    )
 
 
 def _contradiction(port: Port, connector: Connector | None, fmu: str) -> str:
     """How a connector of the document is not that of the FMU; empty where it is."""
     if connector is None:
         return f"{fmu} has no such variable"
-    if port.kind not in ("", connector.causality):
+    alike = {"constant": ("output", "local"), "unspecified": (connector.causality,)}.get(port.kind, (port.kind,))
+    if connector.causality not in alike:
         return f"is of kind {port.kind} in the document and {connector.causality} in the FMU"
     if port.type and connector.kind not in (*KINDS[port.type], "array", "clock"):
         return f"is of type {port.type} in the document and {connector.kind} in the FMU"

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..errors import InputError, problems_to_error
 from ..units import Unit
-from .elements import NUMERALS, REALS, SSD, SSM, SSV, children, document, fitting, local, own_annotation
+from .elements import NUMERALS, OWN, REALS, SSC, SSD, SSM, SSV, children, document, fitting, local, own_annotations
 from .package import DEFINITION_TYPE, FMU_TYPE, PACKAGE_TYPE, STRUCTURE, Package, PackageFile
 from .values import (
     Assigned,
@@ -24,7 +24,6 @@ from .values import (
     values_of,
 )
 
-FLOWS = ("input", "output", "parameter", "structuralParameter", "calculatedParameter")
 SET_TYPE, MAPPING_TYPE = "application/x-ssp-parameter-set", "application/x-ssp-parameter-mapping"
 TYPES = (*REALS, *NUMERALS, "Boolean", "String", "Enumeration", "Binary")
 DEEPEST = 8  # documents in each other
@@ -35,7 +34,7 @@ MOST = 1000  # elements of all systems together
 class Port:
     """A connector of a system or a component.
 
-    kind  input, output, parameter or another of the standard; "" where it is left to the FMU
+    kind  input, output, parameter or another of the standard
     unit  as the document defines it; None where it states none
     type  element of SSP, such as Real; "" where it states none
     """
@@ -136,7 +135,7 @@ def structure(package: Package) -> Structure:
         system,
         times["startTime"],
         times["stopTime"],
-        own_annotation(tree, "Master"),
+        next(iter(own_annotations(tree, "Master")), {}),
         tuple(reader.found.notes),
     )
 
@@ -172,9 +171,20 @@ class _Reader:
         """The document and its system."""
         tree = document(self.document.content(), self.place, f"{{{SSD}}}SystemStructureDescription")
         self.units = units_of(tree, self.place)
+        theirs = dict.fromkeys(str(a.get("type")) for a in tree.iter(f"{{{SSC}}}Annotation") if not _is_own(a))
+        if theirs and not own_annotations(tree, "Master"):  # which says the same
+            self.found.notes.append(f"annotations of {', '.join(theirs)} are for other tools and left out")
         system = self.part(next(iter(children(tree, "System"))))
-        handed = [_handed(a, self.place) for a in children(tree, "Annotations", "Annotation", "HandOver")]
-        return tree, replace(system, hand_over=handed)
+        handed = [_handed(attributes, self.place) for attributes in own_annotations(tree, "HandOver")]
+        devices = own_annotations(tree, "Device")
+        said = {attributes.pop("component"): attributes for attributes in devices}
+        if len(said) < len(devices):
+            self.found.problems.append("annotation Device: there are two of one component; keep one")
+        parts = [replace(p, device=said.pop(p.name, {})) if p.source else p for p in system.parts]
+        self.found.problems += [
+            f"annotation Device: there is no component {name} in the outermost system" for name in said
+        ]
+        return tree, replace(system, parts=parts, hand_over=handed)
 
     def part(self, element: Any) -> Part:
         self.found.elements += 1
@@ -205,8 +215,7 @@ class _Reader:
             return Part(name)
         if implementation == "ScheduledExecution":
             self.found.problems.append(f"component {name}: scheduled execution of FMI 3 is not supported")
-        device = own_annotation(element, "Device")
-        return Part(name, ports, self.values(element, name, file), file, implementation, device)
+        return Part(name, ports, self.values(element, name, file), file, implementation)
 
     def inside(self, file: PackageFile, kind: str, name: str) -> PackageFile:
         """The document of a component that is a system of its own. Raises InputError where that does not end."""
@@ -229,7 +238,7 @@ class _Reader:
         reader = _Reader(document, self.found, (*self.around, self.document))
         tree, system = reader.read()
         self.found.problems += [f"component {name}: {problem}" for problem in _contradictions(ports, system.ports)]
-        if own_annotation(tree, "Master") or children(tree, "DefaultExperiment"):
+        if own_annotations(tree, "Master") or children(tree, "DefaultExperiment"):
             self.found.notes.append(f"component {name}: its own default experiment and master's settings are left out")
         stated = {
             n: replace(p, unit=p.unit or (ports[n].unit if n in ports else None)) for n, p in system.ports.items()
@@ -246,7 +255,7 @@ class _Reader:
     def ports(self, element: Any) -> list[Port]:
         found = []
         for connector in children(element, "Connectors", "Connector"):
-            name, kind = str(connector.get("name")), connector.get("kind", "")
+            name, kind = str(connector.get("name")), str(connector.get("kind"))
             typed = next((c for c in connector if isinstance(c.tag, str) and local(c) in TYPES), None)
             if kind == "inout":
                 self.found.problems.append(f"connector {element.get('name')}.{name}: kind inout is not supported")
@@ -255,7 +264,7 @@ class _Reader:
             except InputError as problem:
                 self.found.problems.append(str(problem))
                 unit = None
-            found.append(Port(name, kind if kind in FLOWS else "", unit, "" if typed is None else local(typed)))
+            found.append(Port(name, kind, unit, "" if typed is None else local(typed)))
         for name in {port.name: None for k, port in enumerate(found) if port.name in [p.name for p in found[:k]]}:
             self.found.problems.append(f"{element.get('name')}: two connectors are named {name}; keep one")
         return found
@@ -338,11 +347,15 @@ class _Reader:
         return PackageFile(inside, inside.resolved(source, place))
 
 
-def _handed(element: Any, place: str) -> Handed:
-    ends = str(element.get("source")), str(element.get("target"))
-    if element.get("factor") is None and element.get("offset") is None:
+def _is_own(annotation: Any) -> bool:
+    return any(str(child.tag).startswith(f"{{{OWN}}}") for child in annotation)
+
+
+def _handed(attributes: Mapping[str, str], place: str) -> Handed:
+    ends = attributes["source"], attributes["target"]
+    if not {"factor", "offset"} & attributes.keys():
         return Handed(*ends)
-    factor, offset = (finite_number(element.get(k, d), place) for k, d in (("factor", "1"), ("offset", "0")))
+    factor, offset = (finite_number(attributes.get(k, d), place) for k, d in (("factor", "1"), ("offset", "0")))
     return Handed(*ends, (factor, offset))
 
 
@@ -356,7 +369,7 @@ def _contradictions(stated: Mapping[str, Port], inside: Mapping[str, Port]) -> I
         own = inside.get(name)
         if own is None:
             yield f"connector {name}: the system inside has none of that name"
-        elif "" not in (port.kind, own.kind) and port.kind != own.kind:
+        elif "unspecified" not in (port.kind, own.kind) and port.kind != own.kind:
             yield f"connector {name}: is of kind {port.kind}, and {own.kind} in the system inside"
         elif port.unit is not None and own.unit is not None and not port.unit.equivalent(own.unit):
             yield f"connector {name}: its unit is {port.unit.name}, and {own.unit.name} in the system inside"

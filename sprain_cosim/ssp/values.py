@@ -29,7 +29,7 @@ class Transformation:
 
     kind    element of SSP, such as LinearTransformation
     factor, offset  of a LinearTransformation: factor * value + offset
-    table   {source: target} of the others, as text
+    table   {source: target} of the others, as text; what is not in it stays, as the standard says
     """
 
     kind: str
@@ -77,6 +77,15 @@ class Assigned:
         own = connector.unit
         return number if own is None or own.dimensionless else f"{number!r} {own.name}"
 
+    def at(self, own: Unit) -> Assigned:
+        """As a connector of a system carries it that states a unit. Raises InputError."""
+        if self.kind not in (*REALS, *NUMERALS):
+            return self
+        carrier = Connector(self.name, 0, "parameter", "real", unit=own)
+        return Assigned(
+            self.name, "Real", repr(self._number(carrier, f"{self.place}: {self.name}")), own, place=self.place
+        )
+
     def _number(self, connector: Connector, what: str) -> float:
         number = finite_number(self.text, what)
         if self.unit is not None and not self.suppressed:
@@ -95,7 +104,7 @@ class Assigned:
         if change.kind == "LinearTransformation" and connector.kind == "real":
             return change.factor * number + change.offset
         if change.kind == "IntegerMappingTransformation" and self.kind in NUMERALS:
-            return float(int(_mapped(change, self.text, what)))
+            return float(int(change.table.get(self.text, self.text)))
         raise InputError(f"{what}: {change.kind} does not belong to a value of type {self.kind}")
 
     def _boolean(self, what: str) -> bool:
@@ -105,19 +114,19 @@ class Assigned:
         if self.transformation is not None:
             if self.transformation.kind != "BooleanMappingTransformation":
                 raise InputError(f"{what}: {self.transformation.kind} does not belong to a value of type Boolean")
-            text = truth(_mapped(self.transformation, text, what))
+            text = truth(self.transformation.table.get(text, text))
         return text == "true"
 
     def _item(self, connector: Connector, what: str) -> str:
-        text = self.text
+        text, change = self.text, self.transformation
+        if self.kind not in ("Enumeration", *NUMERALS):
+            raise InputError(f"{what}: is {self.kind} in the parameter set, an enumeration in the FMU")
+        if change is not None:
+            if change.kind != f"{'Enumeration' if self.kind == 'Enumeration' else 'Integer'}MappingTransformation":
+                raise InputError(f"{what}: {change.kind} does not belong to a value of type {self.kind}")
+            text = change.table.get(text, text)
         if self.kind in NUMERALS:
             text = next((n for n, v in connector.items.items() if str(v) == text), text)
-        elif self.kind != "Enumeration":
-            raise InputError(f"{what}: is {self.kind} in the parameter set, an enumeration in the FMU")
-        if self.transformation is not None:
-            if self.transformation.kind != "EnumerationMappingTransformation":
-                raise InputError(f"{what}: {self.transformation.kind} does not belong to a value of type Enumeration")
-            text = _mapped(self.transformation, text, what)
         if text not in connector.items:
             raise InputError(f"{what} = {text!r}: must be one of {', '.join(connector.items)}")
         return text
@@ -219,6 +228,8 @@ def unit_named(name: str | None, units: Mapping[str, Unit], place: str) -> Unit 
     """Raises InputError for a unit that the document does not define, or not as what its name says."""
     if name is None:
         return None
+    if not name:
+        raise InputError(f"{place}: unit '' is not defined; name one, or leave the attribute out where there is none")
     if name not in units:
         raise InputError(f"{place}: unit {name!r} is not defined in this document's Units{nearest(name, units)}")
     own = units[name]
@@ -261,9 +272,3 @@ def truth(text: str) -> str:
 
 def _twice(names: Iterable[str]) -> list[str]:
     return [name for name, count in Counter(names).items() if count > 1]
-
-
-def _mapped(change: Transformation, text: str, what: str) -> str:
-    if text not in change.table:
-        raise InputError(f"{what} = {text!r}: its {change.kind} has no entry for it; it has {', '.join(change.table)}")
-    return change.table[text]

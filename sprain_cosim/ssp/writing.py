@@ -15,8 +15,10 @@ from ..units import BASE, Unit
 from .elements import OWN, SSC, SSD, SSV
 from .package import STRUCTURE
 
-SPACES = {"ssc": SSC, "ssd": SSD, "ssv": SSV, "sprain": OWN}
+OMS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
+SPACES = {"ssc": SSC, "ssd": SSD, "ssv": SSV, "oms": OMS, "sprain": OWN}
 ANNOTATION = "org.sprain-cosim"
+NAME = "landing"  # of the structure and its system: OMSimulator opens no structure whose name is no identifier
 SET = "landing"  # the name of all parameter sets, so that a tool that chooses one by its name sets all components
 EPOCH = (1980, 1, 1, 0, 0, 0)
 
@@ -49,7 +51,7 @@ class Joint:
 
 
 def package_bytes(
-    name: str,
+    title: str,
     version: str,
     components: Sequence[Written],
     joints: Sequence[Joint],
@@ -60,25 +62,33 @@ def package_bytes(
     """The package as an archive; `version` of SSP, 1.0 or 2.0; `stop` [s]."""
     root = etree.Element(
         f"{{{SSD}}}SystemStructureDescription",
-        {"version": version, "name": name, "generationTool": "sprain-cosim"},
+        {"version": version, "name": NAME, "description": title, "generationTool": "sprain-cosim"},
         nsmap=SPACES,
     )
-    system = _below(root, SSD, "System", name="landing")
+    system = _below(root, SSD, "System", name=NAME)
     elements = _below(system, SSD, "Elements")
     for component in components:
         _component(elements, component)
     connections = _below(system, SSD, "Connections")
     for joint in joints:
         _connection(connections, joint)
-    used = {u.name: u for c in components for x in c.connectors if (u := x.unit) is not None}
-    _units(root, SSD, used)
-    _below(root, SSD, "DefaultExperiment", startTime="0.0", stopTime=repr(stop))
-    annotations = _below(root, SSD, "Annotations")
+    annotations = _below(system, SSD, "Annotations")  # those of OMSimulator first, where alone it looks
+    theirs = _below(annotations, SSC, "Annotation", type="org.openmodelica")
+    step = master["communicationStep"]  # for its command line in an element, for its Python in attributes
+    named = {"name": "oms_ma_default", "method": "oms_ma", "fixedStepSize": step, "relativeTolerance": "0.0001"}
+    theirs = _below(_below(theirs, OMS, "Annotations"), OMS, "SimulationInformation", **named)
+    _below(theirs, OMS, "FixedStepMaster", description="oms-ma", stepSize=step, relativeTolerance="0.0001")
     _own(annotations, "Master", master)
     for joint in hand_over:
         factor, offset = joint.link or (None, None)
         scale = {} if joint.link is None else {"factor": repr(factor), "offset": repr(offset)}
         _own(annotations, "HandOver", {"source": joint.source, "target": joint.target, **scale})
+    for component in components:
+        if component.device:
+            _own(annotations, "Device", {"component": component.name, **component.device})
+    used = {u.name: u for c in components for x in c.connectors if (u := x.unit) is not None}
+    _units(root, SSD, used)
+    _below(root, SSD, "DefaultExperiment", startTime="0.0", stopTime=repr(stop))
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
         _put(archive, STRUCTURE, _bytes(root))
@@ -106,8 +116,6 @@ def _component(elements: Any, component: Written) -> None:
     if component.values:
         bindings = _below(element, SSD, "ParameterBindings")
         _below(bindings, SSD, "ParameterBinding", source=f"resources/{component.name}.ssv")
-    if component.device:
-        _own(_below(element, SSD, "Annotations"), "Device", component.device)
 
 
 def _connection(connections: Any, joint: Joint) -> None:

@@ -3,6 +3,7 @@ name, element by element."""
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import subprocess
@@ -13,10 +14,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lxml import etree
 
 from sprain_cosim import load_scenario
 from sprain_cosim.cli import _run
 from sprain_cosim.errors import InputError
+from sprain_cosim.export.container import export_container
 from sprain_cosim.export.package import export_package
 from sprain_cosim.scenario import Scenario
 from sprain_cosim.scenario.inspection import inspected
@@ -48,6 +51,7 @@ from tests.systems import (
 )
 
 ROOT = Path(__file__).parent.parent.parent
+OMSIMULATOR = Path(os.environ.get("SPRAIN_OMSIMULATOR", ROOT / "build" / "peers" / "OMSimulator"))
 ECOS = Path(os.environ.get("SPRAIN_ECOS", ROOT / "build" / "peers" / "ecos" / "bin" / "python"))
 
 
@@ -138,6 +142,42 @@ def test_a_mapped_foreign_brace_returns_to_the_bit(scheme: str, vendor: Path, tm
     assert "active = true" in again.maps["brace"].read_text()
 
 
+@pytest.mark.parametrize("scheme", ["auto", "gauss-seidel"])
+def test_a_foreign_brace_in_its_own_units_returns_to_the_bit(scheme: str, tmp_path: Path) -> None:
+    """Whether a tool converts units is left to it: the package has each conversion as numbers."""
+    fmu = device(tmp_path / "brace.fmu", angle="deg", torque="N.mm")
+    scenario = load_scenario("incline30").replace_fmu("brace", fmu).with_master(scheme)
+    notes = export_package(scenario, tmp_path / "landing.ssp")
+    assert any("brace.subtalar_angle, plant.brace_subtalar_torque: the connection has a Linear" in n for n in notes)
+    again = load_scenario(tmp_path / "landing.ssp")
+    assert not again.warnings
+    one, other = scenario.run(in_process=True), again.run(in_process=True)
+    assert (one.names, one.units) == (other.names, other.units)
+    assert np.array_equal(one.values, other.values)
+    assert again.wiring and again.wiring.links["brace.subtalar_angle"] == pytest.approx((180 / np.pi, 0.0))
+
+
+def test_a_package_is_as_omsimulator_opens_it(tmp_path: Path) -> None:
+    """Names that are identifiers, no annotations but in the outermost system, its own the first of them: without these
+    it opens nothing."""
+    vendor = device(tmp_path / "vendor.fmu", names=("a", "b"))
+    (tmp_path / "map.toml").write_text(
+        'active = true\n[inputs]\nsubtalar_angle = "a"\n[outputs]\nsubtalar_torque = "b"\n'
+    )
+    scenario = load_scenario("incline30_brace").replace_fmu("brace", vendor, tmp_path / "map.toml")
+    export_package(scenario, tmp_path / "landing.ssp")
+    with zipfile.ZipFile(tmp_path / "landing.ssp") as archive:
+        root = etree.fromstring(archive.read("SystemStructure.ssd"))
+    assert root.get("name") == root[0].get("name") == "landing"
+    assert root.get("description") == scenario.heading
+    assert [etree.QName(child).localname for child in root] == ["System", "Units", "DefaultExperiment"]
+    found = list(root.iter("{*}Annotations"))
+    assert found[0].getparent() is root[0]
+    assert found[0][0].get("type") == "org.openmodelica"
+    assert [step.get("stepSize") for step in root.iter("{*}FixedStepMaster")] == ["0.0005"]
+    assert load_scenario(tmp_path / "landing.ssp").maps["brace"].read_text() == "active = true\n"
+
+
 def test_a_package_is_written_alike_every_time(tmp_path: Path) -> None:
     for name in ("a.ssp", "b.ssp"):
         export_package(load_scenario("level"), tmp_path / name)
@@ -176,12 +216,10 @@ def test_an_annotation_allows_nothing(pack: Callable[..., Path], tmp_path: Path)
     """What a mapping file could allow cannot get in by our annotation, by a line break neither."""
     own = 'xmlns:own="urn:sprain-cosim:ssp:1"'
     for attribute in ('allow="[&quot;network&quot;]"', 'reset="true&#10;allow = [&quot;network&quot;]"'):
-        note = f'<ssc:Annotation type="x"><own:Device {own} {attribute}/></ssc:Annotation>'
+        note = f'<ssc:Annotation type="x"><own:Device component="brace" {own} {attribute}/></ssc:Annotation>'
         note = f"<ssd:Annotations>{note}</ssd:Annotations>"
         with pytest.raises(InputError, match="annotation Device"):
-            landed(
-                pack(structure(system(PLAIN.replace("</ssd:Component>", note + "</ssd:Component>"), THROUGH, OUTSIDE)))
-            )
+            landed(pack(structure(system(PLAIN, THROUGH, OUTSIDE).replace("</ssd:System>", note + "</ssd:System>"))))
 
 
 # ---- devices of others
@@ -192,6 +230,7 @@ def test_a_device_takes_the_place_of_an_fmu(pack: Callable[..., Path], braced: n
 
 
 VENDOR = real("In1", "input") + real("M_out", "output")
+IN_DEGREES = real("subtalar_angle", "input", "deg") + real("subtalar_torque", "output", "N.mm")
 
 
 @pytest.mark.parametrize(
@@ -222,11 +261,105 @@ VENDOR = real("In1", "input") + real("M_out", "output")
             + wire("inner.y", "subtalar_torque", LINEAR.format(0.001, 0.0)),
             OUTSIDE,
         ).replace(TO_DEG, LINEAR.format(57.29577951308232 / 2, -0.125 * 57.29577951308232)),
+        # the units of the device's own connectors, which its FMU does not declare
+        system(
+            component("vendor", VENDOR),
+            wire("subtalar_angle", "vendor.In1") + wire("vendor.M_out", "subtalar_torque", LINEAR.format(-1.0, 0.0)),
+            IN_DEGREES,
+        ),
+        # the same, each number handed over as it is
+        system(
+            component("vendor", VENDOR),
+            wire("subtalar_angle", "vendor.In1", more='suppressUnitConversion="true"')
+            + wire("vendor.M_out", "subtalar_torque", LINEAR.format(-1.0, 0.0), 'suppressUnitConversion="true"'),
+            IN_DEGREES,
+        ),
+        # without units outside: those of the contract; the inner system's are the first that are stated
+        system(
+            system(
+                component("vendor", VENDOR),
+                wire("x", "vendor.In1", LINEAR.format(1.0, 0.0)) + wire("vendor.M_out", "y", LINEAR.format(-1.0, 0.0)),
+                real("x", "input", "deg") + real("y", "output", "N.mm"),
+                name="inner",
+            ),
+            wire("subtalar_angle", "inner.x") + wire("inner.y", "subtalar_torque"),
+            OUTSIDE,
+        ),
+        # a connector without a unit, after a transformation instead of the conversion: no other conversion follows
+        system(
+            system(
+                component("vendor", real("In1", "input", "deg") + real("M_out", "output", "N.mm")),
+                wire("x", "vendor.In1") + wire("vendor.M_out", "y"),
+                real("x", "input") + real("y", "output"),
+                name="inner",
+            ),
+            wire("subtalar_angle", "inner.x", TO_DEG, 'suppressUnitConversion="true"')
+            + wire("inner.y", "subtalar_torque", LINEAR.format(-0.001, 0.0), 'suppressUnitConversion="true"'),
+            real("subtalar_angle", "input", "rad") + real("subtalar_torque", "output", "N.m"),
+        ),
     ],
 )
 def test_transformations_are_carried(content: str, pack: Callable[..., Path], braced: np.ndarray) -> None:
     """A device in degrees and N.mm, pushing instead of resisting: the landing of the SI one."""
     assert np.abs(landed(pack(structure(content))) - braced).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (
+            system(
+                component("vendor", real("In1", "input", "deg") + real("M_out", "output")),
+                wire("subtalar_angle", "vendor.In1", TO_DEG) + wire("vendor.M_out", "subtalar_torque"),
+                OUTSIDE,
+            ),
+            "subtalar_angle states no unit, and a transformation stands between it and deg; state its unit",
+        ),
+        (
+            system(
+                component("vendor", real("In1", "input") + real("M_out", "output", "N.mm")),
+                wire("subtalar_angle", "vendor.In1")
+                + wire("vendor.M_out", "subtalar_torque", LINEAR.format(-1.0, 0.0)),
+                OUTSIDE,
+            ),
+            "subtalar_torque states no unit, and a transformation stands between it and N.mm; state its unit",
+        ),
+        (
+            system(
+                system(
+                    component("vendor", real("In1", "input", "deg") + real("M_out", "output")),
+                    wire("x", "vendor.In1") + wire("vendor.M_out", "y"),
+                    real("x", "input") + real("y", "output"),
+                    name="inner",
+                ),
+                wire("subtalar_angle", "inner.x", TO_DEG) + wire("inner.y", "subtalar_torque"),
+                real("subtalar_angle", "input", "rad") + real("subtalar_torque", "output"),
+            ),
+            "inner.x states no unit, and a transformation stands between it and rad",
+        ),
+        (
+            system(
+                component("vendor", VENDOR),
+                wire("subtalar_angle", "vendor.In1") + wire("vendor.M_out", "subtalar_torque"),
+                real("subtalar_angle", "input", "N.m") + real("subtalar_torque", "output"),
+            ),
+            "its input subtalar_angle: the units do not match: rad (rad) and N.m",
+        ),
+        (
+            system(
+                PLAIN,
+                THROUGH + wire("brace.subtalar_torque", "SubtalarTorque"),
+                OUTSIDE + real("SubtalarTorque", "output"),
+            ),
+            "its output SubtalarTorque: another output means plant.brace_subtalar_torque as well",
+        ),
+    ],
+)
+def test_units_that_cannot_be_known_are_refused(content: str, words: str, pack: Callable[..., Path]) -> None:
+    with pytest.raises(InputError) as problem:
+        landed(pack(structure(content)))
+    assert words in str(problem.value)
+    assert "\n" not in str(problem.value)
 
 
 def test_a_device_of_two_fmus(pack: Callable[..., Path], braced: np.ndarray, tmp_path: Path) -> None:
@@ -456,6 +589,45 @@ def test_parameters(binding_: str, above: str, stiffness: str, pack: Callable[..
     assert load_scenario("incline30").replace_fmu("brace", package).parameters["brace.stiffness"] == stiffness
 
 
+def test_a_value_without_a_unit_is_in_that_of_its_connector(pack: Callable[..., Path]) -> None:
+    """A parameter of a system in kN.m/rad, which leads to one of an FMU in N.m/rad, through two levels."""
+    k = real("k", "parameter", "kN.m/rad")
+    inner = system(PLAIN, THROUGH + wire("q", "brace.stiffness"), OUTSIDE + k.replace('"k"', '"q"'), name="inner")
+    for given in ('value="0.03"', 'value="30" unit="N.m/rad"'):
+        values = parameters(value("k", f"<ssv:Real {given}/>"), UNITS.replace("ssd:U", "ssv:U"))
+        content = system(inner, THROUGH.replace("brace", "inner") + wire("k", "inner.q"), OUTSIDE + k, binding(values))
+        scenario = load_scenario("incline30").replace_fmu("brace", pack(structure(content)))
+        assert scenario.parameters["brace.stiffness"] == "30.0 N.m/rad"
+    content = system(
+        PLAIN, THROUGH + wire("k", "brace.stiffness"), OUTSIDE + k.replace("kN.m/rad", "N.m"), binding(values)
+    )
+    with pytest.raises(InputError, match=r"N.m/rad .* is not N.m "):
+        landed(pack(structure(content)))
+
+
+def test_a_start_value_of_what_the_plant_feeds_is_left_out(pack: Callable[..., Path], braced: np.ndarray) -> None:
+    """Others write one for every input. An output that is no signal of the contract, and one that nothing feeds, are
+    said as well."""
+    package = pack(
+        structure(
+            system(
+                PLAIN,
+                THROUGH + wire("brace.subtalar_torque", "ankle_torqe"),
+                OUTSIDE + real("ankle_torqe", "output") + real("talocrural_torque", "output"),
+                binding(parameters(value("subtalar_angle", '<ssv:Real value="0.5"/>'))),
+            )
+        )
+    )
+    scenario = load_scenario("incline30").replace_fmu("brace", package)
+    assert np.array_equal(angles(scenario), braced)
+    for words in (
+        "brace.subtalar_angle: is fed by plant.subtalar_angle; its start value is left out",
+        "output ankle_torqe of the system is no signal of the contract; left out",
+        "output talocrural_torque of the system is fed by nothing",
+    ):
+        assert any(words in warning for warning in scenario.warnings)
+
+
 def test_what_is_left_out_is_said(pack: Callable[..., Path]) -> None:
     """The standard ignores values without a parameter; here a warning names them."""
     package = pack(with_binding(binding(parameters(value("stifness", '<ssv:Real value="30"/>')))))
@@ -477,6 +649,10 @@ def test_a_parameter_set_inside_an_fmu(brace: Path, tmp_path: Path, capsys: pyte
     assert found[0] == found[1] == found[2]
     assert _run([*run, "brace=@soft"], []) == 2
     assert "has no parameter set of that name; it has p, stiff" in capsys.readouterr().err
+    with zipfile.ZipFile(fmu, "a") as archive:
+        archive.writestr("resources/old/stiff.ssv", parameters(STIFF.replace("30", "3")))
+    assert _run([*run, "brace=@stiff"], []) == 2
+    assert "has several of that name: resources/stiff.ssv, resources/old/stiff.ssv" in capsys.readouterr().err
 
 
 # ---- what is supported, row by row
@@ -755,3 +931,34 @@ def test_ecos_runs_the_package(name: str, tmp_path: Path) -> None:
     ours = angles(replace(scenario, master=replace(scenario.master, guard=False)))
     assert np.ptp(ours) > 0.1
     assert np.abs(ours - theirs).max() < 1e-12
+
+
+def by_omsimulator(file: Path) -> np.ndarray:
+    """plant.subtalar_angle (301,) [rad] as OMSimulator's command line runs a package or an FMU."""
+    out = file.with_suffix(".csv")
+    options = ["--stripRoot=true", "--mode=cs", "--stepSize=0.0005", "--stopTime=0.15", f"--resultFile={out.name}"]
+    command = [OMSIMULATOR, *options, f"--tempDir={file.parent}", file.name]
+    run = subprocess.run(command, cwd=file.parent, capture_output=True, text=True, check=False, timeout=300)
+    assert run.returncode == 0, run.stdout[-2000:] + run.stderr[-2000:]
+    head, *rows = list(csv.reader(out.read_text().splitlines()))
+    column = head.index("plant.subtalar_angle")
+    last = {round(float(row[0]) / 0.0005): float(row[column]) for row in rows}  # of several rows of one time
+    return np.array([last[k] for k in range(301)])
+
+
+@pytest.mark.skipif(not OMSIMULATOR.exists(), reason=f"no OMSimulator ({OMSIMULATOR}); set SPRAIN_OMSIMULATOR")
+@pytest.mark.parametrize(
+    "name", ["level", "incline30", "incline30_reflex", "incline30_coactivation", "incline30_brace", "incline30_mixed"]
+)
+def test_omsimulator_runs_the_package(name: str, tmp_path: Path) -> None:
+    """Its master is our scheme gauss-seidel; its result file has 12 digits."""
+    scenario = load_scenario(name).with_master("gauss-seidel")
+    export_package(scenario, tmp_path / "landing.ssp")
+    assert np.abs(by_omsimulator(tmp_path / "landing.ssp") - angles(scenario)).max() < 1e-11
+
+
+@pytest.mark.skipif(not OMSIMULATOR.exists(), reason=f"no OMSimulator ({OMSIMULATOR}); set SPRAIN_OMSIMULATOR")
+def test_omsimulator_runs_a_container(tmp_path: Path) -> None:
+    scenario = load_scenario("incline30_mixed")
+    export_container(scenario, tmp_path / "landing.fmu")
+    assert np.abs(by_omsimulator(tmp_path / "landing.fmu") - angles(scenario)).max() < 1e-11

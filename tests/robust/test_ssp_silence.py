@@ -6,6 +6,7 @@ import random
 import zipfile
 from collections.abc import Callable
 from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,9 @@ from lxml import etree
 from sprain_cosim import load_scenario
 from sprain_cosim.errors import InputError
 from sprain_cosim.export.package import export_package
+from sprain_cosim.fmu.element import Connector
 from sprain_cosim.ssp.flat import Flat, flattened
+from sprain_cosim.ssp.values import Assigned, Transformation
 from tests.native import device
 from tests.systems import (
     DEVICE,
@@ -66,6 +69,7 @@ def with_kind(kind: str, connections: str = THROUGH) -> str:
 
 WRONG_UNIT = '<ssv:Units><ssc:Unit name="N.mm/rad"><ssc:BaseUnit kg="1" m="2" s="-2" rad="-1"/></ssc:Unit></ssv:Units>'
 ONE_MAPPING = f'<ssm:ParameterMapping{SPACES} version="1.0"/>'
+THEIRS = '<ssc:Annotation type="org.openmodelica"><step xmlns="urn:x" stepSize="1"/></ssc:Annotation>'
 MASTER = '<ssc:Annotation type="x"><own:Master xmlns:own="urn:sprain-cosim:ssp:1"/></ssc:Annotation>'
 MAPPED = '<ssm:MappingEntry source="stiffness" target="stiffness">{}</ssm:MappingEntry>'
 REFUSED = {  # of both versions of the standard
@@ -112,30 +116,31 @@ REFUSED = {  # of both versions of the standard
         ),
         "has two entries for 3",
     ),
+    "local variable": (DEVICE.replace('kind="input"', 'kind="local"'), "local"),
     "parameter fed": (
         structure(system(PLAIN, THROUGH + wire("brace.subtalar_torque", "brace.stiffness"), OUTSIDE)),
         "a parameter can be fed by a parameter of the system around it only",
     ),
-    "unknown annotation": (annotated(DEVICE, "SystemStructureDescription", "Mastr"), "annotation Mastr: none of ours"),
-    "annotation elsewhere": (annotated(DEVICE, "Component", "Master"), "Master: belongs to SystemStructureDescription"),
+    "unknown annotation": (annotated(DEVICE, "System", "Mastr"), "annotation Mastr: none of ours"),
+    "annotation elsewhere": (annotated(DEVICE, "Component", "Master"), "Master: belongs to the outermost System"),
     "attribute of ours": (
-        annotated(DEVICE, "SystemStructureDescription", 'Master communicatonStep="0.0001"'),
+        annotated(DEVICE, "System", 'Master communicatonStep="0.0001"'),
         "annotation Master: communicatonStep: its attributes are communicationStep, scheme",
     ),
     "two of ours": (
-        annotated(DEVICE, "SystemStructureDescription", "Master").replace("</ssd:Ann", f"{MASTER}</ssd:Ann"),
+        annotated(DEVICE, "System", "Master").replace("</ssd:Ann", f"{MASTER}</ssd:Ann"),
         "annotation Master: there are two",
     ),
     "attribute of ours left out": (
-        annotated(DEVICE, "SystemStructureDescription", 'Master scheme="auto"'),
+        annotated(DEVICE, "System", 'Master scheme="auto"'),
         "annotation Master: has no communicationStep",
     ),
     "number of Python": (
-        annotated(DEVICE, "SystemStructureDescription", 'HandOver source="a.b" target="c.d" factor="1_0"'),
+        annotated(DEVICE, "System", 'HandOver source="a.b" target="c.d" factor="1_0"'),
         "'1_0' is no number",
     ),
     "hand-over of nothing": (
-        annotated(DEVICE, "SystemStructureDescription", 'HandOver source="brace.k" target="plant.k"'),
+        annotated(DEVICE, "System", 'HandOver source="brace.k" target="plant.k"'),
         "annotation HandOver: brace.k: there is no such connector",
     ),
     "texts": (bound(binding(parameters(value("", '<ssv:String><ssv:Value value=""/></ssv:String>')))), "Value"),
@@ -153,6 +158,10 @@ def test_what_would_stand_for_nothing_is_refused(name: str, version: str, pack: 
 
 
 NOTED = {
+    "annotation of others": (
+        DEVICE.replace("</ssd:System>", f"<ssd:Annotations>{THEIRS}</ssd:Annotations></ssd:System>"),
+        "annotations of org.openmodelica are for other tools and left out",
+    ),
     "a connector left out": (
         DEVICE.replace(real("subtalar_torque", "output", "N.m"), ""),
         "brace: subtalar_torque: connected and not stated among the connectors",
@@ -291,3 +300,34 @@ def test_slips_are_refused_or_said(tmp_path: Path) -> None:
             tally["meant"] += 1
     assert tally["refused"] > 60
     assert tally["said"] > 0
+
+
+# ---- mappings of values
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "change", "table", "expected"),
+    [
+        ("Boolean", "1", "Boolean", {"true": "false"}, False),
+        ("Boolean", "false", "Boolean", {"true": "false"}, False),  # not in the table: it stays
+        ("Integer", "3", "Integer", {"3": "30"}, 30),
+        ("Integer", "4", "Integer", {"3": "30"}, 4),
+        ("Enumeration", "hard", "Enumeration", {"hard": "stiff"}, "stiff"),
+        ("Enumeration", "soft", "Enumeration", {"hard": "stiff"}, "soft"),
+        ("Enumeration", "hard", "Enumeration", {}, "must be one of soft, stiff"),
+        ("Int64", "7", "Integer", {"7": "2"}, "stiff"),
+        ("Int64", "1", "Integer", {"7": "2"}, "soft"),
+        ("Int64", "1", "Enumeration", {"1": "stiff"}, "EnumerationMappingTransformation does not belong"),
+        ("Enumeration", "soft", "Integer", {"1": "2"}, "IntegerMappingTransformation does not belong"),
+    ],
+)
+def test_a_mapped_value(kind: str, text: str, change: str, table: dict[str, str], expected: bool | int | str) -> None:
+    """What a table does not have stays as it is, as the standard says; the type of the value is that of the table."""
+    items = {"soft": 1, "stiff": 2} if kind in ("Enumeration", "Int64") else {}
+    connector = Connector("x", 0, "parameter", {"Boolean": "boolean", "Integer": "integer"}.get(kind, "enumeration"))
+    value = Assigned("x", kind, text, transformation=Transformation(f"{change}MappingTransformation", table=table))
+    if isinstance(expected, str) and " " in expected:
+        with pytest.raises(InputError, match=expected):
+            value.value(replace(connector, items=items))
+    else:
+        assert value.value(replace(connector, items=items)) == expected
