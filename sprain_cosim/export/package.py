@@ -89,7 +89,7 @@ def _joint(system: System, parts: dict[str, Exported], source: str, target: str)
     own = [connector.unit for _, connector in ends]
     one, other = own
     alike = (one is None and other is None) or (one is not None and other is not None and one.same_dimension(other))
-    plain = alike and link == (1.0, 0.0)  # the standard leaves it to the tool whether it converts units: some do not
+    plain = alike and conversion(one, other) == link
     (first, giving), (second, taking) = ends
     return Joint(f"{first}.{giving.name}", f"{second}.{taking.name}", None if plain else link)
 
@@ -106,6 +106,16 @@ def _written(part: Exported, system: System, joints: list[Joint]) -> Written:
     return Written(component.name, component.fmu.read_bytes(), connectors, values, part.device())
 
 
+def _converted(parts: dict[str, Exported], joints: list[Joint]) -> list[str]:
+    """The inputs whose number is in another unit than that of the output."""
+    found = []
+    for joint in (j for j in joints if j.link is None):
+        ends = [e.partition(".")[::2] for e in (joint.source, joint.target)]
+        if conversion(*(parts[part].component.connectors[name].unit for part, name in ends)) != (1.0, 0.0):
+            found.append(joint.target)
+    return found
+
+
 def _notes(parts: dict[str, Exported], joints: list[Joint], hand_over: list[Joint], step: float) -> list[str]:
     notes = [
         f"{name}: what its mapping allows beyond the sandbox is not in the package; whoever runs it grants that anew"
@@ -116,11 +126,16 @@ def _notes(parts: dict[str, Exported], joints: list[Joint], hand_over: list[Join
         f"all parameter sets are called {SET}: a tool that takes them by name and is not told that one runs the FMUs' "
         "own start values"
     )
-    changed = [joint.target for joint in joints if joint.link is not None]
+    changed, converted = [joint.target for joint in joints if joint.link is not None], _converted(parts, joints)
     if changed:
         notes.append(
-            f"{', '.join(changed)}: the connection has a LinearTransformation; OMSimulator before 2026 leaves it out "
-            "without a word: compare its first run with `run`"
+            f"{', '.join(changed)}: the connection has a LinearTransformation instead of a conversion of units; tools "
+            "leave it out or convert as well without a word (OMSimulator): compare the first run with `run`"
+        )
+    if converted:
+        notes.append(
+            f"{', '.join(converted)}: the tool has to convert the unit; some do not, without a word (ecos): compare "
+            "the first run with `run`"
         )
     if hand_over:
         notes.append(
