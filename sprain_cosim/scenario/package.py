@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..contract import PLANT, plain
-from ..cosim.assembly import conversion
+from ..cosim.layout import conversion
 from ..cosim.master import Master
 from ..errors import InputError, problems_to_error
 from ..fmu import cache

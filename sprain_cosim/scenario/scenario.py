@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from ..contract import PLANT
-from ..cosim.assembly import Assembly, conversion
+from ..cosim.assembly import Assembly
 from ..cosim.coupling import check_scheme
+from ..cosim.layout import conversion
 from ..cosim.master import Master
 from ..cosim.result import HALVED_WITHIN, PEAK, Result, unconverged
 from ..cosim.system import System, coupled

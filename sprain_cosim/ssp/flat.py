@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from ..cosim.assembly import conversion
+from ..cosim.layout import conversion
 from ..errors import InputError, nearest, problems_to_error
 from ..fmu.component import Component
 from ..fmu.element import Connector
