@@ -3,12 +3,14 @@ the commands."""
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import functools
 import json
 import logging
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
@@ -25,16 +27,30 @@ if TYPE_CHECKING:
     from .study.study import Study
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+NOBODY_READS = 141  # as a shell has it of SIGPIPE
+NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)  # of what was typed
 RENAMED = {"--output": "--out"}  # spellings of version 0.1, which this version still takes
+
+
+class _NamedPath(click.Path):
+    """One that is empty, such as of a variable of the shell that is not set, is not the folder that one stands in."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value == "":
+            self.fail("is empty; name a file or a folder", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+PATH = _NamedPath(path_type=Path)
 
 
 def out_option(text: str, **more: Any) -> Callable[[Command], Command]:
     """Where a command writes, spelled alike everywhere."""
-    return click.option("-o", "--out", type=click.Path(path_type=Path), help=text, **more)
+    return click.option("-o", "--out", type=PATH, help=text, **more)
 
 
 OUT = out_option("Folder for signals, summary and figure.")
-FOLDERS = click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
+FOLDERS = click.argument("folders", nargs=-1, required=True, type=PATH)
 FMUS = click.option(
     "--fmu",
     "fmus",
@@ -151,13 +167,13 @@ def run_command(
     if in_process:
         chosen = chosen.unconfined()
     for warning in (*chosen.warnings, *chosen.doubts(), *device_doubts(chosen)):
-        _show(f"warning: {warning}", err=True)
+        _warn(warning)
     if out is not None:
         _warn_of_run(out, force)
         chosen = chosen.recording("plant.*")
     result = chosen.run(halve=True, limits=_limits(trial_limit))
     if result.warning:
-        _show(f"warning: {result.warning}", err=True)
+        _warn(result.warning)
     said = {name: m for name, m in result.messages.items() if not m.first or m.first not in result.message}
     _print_messages({name: (m.grave, m.text) for name, m in said.items()})  # but what the error quotes anyway
     summary = RunSummary.of(chosen, result)
@@ -185,19 +201,22 @@ def _warn_of_run(out: Path, force: bool) -> None:
 
     check_run_folder(out)
     if (out / FILE).exists() and not force:
-        _show(f"warning: {out}: its earlier run is overwritten; the next version asks for --force", err=True)
+        _warn(f"{out}: its earlier run is overwritten; the next version asks for --force")
 
 
-def _warn_of_file(target: Path, force: bool) -> None:
-    """Before a file that people edit is written anew."""
+def _warn_of_file(target: Path, force: bool, sources: Iterable[Path | None]) -> None:
+    """Before a file that people edit is written anew. Raises InputError where it is made of that file."""
+    from .files import check_file
+
+    check_file(target, sources)
     if target.exists() and not force:
-        _show(f"warning: {target}: is overwritten; the next version asks for --force", err=True)
+        _warn(f"{target}: is overwritten; the next version asks for --force")
 
 
 def _print_messages(lines: Mapping[str, tuple[bool, str]]) -> None:
     """{component: (whether it warned, what its FMU said)}."""
     for name, (grave, text) in lines.items():
-        _show(f"{'warning' if grave else 'note'}: {name}: {text}", err=True)
+        _show(f"{'warning' if grave else 'note'}: {name}: {_one_line(text)}", err=True)
 
 
 def _print_table(title: str, pose: str | None, result: Result) -> None:
@@ -276,7 +295,7 @@ class CampaignOptions:
         idle = study.scenario.without_effect(study.names)
         doubts = (*warnings, *idle, *study.scenario.doubts(), *device_doubts(study.scenario))
         for warning in (*study.warnings, *doubts):
-            _show(f"warning: {warning}", err=True)
+            _warn(warning)
         again, out = _again(), self.out or folder
         share, limits = _share(self.max_failed), _limits(self.trial_limit)
         try:
@@ -341,7 +360,12 @@ def campaign_options(failures: str, out: str) -> Callable[[Command], Command]:
 
 def _again() -> str:
     """The command that was typed, without --resume."""
-    return f"sprain-cosim {' '.join(SYSTEM.quoted(a) for a in sys.argv[1:] if a != '--resume')}"
+    return _command(*(a for a in sys.argv[1:] if a != "--resume"))
+
+
+def _command(*words: object) -> str:
+    """As it is typed."""
+    return f"sprain-cosim {' '.join(SYSTEM.quoted(str(word)) for word in words)}"
 
 
 @cli.command("study")
@@ -374,7 +398,7 @@ def _again() -> str:
 )
 @click.option(
     "--inputs",
-    type=click.Path(path_type=Path),
+    type=PATH,
     metavar="TABLE.csv",
     help="Run these rows: header component.parameter [unit].",
 )
@@ -412,7 +436,7 @@ def study_command(
         if method not in (None, "table") or trials is not None:
             raise InputError("--inputs: its rows are the trials; leave --method and --trials out")
         chosen = chosen.with_inputs(inputs)
-    portion = part(shard) if shard else None
+    portion = None if shard is None else part(shard)
     name = Path(study).stem + (f"-{portion[0]}of{portion[1]}" if portion else "")
     done = how.land(
         chosen,
@@ -435,21 +459,19 @@ def study_command(
 def _warn_of_trials(done: Campaign, folder: Path) -> None:
     """What a reader of the table must know."""
     for warning in done.warnings:
-        _show(f"warning: {warning}", err=True)
+        _warn(warning)
     summary = done.summary
     trials = summary.n_completed + summary.n_failed
     _print_messages({name: (said.grave, said.text(trials)) for name, said in summary.fmu_messages.items()})
     if done.summary.not_reproduced:
-        _show(
-            f"warning: trials {list(done.summary.not_reproduced)} gave other numbers when they were run again "
-            "for their trajectories",
-            err=True,
+        _warn(
+            f"trials {list(done.summary.not_reproduced)} gave other numbers when they were run again for their "
+            "trajectories"
         )
     if done.summary.n_failed:
-        _show(
-            f"warning: {done.summary.n_failed} trials failed; how, and the commands that run them again: "
-            f"{folder / 'failures.json'}",
-            err=True,
+        _warn(
+            f"{done.summary.n_failed} trials failed; how, and the commands that run them again: "
+            f"{folder / 'failures.json'}"
         )
 
 
@@ -495,7 +517,7 @@ def design_command(
     _show(
         json.dumps(found.to_json(), allow_nan=False)
         if how.as_json
-        else f"{study_listing(done.study, done.summary)}\n\nwritten: {done.out}\nnext: sprain-cosim report {done.out}"
+        else f"{study_listing(done.study, done.summary)}\n\nwritten: {done.out}\nnext: {_command('report', done.out)}"
     )
     return 0 if found.met else 1
 
@@ -512,7 +534,7 @@ def merge_command(folders: tuple[Path, ...], out: Path | None, parquet: bool, as
 
     done = merge(folders, out, parquet)
     for line in done.warnings:
-        _show(f"warning: {line}", err=True)
+        _warn(line)
     _show(
         json.dumps(done.summary.to_json(), allow_nan=False)
         if as_json
@@ -521,7 +543,7 @@ def merge_command(folders: tuple[Path, ...], out: Path | None, parquet: bool, as
 
 
 @cli.command("trial")
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=PATH)
 @click.argument("number", type=click.IntRange(0))
 @TRIAL_LIMIT
 @OUT
@@ -565,7 +587,7 @@ def trial_command(
 
 
 @cli.command("reproduce")
-@click.argument("manifest", type=click.Path(path_type=Path))
+@click.argument("manifest", type=PATH)
 @WORKERS
 @PROGRESS
 @out_option("Folder of the repetition (default: the study's folder with -again).")
@@ -582,11 +604,11 @@ def reproduce_command(manifest: Path, workers: int | None, progress: str, out: P
 
 
 @cli.command("check")
-@click.argument("fmu", type=click.Path(path_type=Path))
+@click.argument("fmu", type=PATH)
 @click.option(
     "--map",
     "mapping",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Mapping file: the FMU's names, signs and units to the contract's.",
 )
 @click.option(
@@ -712,7 +734,7 @@ def compare_command(
         raise
     for entry in done.entries:
         for warning in entry.warnings:
-            _show(f"warning: {entry.name}: {warning}", err=True)
+            _warn(f"{entry.name}: {warning}")
     _show(
         json.dumps(done.summary.to_json(), allow_nan=False)
         if as_json
@@ -741,19 +763,18 @@ def brace_group() -> None:
 
 
 @brace_group.command("new")
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=PATH)
 @click.option("--lang", type=click.Choice(["python", "c"]), required=True, help="Language of the brace.")
 def brace_new(folder: Path, lang: str) -> None:
     """Start a brace project in FOLDER: sources that build as they are, and a README."""
     from .brace.new import new_brace
 
-    _show(
-        f"written: {', '.join(str(path) for path in new_brace(folder, lang))}\nnext: sprain-cosim brace build {folder}"
-    )
+    made = ", ".join(str(path) for path in new_brace(folder, lang))
+    _show(f"written: {made}\nnext: {_command('brace', 'build', folder)}")
 
 
 @brace_group.command("build")
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=PATH)
 @out_option("FMU to write (default: FOLDER's name .fmu, here).")
 @PLATFORM
 def brace_build(folder: Path, out: Path | None, platforms: tuple[str, ...]) -> None:
@@ -761,11 +782,11 @@ def brace_build(folder: Path, out: Path | None, platforms: tuple[str, ...]) -> N
     from .brace.new import build_brace
 
     target = build_brace(folder, out, platforms)
-    _show(f"written: {target}\nnext: sprain-cosim check {target}")
+    _show(f"written: {target}\nnext: {_command('check', target)}")
 
 
 @brace_group.command("from-csv")
-@click.argument("table", type=click.Path(path_type=Path))
+@click.argument("table", type=PATH)
 @out_option("FMU to write (default: TABLE with the ending .fmu).")
 def from_csv_command(table: Path, out: Path | None) -> None:
     """Turn a torque-angle TABLE (CSV: angle [deg], subtalar_resistance [N.m], ...) into an FMU; no compiler needed."""
@@ -773,15 +794,15 @@ def from_csv_command(table: Path, out: Path | None) -> None:
 
     made = brace_from_csv(table, out)
     _show_spans(made.spans)
-    _show(f"written: {made.fmu}\nnext: sprain-cosim check {made.fmu}")
+    _show(f"written: {made.fmu}\nnext: {_command('check', made.fmu)}")
 
 
 @brace_group.command("calibrate")
-@click.argument("fmu", type=click.Path(path_type=Path))
+@click.argument("fmu", type=PATH)
 @click.option(
     "--bench",
     required=True,
-    type=click.Path(path_type=Path),
+    type=PATH,
     metavar="TABLE.csv",
     help="Measured torques, as from-csv reads them.",
 )
@@ -796,7 +817,7 @@ def from_csv_command(table: Path, out: Path | None) -> None:
 @click.option(
     "--map",
     "mapping",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Mapping file: the FMU's names, signs and units to the contract's.",
 )
 @out_option("File for the values, a figure beside it (default: FMU's name -values.toml, here).")
@@ -809,10 +830,10 @@ def brace_calibrate(
 
     found = calibrate(fmu, bench, dict(_pair(text, "--vary", "NAME=LOW..HIGH") for text in varied), mapping)
     target = out or Path(f"{fmu.stem}-values.toml")
-    _warn_of_file(target, force)
+    _warn_of_file(target, force, (fmu, bench, mapping))
     write_calibration(target, found, bench.name)
     _show(f"{found.listing()}\n\nwritten: {target}, {target.with_suffix('.png')}")
-    _show(f"next: sprain-cosim design STUDY --fmu brace={fmu} {found.settings()} --vary ... --goal ...")
+    _show(f"next: {_command('design', 'STUDY', '--fmu', f'brace={fmu}')} {found.settings()} --vary ... --goal ...")
 
 
 @cli.group("anatomy", cls=guidance.Guided)
@@ -821,11 +842,11 @@ def anatomy_group() -> None:
 
 
 @anatomy_group.command("from-csv")
-@click.argument("table", type=click.Path(path_type=Path))
+@click.argument("table", type=PATH)
 @click.option(
     "--with-brace",
     "worn",
-    type=click.Path(path_type=Path),
+    type=PATH,
     metavar="TABLE2.csv",
     help="The same ankle with a brace on: their difference becomes the brace's FMU.",
 )
@@ -857,7 +878,7 @@ def anatomy_from_csv(
     found, curves = measured_ankle(table, base, **held)
     brace = None if worn is None else brace_between(worn, curves, table)
     target = out or Path(f"{table.stem}.toml")
-    _warn_of_file(target, force)
+    _warn_of_file(target, force, (table, worn, Path(base)))
     write_ankle(target, found, table.name, base)
     _show(f"{found.listing()}\n\nwritten: {target}, {target.with_suffix('.png')}")
     device = target.with_name(f"{target.stem}_brace.fmu")
@@ -865,7 +886,7 @@ def anatomy_from_csv(
         spans = write_difference(device, brace, worn, fmu_path("brace_table", Path.cwd(), "brace_table"))
         _show_spans(spans)
         _show(f"written: {device}")
-    _show(f"next: sprain-cosim run {target}{'' if brace is None else f' --fmu brace={device}'}")
+    _show(f"next: {_command('run', target, *([] if brace is None else ['--fmu', f'brace={device}']))}")
 
 
 def _show_spans(spans: Mapping[str, tuple[float, float]]) -> None:
@@ -990,7 +1011,7 @@ def animate_command(folders: tuple[Path, ...], trial: str | None, slow: float, o
 
 
 @cli.command("export")
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=PATH)
 @TRIAL
 @click.option(
     "--format",
@@ -1070,14 +1091,14 @@ def ssp_export(
     chosen = _changed(load_scenario(scenario), fmus, maps, settings, subject)
     chosen = chosen.with_master(scheme=scheme, communication_step=step)
     for warning in chosen.warnings:
-        _show(f"warning: {warning}", err=True)
+        _warn(warning)
     for note in export_container(chosen, out) if container else export_package(chosen, out, standard or "1.0"):
         _show(f"note: {note}")
     _show(f"written: {out} ({out.stat().st_size / 1e6:.1f} MB)")
 
 
 @ssp_group.command("check")
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=PATH)
 @JSON
 def ssp_check(file: Path, as_json: bool) -> None:
     """Say whether FILE.ssp can be run here: archive, schema, references, units, connections, loops. Nothing runs."""
@@ -1093,7 +1114,7 @@ def ssp_check(file: Path, as_json: bool) -> None:
 
 
 @cli.command("motion")
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=PATH)
 @click.option("--at", metavar='"0.81 s"', help="Instant in the file (default: first contact of the foot).")
 @click.option("--side", type=click.Choice(["right", "left"]), default="right", show_default=True, help="Landing foot.")
 @click.option(
@@ -1110,9 +1131,7 @@ def ssp_check(file: Path, as_json: bool) -> None:
 )
 @click.option("--angles", type=click.Choice(["degrees", "radians"]), help="Of the file, where its header does not say.")
 @click.option("--turn", metavar='"90 deg"', help="Turn the motion about the vertical, + to the left.")
-@click.option(
-    "--model", type=click.Path(path_type=Path), metavar="FILE.osim", help="The person's scaled model: size, mass."
-)
+@click.option("--model", type=PATH, metavar="FILE.osim", help="The person's scaled model: size, mass.")
 @out_option("Scenario file, a page and a picture beside it (default: FILE's name .toml, here).")
 @FORCE
 @JSON
@@ -1145,16 +1164,16 @@ def motion_command(
     numbers = of(at, "s", "at") | of(cutoff, "Hz", "cutoff") | of(turn, "rad", "turn")
     start = motion_start(file, side=side, pose=pose, base=base, knee=knee, angles=angles, model=model, **numbers)
     for warning in motion_warnings(start):
-        _show(f"warning: {warning}", err=True)
+        _warn(warning)
     peaks = peak_doubts(start)
     target = out or Path(f"{file.stem}.toml")
-    _warn_of_file(target, force)
+    _warn_of_file(target, force, (file, model, Path(base)))
     written = write_motion(start, peaks, target)
     if as_json:
         _show(json.dumps(motion_json(start, peaks), allow_nan=False))
         return
     _show(f"{motion_listing(start, peaks)}\n\nwritten: {', '.join(str(path) for path in written)}")
-    _show(f"next: sprain-cosim run {written[0]}")
+    _show(f"next: {_command('run', written[0])}")
 
 
 @cli.command("report")
@@ -1173,7 +1192,7 @@ def report_command(folders: tuple[Path, ...], trial: str | None, out: Path | Non
 
     found = read_folders(folders)
     for line in edited_since(found):
-        _show(f"warning: {line}", err=True)
+        _warn(line)
     _show(f"written: {write_report(found, out or folders[0], trial)}")
 
 
@@ -1259,13 +1278,11 @@ def build_command(models: tuple[str, ...], platforms: tuple[str, ...]) -> None:
     metavar="ID",
     help="An id, a group (paper) or a pattern (uq-0*); may be given more than once.",
 )
-@click.option(
-    "--checks", "folder", type=click.Path(path_type=Path), metavar="FOLDER", help="Your own checks: *.toml files."
-)
+@click.option("--checks", "folder", type=PATH, metavar="FOLDER", help="Your own checks: *.toml files.")
 @click.option("--workers", type=click.IntRange(1), help="Worker processes of the studies (default: one per core).")
 @click.option("--strict", is_flag=True, help="Known gaps and checks that could not run fail the validation too.")
 @out_option("Folder for validation.html, validation.json, junit.xml, credibility.md.", metavar="DIR")
-@click.option("--junit", type=click.Path(path_type=Path), metavar="FILE", help="JUnit XML.")
+@click.option("--junit", type=PATH, metavar="FILE", help="JUnit XML.")
 @JSON
 @click.pass_obj
 def validate_command(
@@ -1395,10 +1412,29 @@ def main(arguments: list[str] | None = None) -> None:
     received = signals.interrupt()
     _keep_stdout()
     terminal.make_readable()
-    code = _run(arguments, received)
+    code = _delivered(_run(arguments, received))
     if received:
         signals.settle()
     sys.exit(signals.exit_code(received[0]) if received else code)
+
+
+def _delivered(code: int) -> int:
+    """The exit code once all that was printed is out: a full disk is no success, a reader that has gone no failure of
+    ours."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except (OSError, ValueError) as problem:
+        _silence()
+        gone = isinstance(problem, BrokenPipeError)
+        return code or (NOBODY_READS if gone else _say(f"standard output: {_of_system(problem)}", 4))
+    return code
+
+
+def _silence() -> None:
+    """What is still to be printed goes nowhere, so that nothing fails once more at the end."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _keep_stdout() -> None:
@@ -1440,13 +1476,13 @@ def _run(arguments: list[str] | None, received: list[int]) -> int:
         code = _say("interrupted" if received else _one_line(str(problem)), problem.exit_code)
     except (click.Abort, signals.Interrupted):
         code = _say("interrupted", 130)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = 141
+    except (signals.NobodyReads, BrokenPipeError):
+        _silence()
+        code = NOBODY_READS
     except (OSError, ImportError) as problem:
         if os.environ.get("SPRAIN_COSIM_DEBUG"):
             raise
-        code = _say(_one_line(str(problem)), 4)
+        code = _say(_one_line(_of_system(problem)), 2 if getattr(problem, "errno", None) in NO_NAME else 4)
     except MemoryError:
         code = _say("this machine has too little memory for it", 4)
     except Exception as problem:
@@ -1468,7 +1504,7 @@ def _renamed(arguments: list[str]) -> list[str]:
     for argument in arguments:
         name, equals, value = argument.partition("=")
         if name in RENAMED:
-            _show(f"warning: {name} is called {RENAMED[name]} now; the next version no longer takes it", err=True)
+            _warn(f"{name} is called {RENAMED[name]} now; the next version no longer takes it")
         present.append(f"{RENAMED.get(name, name)}{equals}{value}")
     return present
 
@@ -1477,7 +1513,7 @@ class _Warnings(logging.Handler):
     """What the package logs, as the command line says it."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        _show(f"warning: {_one_line(record.getMessage())}", err=True)
+        _warn(record.getMessage())
 
 
 def _say(message: str, code: int) -> int:
@@ -1485,10 +1521,21 @@ def _say(message: str, code: int) -> int:
     return code
 
 
+def _warn(text: str) -> None:
+    _show(f"warning: {_one_line(text)}", err=True)
+
+
 def _show(text: str, err: bool = False) -> None:
     """The one way to the terminal, within its width: titles, names and paths come from strangers."""
     columns = terminal.width(sys.stderr if err else sys.stdout)
     click.echo(terminal.coloured(terminal.fitted(visible(text), columns), columns), err=err)
+
+
+def _of_system(problem: Exception) -> str:
+    """What this system says of a file, without the number that it has for that."""
+    if not isinstance(problem, OSError) or problem.strerror is None:
+        return str(problem)
+    return f"{problem.filename}: {problem.strerror}" if problem.filename is not None else problem.strerror
 
 
 def _one_line(text: str) -> str:

@@ -120,6 +120,11 @@ def problems_to_error(place: str, problems: Iterable[str]) -> None:
         raise InputError(f"{place}: {len(found)} problems: " + "; ".join(f"({k}) {p}" for k, p in enumerate(found, 1)))
 
 
+def without_name(name: str, said: object) -> str:
+    """What was said of a component that begins with its name, for a line that names it already."""
+    return str(said).removeprefix(f"{name}: ")
+
+
 def visible(text: str) -> str:
     """The text with control characters shown instead of sent to a terminal, a page, a figure or a table: all that is
     not printed, such as escape sequences and turns of the direction of writing; ends of lines and tabs remain."""

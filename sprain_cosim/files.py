@@ -17,7 +17,7 @@ import math
 import re
 import secrets
 import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -46,6 +46,29 @@ def check_path(path: Path) -> None:
         raise InputError(f"{path}: {why}")
 
 
+def check_file(path: Path, sources: Iterable[Path | None] = (), beside: Collection[str] = ()) -> None:
+    """The same for a file that is to be written; for one that it is made of; and for one that would be replaced by what
+    is written beside it, under the same name with one of these endings."""
+    check_path(path)
+    if not path.name or path.is_dir():
+        raise InputError(f"{path}: is a folder; name a file")
+    for source in sources:
+        if source is not None and source.exists() and path.exists() and path.samefile(source):
+            raise InputError(f"{path}: is what it would be made of; name another file")
+    if path.suffix in beside:
+        raise InputError(f"{path}: the {path.suffix} of that name is written beside it; choose another ending")
+
+
+def is_missing(path: Path) -> str:
+    """Why a path is no folder, in words; empty for one that is there."""
+    if why := SYSTEM.refusal(path):
+        return why
+    with contextlib.suppress(OSError):  # a name that none can have
+        if path.exists():
+            return "" if path.is_dir() else "is a file; name a folder"
+    return "no such folder"
+
+
 def check_folder(path: Path) -> None:
     """The same for a folder that files are to be put into, and where a file is in its place."""
     if why := SYSTEM.refusal(path, inside=INSIDE):
@@ -64,6 +87,7 @@ def whole_file(path: Path, advice: str = "", parents: bool = False) -> Iterator[
     partial = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.partial{path.suffix}")
     check_path(path)
     check_path(partial)
+    partial = partial.absolute()  # pandas takes a leading ~ for somebody's home
     try:
         if parents:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -72,6 +96,8 @@ def whole_file(path: Path, advice: str = "", parents: bool = False) -> Iterator[
             return
         yield partial
         SYSTEM.rename(partial, path)
+    except FileExistsError as problem:  # in the place of a folder
+        raise EnvironmentProblem(f"{path}: cannot be written: {problem.filename} is a file{advice}") from None
     except OSError as problem:
         raise EnvironmentProblem(f"{path}: cannot be written: {problem.strerror or problem}{advice}") from None
     finally:
@@ -107,7 +133,11 @@ def read_text(path: Path, most: int = LARGEST) -> str:
     """UTF-8, with or without a byte-order mark; not more than `most` bytes."""
     try:
         _check_size(path, most)
-        return path.read_text("utf-8-sig")
+        with path.open("rb") as file:
+            content = file.read(most + 1)  # a device or a pipe has no size
+        if len(content) > most:
+            raise InputError(f"{path}: more than {_megabytes(most)} are not accepted")
+        return io.TextIOWrapper(io.BytesIO(content), "utf-8-sig").read()
     except UnicodeDecodeError:
         raise InputError(f"{path}: is not UTF-8 text") from None
     except FileNotFoundError:
@@ -191,6 +221,7 @@ def read_frame(source: Path | IO[bytes], most: int = LARGEST_TABLE, **options: A
             _check_size(source, most)
             with source.open("rb") as file:
                 _check_lines(file)
+            source = source.absolute()  # pandas takes a leading ~ for somebody's home
         return pd.read_csv(source, **options)
     except FileNotFoundError:
         raise

@@ -4,11 +4,13 @@ loads none of the heavy libraries."""
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import click
 from click.shell_completion import CompletionItem
 
 from .shipped import shipped_fmus, shipped_scenarios, shipped_studies
+from .signals import nobody_reads
 
 LISTED = ("scenarios", "studies", "braces", "parameters", "responses")
 SECTIONS = {  # {group: {subject: {command: what it does, in one line of help}}}
@@ -73,6 +75,14 @@ OTHERS = "Commands"
 
 class Guided(click.Group):
     """A group whose help names its commands by subject and ends with examples; typed alone it shows that help."""
+
+    def make_context(self, *arguments: Any, **more: Any) -> click.Context:
+        with nobody_reads():
+            return super().make_context(*arguments, **more)
+
+    def invoke(self, context: click.Context) -> Any:
+        with nobody_reads():
+            return super().invoke(context)
 
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """Every command that is not hidden: those of SECTIONS, then all others."""

@@ -18,6 +18,18 @@ class Interrupted(BaseException):
     """A signal that asks to stop. Not a KeyboardInterrupt, which click reports in its own way."""
 
 
+class NobodyReads(BaseException):
+    """Who read what is printed has gone. Not a BrokenPipeError, of which click makes a failure of the command."""
+
+
+@contextlib.contextmanager
+def nobody_reads() -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError:
+        raise NobodyReads from None
+
+
 def interrupt() -> list[int]:
     """From here on the signals that ask to stop raise Interrupted in the main thread, again and again until `settle`.
     The numbers of the signals that arrived, in a list that grows."""

@@ -223,16 +223,18 @@ def seconds(value: float | str, what: str) -> float:
     return quantity(stated(value, SECOND), SECOND, what)
 
 
-def whole_number(value: int, what: str, least: int) -> int:
-    """A whole number of Python or numpy. Raises InputError for anything else, and below `least`."""
+def whole_number(value: int, what: str, least: int, most: int | None = None) -> int:
+    """A whole number of Python or numpy. Raises InputError for anything else, below `least` and above `most`."""
     if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
         raise InputError(f"{what} = {value!r}: must be a whole number, {least} or more")
+    if most is not None and value > most:
+        raise InputError(f"{what} = {value!r}: at most {most}")
     return int(value)
 
 
 def proportion(value: float | str, what: str) -> float:
     """0.01 or "1 %". Raises InputError unless it lies between 0 and 1."""
-    share = quantity(value.replace("%", " %") if isinstance(value, str) else value, None, what)
+    share = quantity(value.replace("%", " %") if isinstance(value, str) else value, unit("1"), what)
     if not 0.0 <= share <= 1.0:
         raise InputError(f"{what} {value}: must lie between 0 % and 100 %")
     return share

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from ..errors import InputError, visible
-from ..files import write
+from ..files import check_file, write
 from ..fmu.component import Component
 from ..fmu.driver import Driver
 from ..literature import PASSIVE
@@ -346,9 +346,11 @@ def brace_between(with_brace: Path, without: Curves, source: Path) -> dict[str, 
 
 
 def write_ankle(target: Path, found: MeasuredAnkle, source: str, base: str) -> None:
-    """The scenario, and the figure beside it (.png). Raises EnvironmentProblem."""
+    """The scenario, and the figure beside it (.png). Raises InputError for a target that is no name of a file,
+    EnvironmentProblem."""
     from ..figures import calibration, picture
 
+    check_file(target, beside=(".png",))
     note = f"{source}; deviation {found.rms:.3g} N·m RMS. From the law alone: no landing, no initial pose."
     write(target, found.toml(source, base), parents=True)
     write(

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..contract import AXES, plain
 from ..errors import InputError, SimulationError, nearest
-from ..files import write
+from ..files import check_file, write
 from ..fmu.component import Component
 from ..fmu.confine import confinement
 from ..fmu.driver import own_step
@@ -117,9 +117,11 @@ def calibrate(fmu: Path, bench: Path, ranges: Mapping[str, str], mapping: Path |
 
 
 def write_calibration(target: Path, found: Calibration, source: str) -> None:
-    """The mapping file with the values, and the figure beside it (.png). Raises EnvironmentProblem."""
+    """The mapping file with the values, and the figure beside it (.png). Raises InputError for a target that is no
+    name of a file, EnvironmentProblem."""
     from ..figures import calibration, picture
 
+    check_file(target, beside=(".png",))
     note = f"{source}; deviation {found.rms:.3g} N·m RMS. Held at each angle: no landing."
     write(target, found.toml(source), parents=True)
     write(target.with_suffix(".png"), picture(calibration(found.curves, note), "png"))

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..contract import INPUTS, plain
-from ..errors import InputError, SprainError, nearest
+from ..errors import InputError, SprainError, nearest, without_name
 from ..fmu import archive, cache
 from ..fmu.component import Component
 from ..fmu.confine import confinement
@@ -250,7 +250,9 @@ def _judge_behaviour(
             except ProcessEnded as end:
                 raise InputError(f"{component.fmu}: {_where(child)}: {end}{_words(child)}") from None
             except SprainError as problem:
-                raise InputError(f"{component.fmu}: cannot be instantiated: {problem}") from None
+                raise InputError(
+                    f"{component.fmu}: cannot be instantiated: {without_name(component.name, problem)}"
+                ) from None
             measured, step = _measure(child, component, len(axes), report, say)
             with contextlib.suppress(ProcessEnded, SprainError):
                 changed = child.call("conduct", limit=PROBE_LIMIT)
@@ -306,7 +308,7 @@ def _measure(
             freed = ", while it was freed" if _is_freed(child) else ""
             _report_failure(probe, f"the device {end}{freed}{_words(child)}", component, report)
         except SprainError as problem:
-            _report_failure(probe, str(problem).removeprefix("brace: "), component, report)
+            _report_failure(probe, without_name(component.name, problem), component, report)
         else:
             if probe == "steps":
                 step = judge_steps(measured[probe]["taken"], step, component.capabilities, report)

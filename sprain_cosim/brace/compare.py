@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import EnvironmentProblem, InputError, SimulationError
+from ..errors import EnvironmentProblem, InputError, SimulationError, without_name
 from ..files import check_folder, is_partial, read_toml, write_json
 from ..folders.comparison import FILE, NONE, ComparisonSummary
 from ..folders.read import read_folder
@@ -26,7 +26,7 @@ from ..notebook import Plottable, Rows
 from ..process import Limits
 from ..scenario import Value, load_scenario
 from ..scenario.file import NAME
-from ..shipped import shipped_scenarios, shipped_studies
+from ..shipped import is_file, shipped_scenarios, shipped_studies
 from ..study.file import load_study
 from ..study.methods import SAMPLED
 from ..study.progress import Progress, shown_to
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("sprain_cosim")
 RESERVED = (NONE, "plant", "controller", "figures")
+ROLE = "brace"  # what each of them is called in its landings
 BESIDE = (FILE, "figures", "report.html", "animation.webp")  # what stands in the folder besides those of the braces
 
 
@@ -77,7 +78,7 @@ class Comparison(Plottable):
 def load_source(name: str) -> Source:
     """A scenario or a study, from a file or the name of one that ships. Raises InputError."""
     path = Path(name)
-    if path.is_file():
+    if is_file(path):
         try:
             content = read_toml(path)
         except InputError:
@@ -189,9 +190,9 @@ def _warnings(name: str, variant: Source) -> tuple[str, ...]:
     try:
         said = (*scenario.doubts(), *device_doubts(scenario))
     except InputError as problem:
-        raise InputError(f"{name}: {problem}") from None
-    own = "brace: "
-    return (*scenario.warnings, *(line.removeprefix(own) for line in said if line.startswith(own)))
+        raise InputError(f"{name}: {without_name(ROLE, problem)}") from None
+    own = [line for line in said if line != without_name(ROLE, line)]
+    return tuple(without_name(ROLE, line) for line in (*scenario.warnings, *own))
 
 
 def _run(
@@ -228,8 +229,8 @@ def _run(
                 said = {n: m.text for n, m in bench.messages.items() if m.grave}
                 held = bench.hold() if fmu is not None else None
         except SimulationError as problem:
-            return replace(entry, status="failed", message=str(problem), landings=None)
-    spoken = tuple(f"{component}: {text}" for component, text in said.items())
+            return replace(entry, status="failed", message=without_name(ROLE, problem), landings=None)
+    spoken = tuple(without_name(ROLE, f"{component}: {text}") for component, text in said.items())
     return replace(entry, landings=with_derived(landings), resistance=held, warnings=(*entry.warnings, *spoken))
 
 
@@ -259,7 +260,7 @@ def _variants(
         try:
             _ = variant.checked() if isinstance(variant, Study) else variant.system()
         except InputError as problem:
-            raise InputError(f"{name}: {problem}") from None
+            raise InputError(f"{name}: {without_name(ROLE, problem)}") from None
     return source, variants
 
 
@@ -307,7 +308,7 @@ def _variant(
     try:
         variant = source.replace_fmu("brace", fmu, mapping)
     except InputError as problem:
-        raise InputError(f"--brace {name}={fmu}: {problem}") from None
+        raise InputError(f"--brace {name}={fmu}: {without_name(ROLE, problem)}") from None
     for parameter, value in parameters.items():
         try:
             variant = variant.override(f"brace.{parameter}", value)

@@ -26,7 +26,7 @@ from scipy.interpolate import PchipInterpolator
 
 from ..contract import PROFILES
 from ..errors import InputError, nearest, problems_to_error
-from ..files import read_csv, write
+from ..files import check_file, read_csv, write
 from ..fmu.archive import read
 from ..fmu.build import CONSTANTS, EPOCH, constants_file
 from ..fmu.reference import MANIFEST
@@ -89,7 +89,9 @@ def brace_from_csv(table: Path | str, out: Path | str | None = None) -> CurveBra
     >>> sc.brace_from_csv("cuff.csv")
     CurveBrace(cuff.fmu: subtalar 0 ... 30 deg; outside, the torque goes straight on with the end slope)
     """
+    check_file(Path(table))
     target = Path(out) if out is not None else Path(table).with_suffix(".fmu")
+    check_file(target, [Path(table)])
     return CurveBrace(target, from_csv(Path(table), target, fmu_path("brace_table", Path.cwd(), "brace_table")))
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..contract import MAX_VELOCITY_DEG_S, RANGE_DEG, plain
-from ..errors import SimulationError
+from ..errors import SimulationError, without_name
 from ..fmu.component import Component
 from ..fmu.driver import STEP, Driver
 from ..fmu.floating_point import FloatingPoint
@@ -214,7 +214,7 @@ def steps(rig: Rig, h: float) -> dict[str, Any]:
             rig.begin()
             taken[f"{size:.9g}"] = [float(rig.step(angles, still, size)[0]) for _ in range(round(span / size))]
         except SimulationError as problem:
-            taken[f"{size:.9g}"] = str(problem)
+            taken[f"{size:.9g}"] = without_name(rig.component.name, problem)
             rig.close()
             rig = Rig(rig.component, rig.axes)
     rig.close()

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..contract import AXES, POSITIVE, plain
-from ..errors import SprainError
+from ..errors import SprainError, without_name
 from ..fmu.component import Component
 from ..fmu.confine import confinement
 from ..fmu.driver import own_step
@@ -135,7 +135,7 @@ def _reading(words: str, component: Component) -> Reading:
     try:
         static, recorded = _measured(component, axes)
     except (SprainError, ProcessEnded) as problem:
-        return Reading(words, f"cannot be measured: {problem}", None)
+        return Reading(words, f"cannot be measured: {without_name(component.name, problem)}", None)
     strength = Strength.of(static, recorded)
     parts = []
     for axis in axes:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, SprainError
+from ..errors import InputError, SprainError, without_name
 from ..fmu.component import Component
 from ..fmu.confine import confinement
 from ..fmu.driver import Driver
@@ -43,9 +43,11 @@ def compare_references(component: Component, report: FitReport) -> None:
         try:
             report.references.append(_compared(component, experiment))
         except InputError as problem:
-            report.warnings.append(f"reference experiment {experiment.name} cannot be compared: {problem}")
+            report.warnings.append(
+                f"reference experiment {experiment.name} cannot be compared: {without_name(component.name, problem)}"
+            )
         except (SprainError, ProcessEnded) as problem:
-            words = str(problem).removeprefix(f"{component.name}: ")
+            words = without_name(component.name, problem)
             report.problems.append(
                 f"reference experiment {experiment.name}: ran where the FMU was made, but here: {words}"
             )

@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import EnvironmentProblem, InputError
+from ..files import is_missing
 from ..folders.study import StudyFolder, read_study
+from ..machine.here import SYSTEM
 from ..metrics import unit_of
 from ..notebook import Card, Rows
 from ..study.folder import WORDS, missing, recorded_plan
@@ -256,9 +258,12 @@ class _Sample:
 def _study_with_sample(path: Path) -> StudyFolder:
     """Raises InputError for a folder without a finished sample."""
     if not (path / SUMMARY).is_file():
+        if missing := is_missing(path):
+            raise InputError(f"{path}: {missing}")
         begun = (path / LEDGER).is_file()
         text = "the study is not finished; continue it with" if begun else "no study in it; make one with"
-        raise InputError(f"{path}: {text} `sprain-cosim study STUDY --out {path}{' --resume' if begun else ''}`")
+        out = SYSTEM.quoted(str(path))
+        raise InputError(f"{path}: {text} `sprain-cosim study STUDY --out {out}{' --resume' if begun else ''}`")
     folder = read_study(path)
     method = folder.summary.method
     if method not in (*RANDOM, *GIVEN, INDICES):

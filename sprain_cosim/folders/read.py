@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import InputError
-from ..files import check_path
+from ..files import is_missing
+from ..machine.here import SYSTEM
 from ..study import ledger
 from ..study.folder import TRIALS, recorded_plan
 from ..study.originals import edited_files
@@ -23,15 +24,15 @@ Folder = RunFolder | StudyFolder | ComparisonFolder
 
 def read_folder(path: Path) -> Folder:
     """What `path` holds."""
-    check_path(path)
-    if not path.is_dir():
-        raise InputError(f"{path}: {'is a file; name a folder' if path.exists() else 'no such folder'}")
+    if missing := is_missing(path):
+        raise InputError(f"{path}: {missing}")
     if (path / FILE).is_file():
         return _read_comparison(path)
     found = _read_landings(path)
     if found is None:
         raise InputError(
-            f"{path}: holds no run, study or comparison; make one with `sprain-cosim run SCENARIO --out {path}`"
+            f"{path}: holds no run, study or comparison; make one with `sprain-cosim run SCENARIO --out "
+            f"{SYSTEM.quoted(str(path))}`"
         )
     return found
 

@@ -199,8 +199,13 @@ def write_run(folder: Path, result: Result, picture: bytes, summary: RunSummary)
 def read_run(folder: Path) -> RunFolder:
     """Raises InputError when the folder holds no complete run."""
     path = folder / FILE
+    if missing := files.is_missing(folder):
+        raise InputError(f"{folder}: {missing}")
     if not path.exists():
-        raise InputError(f"{folder}: no complete run in it; make one with `sprain-cosim run SCENARIO --out {folder}`")
+        raise InputError(
+            f"{folder}: no complete run in it; make one with `sprain-cosim run SCENARIO --out "
+            f"{SYSTEM.quoted(str(folder))}`"
+        )
     content = known_format(files.read_json(path), path)
     for key in RunSummary.lacking(content):
         raise InputError(f"{folder}: not a folder of `sprain-cosim run`: summary.json lacks {key}")

@@ -9,7 +9,7 @@ from markupsafe import Markup
 from .. import figures as plots
 from ..folders.study import StudyFolder
 from ..records import ends_of
-from ..study.summary import DesignPoint, DesignSearch
+from ..study.summary import Comfort, DesignPoint, DesignSearch
 from .blocks import Block, Cell, PageTable, Paragraph, Row, Verdict, rich
 from .words import fine_ends, percent, rounded
 
@@ -95,6 +95,10 @@ def _on_the_safe_side(found: DesignSearch, value: float | None) -> str:
     return "none in the range" if value is None else rounded(found.on_the_safe_side(value, 3))
 
 
+def _held_at(found: DesignSearch, held: Comfort) -> str:
+    return _on_the_safe_side(found, held.value) if held.at == "value_95" else rounded(held.value)
+
+
 def _value_ends(point: DesignPoint, unit: str) -> str:
     if point.ci_low is None and point.ci_high is None:
         return ""
@@ -176,8 +180,7 @@ def _rows(found: DesignSearch, point: DesignPoint) -> list[Row]:
         ["landings", Cell(str(found.landings), (f"{point.fresh} of them fresh, at the value",))],
     ]
     for held in (c for c in point.comfort if c.at in PLACES):
-        at = _on_the_safe_side(found, held.value) if held.at == "value_95" else rounded(held.value)
-        label = f"resists 5 / 10° {PLACES[held.at]}, {at}{unit} [N·m]"
+        label = f"resists 5 / 10° {PLACES[held.at]}, {_held_at(found, held)}{unit} [N·m]"
         shown = [f"{m} {_pair(held.resistance_Nm, m)}" for m in point.motions[0]]
         rows.append([label, Cell("; ".join(shown) or "nothing")])
     return rows

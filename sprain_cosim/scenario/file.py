@@ -11,6 +11,7 @@ from ..cosim.coupling import SCHEMES, check_scheme
 from ..cosim.master import Master
 from ..errors import InputError, nearest, problems_to_error
 from ..files import read_toml
+from ..machine.here import SYSTEM
 from ..shipped import fmu_path, is_file, names_a_place, scenario_folder, shipped_scenarios, shipped_studies
 from ..ssp.flat import Flat, flattened
 from ..subject.words import SUBJECT, subject_of
@@ -232,7 +233,7 @@ def _read(path: Path) -> dict[str, Any]:
     problems: list[str] = []
     raw = read_toml(path)
     if "scenario" in raw and not raw.keys() & {"base", "components"}:
-        raise InputError(f"{path}: is a study, many landings; `sprain-cosim study {path.name}` runs it")
+        raise InputError(f"{path}: is a study, many landings; `sprain-cosim study {SYSTEM.quoted(str(path))}` runs it")
     content: dict[str, Any] = FILE.table.read(raw, "", problems)
     problems_to_error(str(path), problems)
     return content

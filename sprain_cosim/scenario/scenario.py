@@ -31,7 +31,7 @@ from ..shipped import fmu_path
 from ..ssp.flat import Flat, flattened
 from ..subject.person import Subject
 from ..subject.words import parse_subject
-from ..units import plain_number, quantity, seconds, stated
+from ..units import plain_number, quantity, seconds, stated, unit
 from .apart import Apart
 from .body import (
     OWNER,
@@ -709,7 +709,7 @@ def share(value: Any, place: str) -> float:
     """0.001 or "0.1 %"; true is 0.1 %, false 0."""
     if isinstance(value, bool):
         return ADAPTIVE if value else 0.0
-    share = quantity(re.sub(r"\s*%", " %", value) if isinstance(value, str) else value, None, place)
+    share = quantity(re.sub(r"\s*%", " %", value) if isinstance(value, str) else value, unit("1"), place)
     if not 0.0 <= share < 1.0:
         raise InputError(f"{place} = {value}: must lie between 0 and 1 (100 %)")
     return share

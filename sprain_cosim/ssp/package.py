@@ -11,6 +11,7 @@ from urllib.parse import unquote, urlsplit
 
 from ..errors import InputError, nearest
 from ..fmu import archive, cache
+from ..machine.here import SYSTEM
 
 STRUCTURE = archive.STRUCTURE
 KIND = "an SSP package"
@@ -44,7 +45,7 @@ class Package:
         if STRUCTURE in found.names:
             return found
         if archive.DESCRIPTION in found.names:
-            hint = "" if label else f"; `sprain-cosim check {path.name}` says whether it fits"
+            hint = "" if label else f"; `sprain-cosim check {SYSTEM.quoted(str(path))}` says whether it fits"
             raise InputError(f"{found.label}: is an FMU, not {KIND}{hint}")
         deeper = next((n.rpartition("/")[0] for n in found.names if n.endswith(f"/{STRUCTURE}")), "")
         where = f"; it lies in its folder {deeper}" if deeper else ""

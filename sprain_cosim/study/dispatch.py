@@ -63,10 +63,17 @@ class Dispatch:
                     hangs.begins(int(numbers[k]))
                     yield Job(int(numbers[k]), x[k], self.trajectories.wants(int(numbers[k])))
 
+        said: tuple[int, int] | None = None
+
+        def say(finished: int, failed: int, seconds: float) -> None:
+            nonlocal said
+            if self.progress and said != (finished, failed):
+                said = finished, failed
+                self.progress(finished, total, failed, seconds)
+
         began = committed = monotonic()
-        if self.progress:
-            at_once = len(known) if len(known) <= total else 0
-            self.progress(at_once, total, int(bad.sum()) if at_once else 0, 0.0)
+        at_once = len(known) if len(known) <= total else 0
+        say(at_once, int(bad.sum()) if at_once else 0, 0.0)
         for row in self._rows(todo(), total):
             self.trajectories.keep(row.trial, row.outcome)
             self.ledger.add(row)
@@ -74,15 +81,13 @@ class Dispatch:
             if monotonic() - committed > COMMIT:
                 self.ledger.commit()
                 committed = monotonic()
-                if self.progress:
-                    self.progress(finished, total, failed, monotonic() - began)
+                say(finished, failed, committed - began)
             if hung := hangs.ended(row):
                 raise self._hung(hung, row)
             if failed > allowed and failed > 1:
                 raise self._too_many(failed, finished, row)
         self.ledger.commit()
-        if self.progress:
-            self.progress(finished, total, failed, monotonic() - began)
+        say(finished, failed, monotonic() - began)
         if failed > allowed:
             raise self._too_many(failed, finished, None)
 

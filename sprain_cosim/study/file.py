@@ -16,6 +16,7 @@ from ..cosim.system import System
 from ..errors import InputError, nearest, problems_to_error
 from ..files import parse_toml, read_text
 from ..fmu.element import Connector
+from ..machine.here import SYSTEM
 from ..scenario import Scenario, load_scenario
 from ..scenario.body import is_of_subject
 from ..scenario.file import PARAMETERS, VARIABLE
@@ -268,8 +269,8 @@ def load_study(name: str | Path) -> Study:
     raw = parse_toml(text, str(path))
     if raw.keys() & {"base", "components"} and "scenario" not in raw:
         raise InputError(
-            f"{path}: is a scenario, one landing; `sprain-cosim run {path.name}` runs it, a study file names it: "
-            f'scenario = "{path.name}"'
+            f"{path}: is a scenario, one landing; `sprain-cosim run {SYSTEM.quoted(str(path))}` runs it, a study "
+            f'file names it: scenario = "{path.name}"'
         )
     content: dict[str, Any] = FILE.table.read(raw, "", problems)
     if "scenario" not in content:

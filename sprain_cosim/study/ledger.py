@@ -24,7 +24,7 @@ from urllib.parse import quote
 import numpy as np
 
 from ..errors import EnvironmentProblem, InputError
-from ..files import check_folder, whole_file
+from ..files import check_folder, is_missing, whole_file
 from ..fmu.messages import Messages
 from ..machine.here import SYSTEM
 from ..uq.distributions import Array
@@ -203,8 +203,11 @@ class Ledger:
         """For looking only, also while another process writes. Raises InputError when there is no ledger, or what it
         says of its study is damaged."""
         path = folder / FILE
+        if missing := is_missing(folder):
+            raise InputError(f"{folder}: {missing}")
         if not path.is_file():
-            raise InputError(f"{folder}: no study in it; `sprain-cosim study STUDY --out {folder}` makes one")
+            out = SYSTEM.quoted(str(folder))
+            raise InputError(f"{folder}: no study in it; `sprain-cosim study STUDY --out {out}` makes one")
         ledger = cls.__new__(cls)
         ledger.folder, ledger._lock, ledger._names = folder, None, {}
         ledger.dropped, ledger.mended = [], False

@@ -3,6 +3,7 @@ picklable; it knows no files and runs nothing (study.py does)."""
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from ..uq.design import DesignResult, Find
     from ..uq.reliability import Difference, LevelCheck, LevelResult, Space
 
+MOST_TRIALS = 10_000_000
 IMPOSSIBLE = 1e-6  # a marginal may lie outside its parameter's range with at most this probability
 ABOUT = 450  # landings about the design points: a coefficient of variation of 0.15 at probabilities of 1e-4
 BEFORE_SAMPLING = 0.03  # tolerance of a search that only has to say where to sample
@@ -416,7 +418,9 @@ class Plan(Card):
     def passed_over(self, method: str | None = None) -> tuple[str, ...]:
         """What its file states and `method` (its own by default) does not look at, a line each: a file may serve
         several methods, but nothing is passed over in silence."""
-        method = method or self.method
+        method = self.method if method is None else method
+        if method not in METHODS:  # which is refused
+            return ()
         written = parse_toml(self.text, self.source).get("study", {}) if self.text else {}
         lost = [f"study.{key}" for key, methods in USED_BY.items() if key in written and method not in methods]
         lost = [key for key in lost if (key, method) != ("study.trials", "table")]  # its rows are as many as they are
@@ -434,7 +438,7 @@ class Plan(Card):
         Raises InputError."""
         if not texts:
             return self
-        if (method := method or self.method) not in USED_BY["until"]:
+        if (method := self.method if method is None else method) not in USED_BY["until"]:
             raise InputError(
                 f"--until: the first trials of method {method} are no random sample that one could stop; take "
                 "--method monte-carlo"
@@ -496,7 +500,7 @@ class Plan(Card):
     def _method_problems(self) -> Iterator[str]:
         """What the method needs and the plan lacks."""
         if self.method not in METHODS:
-            yield f"method {self.method!r}: unknown{nearest(self.method, METHODS)}; one of {', '.join(METHODS)}"
+            yield f"method {self.method!r}: unknown{nearest(self.method, METHODS)}"
         if self.method == "grid" and not self.grid:
             yield 'method grid: needs [grid] with "component.parameter" = [levels]'
         if self.method == "table" and self.table is None:
@@ -533,6 +537,9 @@ class Plan(Card):
     def _size_problems(self) -> Iterator[str]:
         if self.trials < 1:
             yield f"trials = {self.trials}: must be at least 1"
+        size = math.prod(len(levels) for levels in self.grid.values()) if self.method == "grid" else self.trials
+        if size > MOST_TRIALS:
+            yield f"{'points of the grid' if self.method == 'grid' else 'trials'} = {size}: at most {MOST_TRIALS}"
         if self.method.startswith("sobol") and (self.sequences < 1 or self.trials % self.sequences):
             yield f"trials = {self.trials}: a Sobol' study needs a multiple of its {self.sequences} replicates"
         if self.method == "sobol-indices" and (self.correlation is not None or self.population is not None):

@@ -37,11 +37,12 @@ def reporter(kind: str) -> Progress | None:
     cell = _Cell.here() if kind == "auto" else None
     renews = kind == "auto" and sys.stderr.isatty()
     shown = -EVERY
-    at_first: int | None = None
+    at_first = 0
 
     def report(finished: int, total: int, failed: int, seconds: float) -> None:
         nonlocal shown, at_first
-        at_first = finished if at_first is None else at_first
+        if seconds == 0.0:  # a study begins, such as that of a comparison's next brace
+            shown, at_first = -EVERY, finished
         last = finished == total
         if not (cell or renews or last or seconds - shown >= EVERY):
             return

@@ -195,7 +195,7 @@ def _threshold(text: str, own: Unit | None, place: str) -> Threshold:
     word = _LAW.fullmatch(text)
     if word is not None:
         if word[1] not in SHAPES:
-            raise InputError(f"{place}: unknown law {word[1]!r}{nearest(word[1], SHAPES)}; one of {', '.join(SHAPES)}")
+            raise InputError(f"{place}: unknown law {word[1]!r}{nearest(word[1], SHAPES)}")
         text = word[2]
     law = SHAPES[word[1]] if word else Normal
     spread = _SPREAD.split(text)

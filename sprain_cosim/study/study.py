@@ -16,6 +16,8 @@ from .progress import Progress, shown_to
 from .shards import as_shard
 from .trajectories import FIRST
 
+MOST_WORKERS = 1024  # processes of one study on one machine
+
 
 @dataclass(frozen=True, repr=False)
 class Study(Plan):
@@ -76,13 +78,13 @@ class Study(Plan):
             self.with_until([until] if isinstance(until, str) else until, method),
             trials=self.trials if trials is None else whole_number(trials, "trials", 1),
             seed=self.seed if seed is None else whole_number(seed, "seed", 0),
-            method=method or self.method,
+            method=self.method if method is None else method,
             trial_limit=limit,
         )
         return runner.run(
             plan,
             out=out,
-            workers=None if workers is None else whole_number(workers, "workers", 1),
+            workers=None if workers is None else whole_number(workers, "workers", 1, MOST_WORKERS),
             scheduler=scheduler,
             shard=None if shard is None else as_shard(shard),
             rows=rows,

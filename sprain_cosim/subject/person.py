@@ -119,7 +119,7 @@ class Subject:
             )
         for name in self.scales:
             if name not in SEGMENTS:
-                raise InputError(f"{place}: no segment {name!r}{nearest(name, SEGMENTS)}; one of {', '.join(SEGMENTS)}")
+                raise InputError(f"{place}: no segment {name!r}{nearest(name, SEGMENTS)}")
         Person.of(self).lengths(place)
         return self
 

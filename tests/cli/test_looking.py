@@ -204,7 +204,7 @@ def test_reproduce_without_a_ledger(place: Path, tmp_path: Path) -> None:
 
 
 BAD = [
-    (["animate", "nowhere"], ["nowhere", "no complete run"]),
+    (["animate", "nowhere"], ["nowhere", "no such folder"]),
     (["animate", "run", "--out", "x.avi"], ["x.avi", "an animation ends in .webp"]),
     (["animate", *["run"] * 7, "--out", "x.webp"], ["7 landings: up to 6"]),
     (["animate", "many", "--trial", "77", "--out", "x.png"], ["has no trial 77"]),

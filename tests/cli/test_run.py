@@ -132,6 +132,15 @@ BAD = [
     (["run"], ["SCENARIO"]),
     (["jump"], ["jump"]),
     (["plot", "nowhere"], ["nowhere", "no such folder"]),
+    (["plot", "y" * 300], ["no such folder"]),
+    (["compare", "y" * 300, "--brace", "a=brace_linear"], ["no such file, and none of that name ships"]),
+    (["run", "incline30", "--out", ""], ["--out", "is empty; name a file or a folder"]),
+    (["run", "incline30", "--adaptive", "1 ms"], ["adaptive = '1 ms'", "has the dimension s"]),
+    (["study", "study2", "--max-failed", "5 ms"], ["--max-failed", "has the dimension s"]),
+    (["study", "study2", "--method", ""], ["method ''"]),
+    (["study", "study2", "--shard", ""], ["--shard", "K/N"]),
+    (["study", "study2", "--trials", "9" * 20], ["at most 10000000"]),
+    (["study", "study2", "--workers", "99999"], ["workers = 99999: at most 1024"]),
 ]
 
 

@@ -138,7 +138,7 @@ def test_a_crash_costs_its_own_column(landing) -> None:
     assert [e.name for e in landing.failed] == ["bad"]
     bad = landing.summary["braces"]["bad"]
     assert bad["status"] == "failed"
-    assert "SIGSEGV" in bad["message"]
+    assert "SIGSEGV" in bad["message"] and not bad["message"].startswith("brace: ")  # every line of it begins "bad: "
     assert bad["metrics"] == {}
     printed = comparison_listing(landing.summary)
     assert "bad: failed: " in printed

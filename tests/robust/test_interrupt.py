@@ -6,7 +6,9 @@ import os
 import signal
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -47,3 +49,38 @@ def test_interrupt(wait: str, tmp_path: Path) -> None:
     assert child.returncode == 130, said
     assert said.splitlines() == ["error: interrupted"]
     assert not (tmp_path / "out").exists()
+
+
+def test_an_interrupt_while_the_command_line_loads_is_one_line(tmp_path: Path) -> None:
+    """It was a traceback of Python's. The wheel's script goes through the same module."""
+    (tmp_path / "click.py").write_text("raise KeyboardInterrupt")
+    ended = call("list", PYTHONPATH=os.pathsep.join((str(tmp_path), str(ROOT))))
+    assert (ended.returncode, ended.stderr) == (130, "error: interrupted\n")
+    scripts = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
+    assert scripts == {"sprain-cosim": "sprain_cosim.__main__:main"}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes of POSIX")
+@pytest.mark.parametrize("arguments", [("subject",), ("--help",), ("run", "--help")], ids=" ".join)
+def test_a_reader_that_goes_away_is_no_failure(arguments: tuple[str, ...]) -> None:
+    """It had the exit code of a device that does not fit."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    ended = call(*arguments, stdout=writer)
+    os.close(writer)
+    assert (ended.returncode, ended.stderr) == (141, "")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no such device here")
+def test_a_full_disk_behind_the_output_is_one_line() -> None:
+    with open("/dev/full", "w") as full:
+        ended = call("subject", stdout=full)
+    assert ended.returncode == 4
+    assert ended.stderr.startswith("error: ") and ended.stderr.endswith("No space left on device\n")
+    assert len(ended.stderr.splitlines()) == 1
+
+
+def call(*arguments: str, stdout: Any = subprocess.PIPE, **environment: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "sprain_cosim", *arguments]
+    kept = {"cwd": ROOT, "env": os.environ | environment, "timeout": 120}
+    return subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True, **kept)  # type: ignore[call-overload,no-any-return]

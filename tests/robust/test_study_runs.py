@@ -278,14 +278,16 @@ def test_a_finished_folder_is_not_computed_again(tmp_path: Path) -> None:
     pd.testing.assert_frame_equal(again.trials, first.trials)
     pd.testing.assert_frame_equal(again.timing, first.timing)
     before = (out / "trials.csv").read_bytes()
-    for damage in (
+    for damage in (  # after which nothing is landed again: all is said once
         lambda: (out / "trials.csv").write_bytes(before.replace(b"1", b"2")),
         lambda: (out / "trials.csv").unlink(),
         lambda: (out / "summary.json").write_text("{}"),
         lambda: (out / "trajectories" / "000001.record").unlink(),
     ):
         damage()
+        seen.clear()
         resumed()
+        assert seen == [5]
         assert (out / "trials.csv").read_bytes() == before
         assert (out / "trajectories" / "000001.record").is_file()
         assert json.loads((out / "summary.json").read_text())["n_completed"] == 5

@@ -410,6 +410,8 @@ def test_amv_is_judged_by_the_records_monte_carlo() -> None:
         ),
         ('method = "monte-carlo"', 'method = "form"\nthreshold = "35 m"', "expected rad"),
         ('method = "monte-carlo"', 'method = "form"', "needs study.threshold"),
+        ("trials = 1000", "trials = 99999999999999999999", "at most 10000000"),
+        ('method = "monte-carlo"', 'method = "monte carlo"', "did you mean monte-carlo?"),
         ('method = "monte-carlo"', 'method = "monte-carlo"\nhalf_width = "0 deg"', "must be a positive value"),
         ('method = "monte-carlo"', 'method = "sobol-indices"\nreplicates = 3', "multiple of its 3 replicates"),
     ],

@@ -246,7 +246,8 @@ def test_folders_that_hold_no_sample_say_so(studies: Path, tmp_path: Path) -> No
     table(none).assign(status="crash").to_csv(none / "trials.csv", index=False)
     for hand_over in (sc.to_salib, sc.to_openturns):
         for folder, text in (
-            (tmp_path / "nowhere", "no study in it; make one with `sprain-cosim study STUDY"),
+            (tmp_path / "nowhere", "nowhere: no such folder"),
+            (tmp_path, "no study in it; make one with `sprain-cosim study STUDY"),
             (half, "is not finished; continue it with `.* --resume`"),
             (none, "no trial completed"),
             (BEFORE / "run", "not a folder of `sprain-cosim study`"),

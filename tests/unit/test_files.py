@@ -7,6 +7,7 @@ import os
 import threading
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from sprain_cosim import files
@@ -54,6 +55,39 @@ def test_a_folder_that_is_absent_or_a_file_is_named(tmp_path: Path) -> None:
             files.write(path, "", parents=parents)
     files.write(tmp_path / "no" / "a", "made", parents=True)
     assert (tmp_path / "no" / "a").read_text() == "made"
+
+
+def test_a_file_is_no_folder_and_not_replaced_by_what_stands_beside_it(tmp_path: Path) -> None:
+    """`motion -o start.md` and `brace calibrate -o values.png` were replaced by the page and the picture."""
+    for path in (Path(), Path("/"), tmp_path):
+        with pytest.raises(InputError, match="is a folder; name a file"):
+            files.check_file(path)
+    with pytest.raises(InputError, match=r"start.png: the .png of that name is written beside it"):
+        files.check_file(tmp_path / "start.png", beside=(".md", ".png"))
+    files.check_file(tmp_path / "start.toml", beside=(".md", ".png"))
+
+
+def test_a_file_is_not_written_over_what_it_is_made_of(tmp_path: Path) -> None:
+    """`anatomy from-csv table.csv -o table.csv` left a scenario where the measurements had been."""
+    table = tmp_path / "table.csv"
+    files.check_file(table, [table])
+    table.write_text("angle [deg]\n")
+    with pytest.raises(InputError, match=r"table.csv: is what it would be made of; name another file"):
+        files.check_file(tmp_path / ".." / tmp_path.name / "table.csv", [None, tmp_path / "other.csv", table])
+
+
+def test_a_folder_called_tilde_is_no_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with files.whole_file(Path("~/x/t.csv"), parents=True) as partial:
+        pd.DataFrame({"a": [1]}).to_csv(partial, index=False)
+    assert (tmp_path / "~" / "x" / "t.csv").read_text() == "a\n1\n"
+    assert files.read_frame(Path("~/x/t.csv"))["a"].tolist() == [1]
+
+
+def test_a_file_in_the_place_of_a_folder_is_named(tmp_path: Path) -> None:
+    (tmp_path / "here").write_text("")
+    with pytest.raises(EnvironmentProblem, match=r"here/x: cannot be written: .*here is a file$"):
+        files.write(tmp_path / "here" / "x", "", parents=True)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
@@ -150,6 +184,25 @@ def test_a_file_that_is_absent_or_a_folder_is_named(tmp_path: Path) -> None:
         files.read_json(tmp_path / "no.json")
     with pytest.raises(InputError, match=rf"^{tmp_path}: cannot be read: "):
         files.read_toml(tmp_path)
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no such device here")
+def test_what_has_no_size_and_no_end_is_not_read_whole() -> None:
+    """It took all memory of the machine."""
+    with pytest.raises(InputError, match=r"^/dev/zero: more than 2\.0 MB are not accepted$"):
+        files.read_text(Path("/dev/zero"))
+    for reader in (files.read_json, files.read_toml, lambda path: list(files.read_csv(path)), files.read_frame):
+        with pytest.raises(InputError, match=r"^/dev/zero: "):
+            reader(Path("/dev/zero"))
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+def test_a_text_from_a_pipe_is_read(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    writer = threading.Thread(target=(tmp_path / "pipe").write_bytes, args=(b"\xef\xbb\xbfa\r\nb\n",))
+    writer.start()
+    assert files.read_text(tmp_path / "pipe") == "a\nb\n"
+    writer.join()
 
 
 def test_only_this_module_renames_files_and_parses_toml_or_json_from_disk() -> None:

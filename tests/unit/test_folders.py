@@ -16,6 +16,7 @@ from sprain_cosim.folders.run import RunFolder, RunSummary, check_run_folder, co
 from sprain_cosim.folders.study import StudyFile, StudyFolder, read_study
 from sprain_cosim.records import FORMAT
 from sprain_cosim.report.page import report_page
+from sprain_cosim.study.ledger import Ledger
 
 BEFORE = Path(__file__).parent.parent / "folders_0_1"  # folders of version 0.1.0, signals with fewer rows and columns
 PEAK = "peak_subtalar_angle_deg"
@@ -70,8 +71,18 @@ def test_a_run_is_written_last_and_read_whole(tmp_path: Path) -> None:
 
 
 def test_folders_that_are_none_say_so(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no complete run in it"):
+    with pytest.raises(InputError, match="nowhere: no such folder"):
         read_run(tmp_path / "nowhere")
+    (tmp_path / "a file").write_text("")
+    for reader in (read_run, read_folder, Ledger.read):
+        with pytest.raises(InputError, match="a file: is a file; name a folder"):
+            reader(tmp_path / "a file")
+        with pytest.raises(InputError, match="no such folder"):
+            reader(tmp_path / ("x" * 300))
+    (tmp_path / "my folder").mkdir()
+    for reader in (read_run, read_folder, Ledger.read):
+        with pytest.raises(InputError, match=r"`sprain-cosim .* --out '/.*/my folder'`"):
+            reader(tmp_path / "my folder")
     shutil.copytree(BEFORE / "run", tmp_path / "run")
     content = json.loads((tmp_path / "run" / "summary.json").read_text())
     for changed, cause in (

@@ -55,6 +55,19 @@ def test_long_times_are_in_minutes_and_hours(
     assert capsys.readouterr().err.splitlines()[1:] == ["10 of 10000 trials, 0 failed, 1.0/s, 2 h 46 min left"]
 
 
+def test_each_study_of_a_comparison_has_lines_and_a_rate_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The second one's began when it had taken longer than the first, and its rate counted from the first's trials."""
+    report = reporter("plain")
+    assert report is not None
+    for finished, seconds in ((200, 0.0), (50, 0.0), (60, 10.0), (200, 150.0)):
+        report(finished, 200, 0, seconds)
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split(",")[0].split()[0] for line in lines] == ["200", "50", "60", "200"]
+    assert lines[2] == "60 of 200 trials, 0 failed, 1.0/s, 2 min left"
+
+
 def test_none_says_nothing() -> None:
     assert reporter("none") is None
 

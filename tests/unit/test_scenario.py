@@ -126,8 +126,14 @@ def test_a_study_is_no_scenario_and_a_scenario_no_study(tmp_path: Path) -> None:
     scenario.write_text('base = "incline30"\n')
     study.write_text('scenario = "one.toml"\n[marginals]\n[study]\ntrials = 5\n')
     with pytest.raises(
-        InputError, match=r"many.toml: is a study, many landings; `sprain-cosim study many.toml` runs it"
+        InputError, match=rf"many.toml: is a study, many landings; `sprain-cosim study {study}` runs it"
     ):
         load_scenario(study)
-    with pytest.raises(InputError, match=r'one.toml: is a scenario, one landing; .* names it: scenario = "one.toml"'):
+    spaced = tmp_path / "my study.toml"
+    study.rename(spaced)
+    with pytest.raises(InputError, match=r"`sprain-cosim study '/.*/my study.toml'` runs it"):
+        load_scenario(spaced)
+    with pytest.raises(
+        InputError, match=rf'one.toml: is a scenario, one landing; .*run {scenario}.* names it: scenario = "one.toml"'
+    ):
         load_study(scenario)

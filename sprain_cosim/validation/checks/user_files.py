@@ -25,7 +25,7 @@ import numpy as np
 
 from ... import keys
 from ...errors import InputError, nearest, problems_to_error
-from ...files import read_toml
+from ...files import is_missing, read_toml
 from ...metrics import unit_of
 from ...scenario import Scenario, load_scenario
 from ...scenario.file import PARAMETERS
@@ -146,8 +146,8 @@ FILE = keys.File(
 
 def read_checks(folder: Path) -> list[Check]:
     """Raises InputError with the problems of all files."""
-    if not folder.is_dir():
-        raise InputError(f"--checks {folder}: no such folder")
+    if missing := is_missing(folder):
+        raise InputError(f"--checks {folder}: {missing}")
     files = sorted(folder.glob("*.toml"))
     if not files:
         raise InputError(f"--checks {folder}: holds no *.toml file")
