@@ -242,7 +242,7 @@ def _print_table(title: str, pose: str | None, result: Result) -> None:
         )
     if result.estimates_doubt is not None:
         _show(
-            f"{'doubt of the person':32}{result.estimates_doubt:10.2f}  deg     of the peak, one SD over what is "
+            f"{'doubt of the person':30}{result.estimates_doubt:10.2f}  deg     of the peak, one SD over what is "
             "estimated of the body"
         )
     for name, held in result.held.items():

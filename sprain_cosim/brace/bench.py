@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..cosim.result import HALVED_WITHIN, Result
 from ..errors import InputError, SimulationError
@@ -20,9 +20,6 @@ from ..process import Child, Handlers, Limits, Overrun, ProcessEnded, serve
 from ..scenario import Scenario
 from ..scenario.apart import fetched, served
 from ..scenario.postures import POSTURES, hold
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 class Bench:
@@ -36,10 +33,8 @@ class Bench:
         self.messages: Mapping[str, Messages] = {}
         self._child: Child | None = None
 
-    def land(self, folder: Path) -> tuple[pd.DataFrame, str]:
-        """The landing as a table of one row, and the warning of its run ("" for none); leaves the run's folder."""
-        import pandas as pd
-
+    def land(self, folder: Path) -> Result:
+        """The completed landing, beside itself at half the step; leaves the run's folder."""
         from ..figures.gallery import leave_run
 
         SYSTEM.remove(folder / FILE)
@@ -54,8 +49,7 @@ class Bench:
             raise SimulationError("; ".join(text for text in (result.warning, result.message) if text))
         result = self._halved(result)
         leave_run(folder, result, RunSummary.of(self.scenario, result))
-        row = {"trial": 0, "status": result.status, "message": "", **result.metrics}
-        return pd.DataFrame([row]), result.warning
+        return result
 
     def _halved(self, result: Result) -> Result:
         """The result beside the same landing at half the step, where that is to be had in a moment."""

@@ -38,7 +38,10 @@ from .decision import check_decidable, land_until_decided
 from .doubts import device_doubts
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.figure import Figure
+
+    from ..cosim.result import Result
 
 log = logging.getLogger("sprain_cosim")
 RESERVED = (NONE, "plant", "controller", "figures")
@@ -224,14 +227,22 @@ def _run(
                 landings, total = done.trials, len(done.trials)
                 said = {n: m.text(total) for n, m in done.summary.fmu_messages.items() if m.grave}
             else:
-                landings, warning = bench.land(folder)
-                entry = replace(entry, warnings=(*entry.warnings, *([warning] if warning else [])))
+                result = bench.land(folder)
+                landings = _as_table(result)
+                warnings = (*warnings, result.warning) if result.warning else warnings
+                entry = replace(entry, warnings=warnings, coupling_doubt=result.coupling_doubt)
                 said = {n: m.text for n, m in bench.messages.items() if m.grave}
                 held = bench.hold() if fmu is not None else None
         except SimulationError as problem:
             return replace(entry, status="failed", message=without_name(ROLE, problem), landings=None)
     spoken = tuple(without_name(ROLE, f"{component}: {text}") for component, text in said.items())
     return replace(entry, landings=with_derived(landings), resistance=held, warnings=(*entry.warnings, *spoken))
+
+
+def _as_table(result: Result) -> pd.DataFrame:
+    import pandas as pd
+
+    return pd.DataFrame([{"trial": 0, "status": result.status, "message": "", **result.metrics}])
 
 
 # ---- what is compared

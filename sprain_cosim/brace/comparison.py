@@ -68,13 +68,15 @@ Source = Scenario | Study
 class Entry:
     """What one brace did.
 
-    name        of the brace; "none" for the landings without one
-    fmu         file or name as it was typed; None without a brace
-    status      completed or failed
-    message     why it failed
-    landings    one row a landing: trial, status, metrics and what is derived from them; None when it failed
-    resistance  {posture: moment that resists it [N·m]}; None where it was not measured
-    warnings    about the device, one line each
+    name            of the brace; "none" for the landings without one
+    fmu             file or name as it was typed; None without a brace
+    status          completed or failed
+    message         why it failed
+    landings        one row a landing: trial, status, metrics and what is derived from them; None when it failed
+    resistance      {posture: moment that resists it [N·m]}; None where it was not measured
+    warnings        about the device, one line each
+    coupling_doubt  how uncertain the peak of a single landing is by the communication step [deg]; None where that is
+                    not known
     """
 
     name: str
@@ -84,6 +86,7 @@ class Entry:
     landings: pd.DataFrame | None = None
     resistance: Mapping[str, float] | None = None
     warnings: tuple[str, ...] = ()
+    coupling_doubt: float | None = None
 
     @property
     def completed(self) -> pd.DataFrame:
@@ -171,6 +174,7 @@ class _Landed:
             if rows is None or INVERSION not in rows
             else injury_of_other_shapes(rows[INVERSION].to_numpy(float)),
             resistance_Nm=None if entry.resistance is None else dict(entry.resistance),
+            coupling_doubt_deg=entry.coupling_doubt,
         )
 
     def difference(self, a: str, b: str) -> Estimates:
@@ -227,6 +231,8 @@ def _rows(summary: ComparisonSummary) -> Iterator[tuple[str, list[str]]]:
     braces = summary.braces.values()
     for label, key, factor in LINES:
         yield label, [_cell(b.metrics.get(key), factor, half=key != INJURY) for b in braces]
+        if key == PEAKS[0]:
+            yield "    doubt of the step", ["" if (d := b.coupling_doubt_deg) is None else f"± {d:.2g}" for b in braces]
         if key == INJURY:
             yield "    as far as the landings know it", [_between(_ends_of(b)) for b in braces]
             yield "    for a threshold of another shape", [_between(b.injury_doubt) for b in braces]

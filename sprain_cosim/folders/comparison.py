@@ -58,6 +58,8 @@ class BraceSummary(Record):
     injury_shapes           the metric probability_of_injury for thresholds of the same mean and SD in other laws,
                             {"normal": ..., "lognormal": ..., "weibull": ...}; absent where no landing completed
     resistance_Nm           {posture: moment that resists it [N·m]}; None where it was not measured
+    coupling_doubt_deg      how uncertain the peak of the foot is by the communication step, twice its change at half
+                            the step; absent of a study, whose folders say in how many trials that is much
     """
 
     fmu: str | None = None
@@ -71,6 +73,7 @@ class BraceSummary(Record):
     difference_to_none: Estimates = field(default_factory=dict)
     injury_shapes: Mapping[str, float] | None = optional()
     resistance_Nm: Mapping[str, float] | None = None
+    coupling_doubt_deg: float | None = optional()
 
     @property
     def completed(self) -> bool:

@@ -60,9 +60,10 @@ def study(tmp_path_factory: pytest.TempPathFactory):
 def test_a_landing_is_that_of_run(landing) -> None:
     braces = landing.summary["braces"]
     for name, scenario in (("none", load_scenario("incline30")), ("stiff", load_scenario("incline30_brace"))):
-        metrics = scenario.run().metrics
+        result = scenario.run(halve=True)
         for key in ("peak_subtalar_angle_deg", "peak_inversion_from_neutral_deg", "peak_jcs_inversion_deg"):
-            assert braces[name]["metrics"][key]["value"] == metrics[key]
+            assert braces[name]["metrics"][key]["value"] == result.metrics[key]
+        assert 0 < braces[name]["coupling_doubt_deg"] == result.coupling_doubt
     stiff, none = (braces[n]["metrics"] for n in ("stiff", "none"))
     assert braces["stiff"]["difference_to_none"]["peak_subtalar_angle_deg"]["value"] == pytest.approx(
         stiff["peak_subtalar_angle_deg"]["value"] - none["peak_subtalar_angle_deg"]["value"], abs=1e-12
@@ -125,6 +126,7 @@ def test_the_tutorial_shows_what_comes_out(landing) -> None:
     )
     shown = {line[:44].strip(): line[44:] for line in page.splitlines() if line.strip()}
     columns = shown[""].split()
+    assert "doubt of the step" in shown
     for label, key, factor in LINES:
         cells = [c for c in shown[label.strip()].replace(" / ", "/").split() if c]
         for name in ("none", "stiff"):
