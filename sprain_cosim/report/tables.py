@@ -9,7 +9,7 @@ from typing import Any
 
 from .. import __version__
 from .. import figures as plots
-from ..brace.comparison import CHANGED, LINES, postures
+from ..brace.comparison import CHANGED, LINES, PEAKS, postures
 from ..figures.selection import Named, response_label
 from ..figures.style import PARAMETERS
 from ..folders.comparison import INJURY, NONE, BraceSummary, ComparisonFolder, MeanEstimate
@@ -126,7 +126,9 @@ def _comparison(folder: ComparisonFolder) -> PageTable:
         found = [b.metrics.get(key) for b in braces.values()]
         if any(e and e.value is not None for e in found):
             cells = (
-                _share(e, b.injury_doubt) if key == INJURY else _estimate(e, factor)
+                _share(e, b.injury_doubt)
+                if key == INJURY
+                else _estimate(e, factor, step=b.coupling_doubt_deg if key == PEAKS[0] else None)
                 for e, b in zip(found, braces.values(), strict=True)
             )
             rows.append([label.strip(), *cells])
@@ -147,11 +149,13 @@ def _comparison(folder: ComparisonFolder) -> PageTable:
     return PageTable(["", *("no brace" if name == NONE else name for name in braces)], rows)
 
 
-def _estimate(e: MeanEstimate | None, factor: float, sign: bool = False) -> str | Cell:
+def _estimate(e: MeanEstimate | None, factor: float, sign: bool = False, step: float | None = None) -> str | Cell:
+    """`step`: what the communication step leaves open of the value, in its unit."""
     if e is None or e.value is None:
         return ""
     value = factor * e.value
-    return Cell(signed(value, 2) if sign else rounded(value), ends(e.ci_low, e.ci_high, factor))
+    by_the_step = () if step is None else (f"step ± {step:.2g}",)
+    return Cell(signed(value, 2) if sign else rounded(value), (*ends(e.ci_low, e.ci_high, factor), *by_the_step))
 
 
 def _share(e: MeanEstimate | None, shapes: tuple[float, float] | None) -> str | Cell:

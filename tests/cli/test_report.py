@@ -149,6 +149,8 @@ def test_a_comparison(results: Path) -> None:
     assert "no brace" in page.sections["numbers"]
     assert {"landing", "sharing", "paired"} <= figures(page)
     assert "One landing: no interval." in verdict
+    for brace in data["braces"].values():
+        assert f"step ± {brace['coupling_doubt_deg']:.2g}" in page.sections["numbers"].replace("\u00a0", " ")
     assert "no brace" in page.sections["numbers"]
     one, none = (data["braces"][name]["injury_shapes"] for name in (best, "none"))
     ends = sorted(100 * (one[law] - none[law]) for law in one)[::2]
