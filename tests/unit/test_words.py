@@ -40,6 +40,6 @@ def test_numbers() -> None:
         "12346", "−12.3", "1.23", "0.012", "0.00", "0.00", "–", "–", "–",
     ]  # fmt: skip
     assert [signed(v, 2) for v in (0.001, -1.0, None)] == ["+0.00", "−1.00", "–"]
-    assert ends(0.5, None) == ()
+    assert (ends(0.5, None), ends(None, 0.5), ends(None, None)) == (("0.50 … open",), ("open … 0.50",), ())
     assert ends(0.5, 0.75, 10) == ("5.00 … 7.50",)
     assert interval(Probability("e", 0.5, -0.2, -0.1), 10, "°", negate=True) == " (95 % interval 1.00 … 2.00°)"
