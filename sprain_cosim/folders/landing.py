@@ -139,7 +139,8 @@ def choose_trial(trials: pd.DataFrame, response: str, which: str, place: str) ->
         at, choice = int(np.nanargmax(values)), f"largest {response}"
     else:
         share = float(percentile.group(1))
-        at = int(np.nanargmin(np.abs(values - np.nanpercentile(values, share))))
+        # one of the values: of an even number two are as near to the interpolated p50, and rounding would choose
+        at = int(np.nanargmin(np.abs(values - np.nanpercentile(values, share, method="inverted_cdf"))))
         choice = f"{share:g}th percentile of {response}"
     number = int(done["trial"].iloc[at])
     return number, f"trial {number}, {choice}"

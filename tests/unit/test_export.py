@@ -146,6 +146,9 @@ def test_a_trial_by_number_worst_or_percentile() -> None:
     assert choose_trial(table, "peak", "7", "s")[0] == 7
     assert choose_trial(table, "peak", "worst", "s")[0] == 1  # a failed trial has no peak
     assert [choose_trial(table, "peak", f"p{p}", "s")[0] for p in (0, 30, 50, 70, 100)] == [0, 2, 2, 5, 1]
+    for rounding in (1.0 - 1e-15, 1.0, 1.0 + 1e-15):  # p50 lies between two trials; rounding does not choose
+        other = table.assign(peak=table["peak"] * [1.0, 1.0, rounding, 1.0 / rounding, 1.0])
+        assert choose_trial(other, "peak", "p50", "s")[0] == 2
     for wrong, words in (
         ("6", "has no trial 6; they are numbered 0 ... 7"),
         ("p101", "must be a number, worst, or a percentile"),
