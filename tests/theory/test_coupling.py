@@ -448,7 +448,7 @@ def test_every_scheme_and_step_that_is_advised_runs_calmly(scheme: str) -> None:
     advice = str(refusal.value).rpartition("; use ")[2].split(" or ")
     assert {a.split()[0] for a in advice} == {"--scheme", "--step"}
     for option in advice:
-        word = option.split(" ", 1)[1].strip("'")
+        word = option.split(" ", 1)[1].strip('"')
         other, step = (word, 1e-3) if option.startswith("--scheme") else (scheme, 1e-3 * float(word.split()[0]))
         result = guarded(other, step, brace)
         assert (result.status, of_guard(result)) == ("completed", "")

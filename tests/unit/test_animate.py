@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
@@ -19,7 +20,7 @@ from sprain_cosim.animate.skeleton import Skeleton
 from sprain_cosim.animate.solid import PAPER, Camera
 from sprain_cosim.animate.stage import Stage
 from sprain_cosim.errors import EnvironmentProblem, InputError
-from sprain_cosim.figures.style import lines_of
+from sprain_cosim.figures.style import BRACE, GROUND, lines_of
 from sprain_cosim.folders.landing import Landing
 from sprain_cosim.scenario import load_scenario
 from sprain_cosim.shipped import fmu_path
@@ -303,7 +304,7 @@ def test_pictures_move_and_show_force_and_moment(braced: Landing) -> None:
     close = stage.panels[-1]
     inside = (slice(close.top, close.top + close.tall), slice(close.left, close.left + close.view.width))
     assert (np.abs(first[inside].astype(int) - last[inside]).max(axis=2) > 20).mean() > 0.05
-    arrow = np.array([0x3D, 0x48, 0x52])
+    arrow = 255 * np.array(to_rgb(GROUND))
     dark = [(np.abs(image[inside].astype(int) - arrow).max(axis=2) < 24).sum() for image in (first, last)]
     assert dark[1] > dark[0] + 400  # 9 kN against none
     force = np.array(
@@ -323,12 +324,15 @@ def test_without_a_brace_no_brace_is_drawn(braced: Landing) -> None:
     names, units = (tuple(values[k] for k in kept) for values in (result.names, result.units))
     bare = replace(braced, result=replace(result, names=names, units=units, values=result.values[:, kept]))
     with_one, without = (next(Stage([run], 30.0).frames(np.array([0.02]))) for run in (braced, bare))
-    yellow = [
-        ((i[..., 0] > 120) & (i[..., 2] < 0.5 * i[..., 0]) & (i[..., 1] > 0.6 * i[..., 0])).sum()
+    worn = [
+        (
+            (i[..., 0] > 80)
+            & (np.abs(i / np.maximum(i[..., :1], 1) - np.array(to_rgb(BRACE)) / to_rgb(BRACE)[0]) < 0.15).all(-1)
+        ).sum()
         for i in (with_one, without)
     ]
-    assert yellow[0] > 2000
-    assert yellow[1] < 200
+    assert worn[0] > 2000
+    assert worn[1] < 200
 
 
 def test_what_cannot_be_drawn_says_why(braced: Landing, tmp_path: Path) -> None:
