@@ -33,7 +33,7 @@ def ends_of(named: Mapping[str, float] | None) -> tuple[float, float] | None:
     return (min(named.values()), max(named.values())) if named else None
 
 
-def differences(one: Mapping[str, float] | None, other: Mapping[str, float] | None) -> dict[str, float]:
+def named_differences(one: Mapping[str, float] | None, other: Mapping[str, float] | None) -> dict[str, float]:
     """{name: the number of `one` minus that of `other`} of the names that both have."""
     return {name: value - other[name] for name, value in (one or {}).items() if other and name in other}
 

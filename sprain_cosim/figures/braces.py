@@ -8,7 +8,7 @@ from functools import partial
 from ..folders.comparison import INJURY, INVERSION, NONE, ComparisonFolder
 from ..folders.study import PEAK, StudyFolder
 from ..literature import INJURY_INVERSION_TEXT
-from ..records import differences, ends_of
+from ..records import ends_of, named_differences
 from .comparison import paired
 from .drawn import Drawn, as_file_name
 from .forest import Changed, Difference, forest
@@ -107,4 +107,4 @@ def _doubt_of_difference(folder: ComparisonFolder, brace: str, reference: str) -
     (ours, one), (theirs, other) = (_other_thresholds(folder, name) for name in (brace, reference))
     if ours and theirs:
         return ends_of({str(k): a - b for k, (a, b) in enumerate(zip(ours, theirs, strict=True))})
-    return ends_of(differences(one, other))
+    return ends_of(named_differences(one, other))

@@ -9,7 +9,7 @@ from pathlib import Path
 from ..errors import InputError
 from ..files import read_json
 from ..notebook import Card, Plottable, Rows, with_interval
-from ..records import FORMAT, Record, Summary, differences, ends_of, known_format, optional
+from ..records import FORMAT, Record, Summary, ends_of, known_format, named_differences, optional
 from .run import RunFolder
 from .study import PEAK, StudyFolder
 
@@ -86,7 +86,7 @@ class BraceSummary(Record):
 
     def injury_doubt_against(self, other: BraceSummary | None) -> tuple[float, float] | None:
         """The same of its difference to that of `other`, with one threshold for both."""
-        return None if other is None else ends_of(differences(self.injury_shapes, other.injury_shapes))
+        return None if other is None else ends_of(named_differences(self.injury_shapes, other.injury_shapes))
 
 
 @dataclass(frozen=True)
