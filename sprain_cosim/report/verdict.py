@@ -193,8 +193,7 @@ def _not_apart(folder: ComparisonFolder, best: str, others: Sequence[str]) -> li
     """The other braces of a study whose peak may as well be the lower one: 0 lies in the interval of the difference."""
     found = []
     for name in others if folder.summary.is_study else ():
-        pairs = folder.summary.pairs
-        e = (pairs.get(f"{name} - {best}") or pairs.get(f"{best} - {name}") or {}).get(PEAK)
+        e = _ahead(folder.summary, best, name)
         if e is None or e.ci_low is None or e.ci_high is None or e.ci_low <= 0.0 <= e.ci_high:
             found.append(name)
     return found

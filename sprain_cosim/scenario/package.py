@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..contract import PLANT, plain
-from ..cosim.layout import conversion
+from ..cosim.layout import Link, conversion
 from ..cosim.master import Master
 from ..errors import InputError, problems_to_error
 from ..fmu import cache
@@ -18,7 +18,7 @@ from ..ssp.flat import Feed, Flat, unlike
 from ..ssp.package import Package
 from ..ssp.values import finite_number, parameter_set, set_name
 from ..units import SECOND, Unit, quantity
-from .wiring import Link, Wiring
+from .wiring import Wiring
 
 SUFFIXES = (".ssp", ".ssd")  # the second is answered with what it lacks
 BRACE = "brace"

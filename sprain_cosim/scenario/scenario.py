@@ -488,9 +488,8 @@ class Scenario(Card):
         """What is assumed without being said anywhere, one line each: undeclared units of connected variables, a
         mapping that another replaces, a change that has no effect; and what foreign FMUs may do beyond the sandbox."""
         components = self.components()
-        connections = self._coupled(components)[0].connections
-        links = {} if self.wiring is None else self.wiring.links
-        system = System(components, connections)
+        system, _ = self._coupled(components)
+        connections, links = system.connections, {} if self.wiring is None else self.wiring.links
         units = {t: (system.find(s).unit, system.find(t).unit) for t, s in connections.items() if t in links}
         said = [target for target, pair in units.items() if links[target] != conversion(*pair)]
         found = self.without_effect([change.partition(" = ")[0] for change in self.changes])

@@ -8,14 +8,12 @@ from dataclasses import dataclass, field, replace
 from typing import Self
 
 from ..contract import PLANT
-from ..cosim.layout import conversion
+from ..cosim.layout import Link, conversion
 from ..cosim.system import System
 from ..errors import InputError
 from ..fmu.component import Component
 from ..fmu.element import Connector
 from ..units import Unit
-
-Link = tuple[float, float]
 
 
 @dataclass(frozen=True)
