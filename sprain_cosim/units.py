@@ -161,8 +161,11 @@ def _lookup(symbol: str, name: str) -> tuple[float, float, tuple[int, ...]]:
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)?\s*")
 
 
-def shown_unit(own: Unit | None) -> tuple[float, str]:
-    """The unit in which people read numbers of `own`, and the factor that leads to it; nothing for a pure number."""
+def shown_unit(own: Unit | str | None) -> tuple[float, str]:
+    """The unit in which people read numbers of `own` (one, or its name), and the factor that leads to it; no name for a
+    pure number. Raises InputError for an unknown name."""
+    if isinstance(own, str):
+        own = unit(own) if own else None
     if own is None or own.dimensionless:
         return 1.0, ""
     shown = SHOWN.get(own.name)
@@ -236,7 +239,7 @@ def proportion(value: float | str, what: str) -> float:
     """0.01 or "1 %". Raises InputError unless it lies between 0 and 1."""
     share = quantity(value.replace("%", " %") if isinstance(value, str) else value, unit("1"), what)
     if not 0.0 <= share <= 1.0:
-        raise InputError(f"{what} {value}: must lie between 0 % and 100 %")
+        raise InputError(f"{what} = {value}: must lie between 0 % and 100 %")
     return share
 
 

@@ -14,7 +14,7 @@ from ..scenario.body import is_of_subject
 from ..study.summary import VarianceShare
 from ..subject.anthropometry import SEXES
 from ..subject.person import Subject
-from ..units import SHOWN, unit
+from ..units import shown_unit, unit
 from .blocks import Block, Cell, Heading, PageTable, Paragraph, Row
 from .words import ends, percent, percentage, percentage_ends, rounded, signed
 
@@ -130,8 +130,10 @@ def _worst(persons: Persons, brace: str) -> PageTable:
 
 def _read(name: str, i: WorstInput) -> tuple[str, str, str]:
     """Unit and both means as people read them, with three figures of the larger: they may lie near each other."""
-    shown = PARAMETERS[name][1] if name in PARAMETERS else SHOWN.get(i.unit, i.unit)
-    factor = unit(i.unit).factor / unit(shown).factor if i.unit and shown else 1.0
+    factor, shown = shown_unit(i.unit)
+    if name in PARAMETERS and i.unit:
+        shown = PARAMETERS[name][1]
+        factor = unit(i.unit).factor / unit(shown).factor if shown else 1.0
     worst, rest = factor * i.worst, factor * i.rest
     digits = max(0, 2 - math.floor(math.log10(max(abs(worst), abs(rest), 1e-9))))
     there, elsewhere = (f"{value + 0.0:.{digits}f}".replace("-", "−") for value in (worst, rest))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -31,7 +30,7 @@ from ..shipped import fmu_path
 from ..ssp.flat import Flat, flattened
 from ..subject.person import Subject
 from ..subject.words import parse_subject
-from ..units import plain_number, quantity, seconds, stated, unit
+from ..units import plain_number, proportion, seconds, stated
 from .apart import Apart
 from .body import (
     OWNER,
@@ -534,7 +533,6 @@ class Scenario(Card):
         """Loads and instantiates the FMUs: in this process where all of them ship (or, with `in_process`, whatever they
         are), else together in one of their own, in a sandbox and within `limits`. `system`: its own, where that has
         been described before. Raises InputError, SimulationError, EnvironmentProblem."""
-        self.master.steps  # noqa: B018 - raises for times that do not fit
         if in_process or self.in_process:
             return Session(self, system, limits)
         components = self.components()
@@ -705,7 +703,7 @@ def share(value: Any, place: str) -> float:
     """0.001 or "0.1 %"; true is 0.1 %, false 0."""
     if isinstance(value, bool):
         return ADAPTIVE if value else 0.0
-    share = quantity(re.sub(r"\s*%", " %", value) if isinstance(value, str) else value, unit("1"), place)
-    if not 0.0 <= share < 1.0:
-        raise InputError(f"{place} = {value}: must lie between 0 and 1 (100 %)")
+    share = proportion(value, place)
+    if share == 1.0:
+        raise InputError(f"{place} = {value}: must lie below 100 %")
     return share

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ..cosim.system import System
 from ..errors import InputError
 from ..fmu.element import Connector
-from ..units import SHOWN, unit
+from ..units import shown_unit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -63,7 +63,7 @@ class Settable:
 
     def row(self) -> tuple[str, ...]:
         """Name, unit, range, default, value, meaning for people: angles in degrees."""
-        shown = SHOWN.get(self.unit, "" if self.unit == "1" else self.unit)
+        _, shown = shown_unit(self.unit)
         low, high = self._shown(self.minimum), self._shown(self.maximum)
         span = f"{low} ... {high}" if low and high else f"{low} or more" if low else f"{high} or less" if high else ""
         return (
@@ -80,8 +80,8 @@ class Settable:
             return value or ""
         if self.kind == "boolean":
             return str(bool(value)).lower()
-        shown = SHOWN.get(self.unit)
-        return f"{value if shown is None else unit(shown).from_base(value) + 0.0:.6g}"
+        factor, _ = shown_unit(self.unit)
+        return f"{factor * value + 0.0:.6g}"
 
 
 def settables(system: System, values: Mapping[str, Any]) -> list[Settable]:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ..metrics import unit_of
-from ..units import SHOWN, unit
+from ..units import shown_unit
 from ..uq import statistics
 from .evaluation import FACTORS
 from .groups import groups_listing
@@ -298,9 +298,7 @@ def _form(study: Plan, found: FormSearch) -> list[str]:
         f"  {'':{room}}{'importance':>12}{'design point':>16}",
     ]
     for name, value in found.importance.items():
-        own = study.units.get(name, "")
-        shown = SHOWN.get(own, own) if name in study.units else unit_of(found.response)
-        factor = unit(own).factor / unit(shown).factor if own else 1.0
+        factor, shown = shown_unit(study.units[name]) if name in study.units else (1.0, unit_of(found.response))
         point = found.design_point.get(name)
         text = _number(None if point is None else factor * point, ".5g")
         lines.append(f"  {name:{room}}{_number(value, '.2f'):>12}{text:>16} {shown}".rstrip())

@@ -23,7 +23,7 @@ from ..scenario import Scenario, Value
 from ..scenario.body import OWNER, SEX, is_of_subject, pose_problem, without_person
 from ..subject.anthropometry import SEXES
 from ..subject.person import Subject
-from ..units import SHOWN, unit
+from ..units import shown_unit
 from ..uq import sampling
 from ..uq.distributions import Array, Fixed, JointDistribution, Marginal, Uniform
 from ..uq.exceedance import Bounds, Threshold
@@ -157,9 +157,8 @@ class Plan(Card):
         """ "Normal, mean -34 deg, SD 5 deg"."""
         if marginal.is_discrete or marginal.is_fixed:
             return repr(marginal)
-        shown = SHOWN.get(self.units[name], self.units[name])
-        size = unit(shown).factor if shown != self.units[name] else 1.0
-        mean, sd = (f"{value / size + 0.0:.4g} {shown}".rstrip() for value in (marginal.mean, marginal.sd))
+        factor, shown = shown_unit(self.units[name])
+        mean, sd = (f"{factor * value + 0.0:.4g} {shown}".rstrip() for value in (marginal.mean, marginal.sd))
         return f"{type(marginal).__name__}, mean {mean}, SD {sd}"
 
     @property
@@ -721,6 +720,5 @@ class Plan(Card):
 
 def _read(value: float, own: str) -> str:
     """A value as people read it."""
-    shown = SHOWN.get(own, own)
-    factor = unit(own).factor / unit(shown).factor if shown != own else 1.0
+    factor, shown = shown_unit(own)
     return f"{factor * value:.5g} {shown}".strip()
