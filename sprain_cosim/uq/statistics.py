@@ -42,6 +42,7 @@ __all__ = [
     "standard_deviation",
     "stopping",
     "stopping_of",
+    "unmet_tail",
     "wilks_size",
 ]
 
@@ -163,12 +164,16 @@ def replicated_exceedance(
 ) -> Estimate:
     """P(Y > T) from a replicated quasi-Monte Carlo sample, kept within 0 and 1; T as in `exceedance`.
 
-    Where all replicates agree their spread says nothing, and the interval is that of as many independent rows.
+    Where all replicates agree their spread says nothing, and the interval is that of as many independent rows. Where
+    few rows carry the mean, the upper end allows for what the sample has not met (`unmet_tail`).
     """
     found = replicated(y, replicates, lambda values: np.mean(_threshold_below(threshold, values)), confidence)
     if found.low == found.high:
         return exceedance(y, threshold, confidence)
-    return Estimate(found.value, max(found.low, 0.0), min(found.high, 1.0)) if math.isfinite(found.low) else found
+    if not math.isfinite(found.low):
+        return found
+    high = found.high if not isinstance(threshold, Marginal) else max(found.high, unmet_tail(y, threshold, confidence))
+    return Estimate(found.value, max(found.low, 0.0), min(high, 1.0))
 
 
 def _student(freedom: int, confidence: float) -> float:
@@ -286,9 +291,9 @@ def exceedance(y: ArrayLike, threshold: float | Marginal, confidence: float = 0.
 
     For a number: share of the values above, Clopper-Pearson interval. For a marginal: mean of P(T < yᵢ), of which a
     few large terms carry most; interval by P. Hall's transformation, which straightens their skewness (J. R. Stat. Soc.
-    B 54 (1992) 221-228), kept within 0 and 1. Where fewer than 100 values carry the mean, the upper end is at least
-    that of an exponential tail of y (`_tail_bound`), since the sample has not met what matters. `failed` trials widen
-    the interval by all they could have been: none or all of them above.
+    B 54 (1992) 221-228), kept within 0 and 1. Where few values carry the mean, the upper end allows for what the sample
+    has not met (`unmet_tail`). `failed` trials widen the interval by all they could have been: none or all of them
+    above.
     """
     values = _sample(y, 2)
     n = len(values)
@@ -299,9 +304,7 @@ def exceedance(y: ArrayLike, threshold: float | Marginal, confidence: float = 0.
         low, high = (float(end[0]) for end in clopper_pearson([round(value * n)], n, confidence))
         if np.ptp(above) > 0:
             low, high = skewed_interval(above, confidence)
-            if np.sum(above) ** 2 / np.sum(above**2) < _CARRIERS:
-                high = max(high, _tail_bound(values, threshold, confidence))
-            low, high = max(low, 0.0), min(high, 1.0)
+            low, high = max(low, 0.0), min(max(high, unmet_tail(values, threshold, confidence)), 1.0)
     else:
         k = int(np.sum(values > threshold))
         value = k / n
@@ -329,6 +332,18 @@ def skewed_interval(values: Array, confidence: float) -> tuple[float, float]:
 
 
 _LAGUERRE, _LAGUERRE_WEIGHTS = np.polynomial.laguerre.laggauss(24)
+
+
+def unmet_tail(y: ArrayLike, threshold: Marginal, confidence: float = 0.95) -> float:
+    """What the upper end of an interval of P(Y > T) must at least be, by n independent values of Y: that of an
+    exponential tail of them where fewer than 100 carry the mean of P(T < yᵢ), that of the count of rows where none
+    differs in it, else 0. The spread of a mean says nothing of large terms that the sample has not met."""
+    values = _sample(y, 2)
+    above, n = threshold.cdf(values), len(values)
+    if not np.ptp(above) > 0:
+        return float(clopper_pearson([round(float(np.sum(above)))], n, confidence)[1][0])
+    few = np.sum(above) ** 2 < _CARRIERS * np.sum(above**2)
+    return _tail_bound(values, threshold, confidence) if few else 0.0
 
 
 def _tail_bound(values: Array, threshold: Marginal, confidence: float) -> float:

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.special import ndtri
 
-from sprain_cosim.uq.distributions import LogNormal, Marginal, Normal, Uniform, Weibull
+from sprain_cosim.uq.distributions import JointDistribution, LogNormal, Marginal, Normal, Uniform, Weibull
 from sprain_cosim.uq.exceedance import (
     Bounds,
     doubted_exceedance,
@@ -21,6 +22,7 @@ from sprain_cosim.uq.exceedance import (
 from sprain_cosim.uq.fitting import fit_family, fit_sample
 from sprain_cosim.uq.measured import Measured
 from sprain_cosim.uq.reliability import rare_event
+from sprain_cosim.uq.sampling import sobol
 from sprain_cosim.uq.statistics import Estimate, exceedance, replicated_exceedance
 
 CADAVERS = Normal(35.0, 6.0)  # inversion of cadaver ankles at failure, as the literature states it [deg]
@@ -186,6 +188,17 @@ def test_a_sampler_of_its_own_for_samples_that_are_not_independent() -> None:
         sampler=lambda threshold: replicated_exceedance(LANDINGS[:4064], 8, threshold),
     )
     assert found.sampling == replicated_exceedance(LANDINGS[:4064], 8, CADAVERS)
+
+
+@pytest.mark.parametrize("rows", [1.0, 2.0])
+def test_a_replicated_sample_that_has_not_met_the_tail_keeps_its_upper_end_open(rows: float) -> None:
+    """Events of which a sample has one or two, behind a threshold that varies: by the replicates' spread alone the
+    intervals of 0.22 and 0.12 of the samples ended below the truth."""
+    n, spread = 128, 0.3
+    threshold = Normal(float(ndtri(1.0 - rows / n)) * math.hypot(1.0, spread), spread)
+    joint, weights = JointDistribution([Normal(0.0, 1.0)] * 3), np.array([3.0, 2.0, 1.0]) / math.sqrt(14.0)
+    found = [replicated_exceedance(sobol(joint, n, seed) @ weights, 8, threshold) for seed in range(100)]
+    assert np.mean([e.high < rows / n for e in found]) <= 0.05
 
 
 def test_failed_trials_widen_the_sampling_interval_alone() -> None:

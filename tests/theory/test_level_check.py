@@ -12,6 +12,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from sprain_cosim.uq.distributions import (
     Array,
@@ -212,6 +213,10 @@ def _held(seeds: int, threshold: float | Normal, truth: float) -> float:
     return held / seeds
 
 
+def skewed(x: np.ndarray) -> np.ndarray:
+    return np.asarray(10.0 * np.exp(0.4 * x[:, 0] + 0.2 * x[:, 1]))
+
+
 TRUTHS = [(Normal(35.0, 6.0), 0.01845), (24.0, 0.1461), (22.0, 0.4947)]  # two million landings of the stand-in each
 
 
@@ -221,6 +226,29 @@ def test_a_probability_from_levels_is_corrected_by_the_rows_that_test_them(thres
     levels = amv(standin.landing, standin.MARGINALS)
     assert exceedance_of_levels(levels.value, threshold) > 1.19 * truth
     assert _held(20, threshold, truth) >= 0.85
+
+
+@pytest.mark.parametrize(("threshold", "truth"), [(Normal(41.5, 2.66), 8.37e-4), (Uniform(38.0, 41.0), 1.08e-3)])
+def test_a_rare_event_behind_the_rows_that_test_the_levels_keeps_its_upper_end_open(threshold, truth: float) -> None:
+    """By the spread of the rows alone the interval of every second check ended below the truth, two in five had no
+    width: none of the rows came near the threshold."""
+    levels, missed = amv(skewed, TWO), 0
+    for seed in range(60):
+        check = check_levels(skewed, TWO, levels, seed=seed)
+        missed += level_exceedance(TWO, levels, check, threshold).high < truth
+    assert missed <= 8
+    y = skewed(np.random.default_rng(3).standard_normal((2_000_000, 2)))
+    assert float(np.mean(threshold.cdf(y))) == pytest.approx(truth, rel=0.05)
+
+
+def test_levels_that_agree_with_every_row_still_leave_a_doubt() -> None:
+    """A linear response: the rows differ from the levels by nothing, so that their spread is nothing."""
+    levels = amv(lambda x: x @ [2.0, 1.0], TWO)
+    check = check_levels(lambda x: x @ [2.0, 1.0], TWO, levels)
+    found = level_exceedance(TWO, levels, check, Normal(7.0, 0.5))
+    exact = float(ndtr(-7.0 / math.sqrt(5.25)))
+    assert found.value == pytest.approx(exact, rel=1e-3)
+    assert found.high > 1.5 * exact
 
 
 @pytest.mark.long

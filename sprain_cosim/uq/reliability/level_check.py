@@ -25,7 +25,7 @@ from scipy.special import ndtri
 from ..distributions import JointDistribution, Marginal
 from ..distributions.marginal import as_array
 from ..sampling import Stream, generator
-from ..statistics import Estimate, between_levels, exceedance_of_levels, skewed_interval
+from ..statistics import Estimate, between_levels, exceedance_of_levels, skewed_interval, unmet_tail
 from .mean_value_family import LevelResult
 from .points import Array, Evaluations, Function, PointLedger, Status
 
@@ -129,7 +129,7 @@ def level_exceedance(
     remainder = as_array(threshold.cdf(y)) - control
     value = float(np.mean(remainder))
     low, high = skewed_interval(remainder, confidence) if np.ptp(remainder) > 0 else (value, value)
-    return _share_of(value, low, high)
+    return _share_of(value, low, max(high, unmet_tail(y, threshold, confidence)))
 
 
 def _share_of(value: float, low: float, high: float) -> Estimate:
