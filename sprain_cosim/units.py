@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from numbers import Integral, Real
 
@@ -116,8 +116,10 @@ SIGNS = str.maketrans(  # characters that look alike or mean the same
 HYPHEN = re.compile(r"(?<=[^\W\d_])-(?=[^\W\d_])")  # between letters, a product: N-m, in-lbf
 PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "k": 1e3, "M": 1e6, "G": 1e9}
 PREFIXED = {"g", "m", "s", "Hz", "rad", "N", "Nm", "Pa", "J", "W", "A", "V", "K", "mol", "bar"}
+SMALL = {"g", "m", "s", "rad", "K", "mol"}  # of which nobody means a million: Mm is mm in capitals, Grad a degree
+GRADS = "write deg for degrees of angle; a gradian (400 to a turn) is 0.9 deg"
 
-_FACTOR = re.compile(r"([^\d^.*/()\s-]+|1)(?:\^?(-?\d))?")
+_FACTOR = re.compile(r"1|([^\d^.*/()\s-]+)(?:\^?(-?[1-9]))?")
 
 
 @lru_cache(maxsize=512)
@@ -135,7 +137,7 @@ def unit(name: str) -> Unit:
         match = _FACTOR.fullmatch(part)
         if not match:
             raise InputError(f"unit {name!r}: cannot read {part!r}; write units as N.m/rad, m/s2 or deg")
-        scale, shift, dims = _lookup(match[1], name)
+        scale, shift, dims = _lookup(match[1] or "1", name)
         power = sign * int(match[2] or 1)
         factor *= scale**power
         exponents = [e + power * d for e, d in zip(exponents, dims, strict=True)]
@@ -152,6 +154,10 @@ def _lookup(symbol: str, name: str) -> tuple[float, float, tuple[int, ...]]:
     if symbol in SYMBOLS:
         return SYMBOLS[symbol]
     prefix, rest = symbol[0], symbol[1:]
+    if symbol.lower() in ("grad", "grads", "gon", "gradian", "gradians"):
+        raise InputError(f"unit {name!r}: {symbol} has two meanings; {GRADS}")
+    if prefix in "MG" and rest in SMALL:
+        raise InputError(f"unit {name!r}: {symbol} would be {PREFIXES[prefix]:g} {rest}; write m{rest} or {rest}")
     if prefix in PREFIXES and rest in PREFIXED:
         factor, offset, dims = SYMBOLS[rest]
         return PREFIXES[prefix] * factor, offset, dims
@@ -178,9 +184,10 @@ def split(text: str) -> tuple[float, str] | None:
     return (float(match[1]), match[2] or "") if match else None
 
 
-def quantity(value: float | str, target: Unit | None, what: str, proposed: str = "") -> float:
+def quantity(value: float | str, target: Unit | None, what: str, proposed: str = "", difference: bool = False) -> float:
     """A number or "number unit" in the unit `target` (None: not declared, so SI is assumed). `what` begins the
-    messages, which propose the unit `proposed` to a number without one; empty: what people usually write.
+    messages, which propose the unit `proposed` to a number without one; empty: what people usually write. A
+    `difference`, such as a standard deviation, has no zero: 5 degC are 5 K of it.
 
     Raises InputError when the unit is missing, unknown or of another dimension, or the number is not finite."""
     dimensionless = target is None or target.dimensionless
@@ -206,6 +213,8 @@ def quantity(value: float | str, target: Unit | None, what: str, proposed: str =
         own = unit(name)
     except InputError as problem:
         raise InputError(f"{what} = {value!r}: {problem}") from None
+    if difference:
+        own, target = replace(own, offset=0.0), None if target is None else replace(target, offset=0.0)
     if target is None:
         return own.to_base(number)
     if not own.same_dimension(target):

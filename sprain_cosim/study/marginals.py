@@ -270,7 +270,10 @@ def _member(name: str, inner: Any, own: Unit | None, place: str) -> Marginal:
         return Empirical(tuple(quantity(value, own, f"{place}.{name}") for value in inner))
     if not isinstance(inner, dict) or set(inner) != set(family.keys):
         raise InputError(f"{place}: {name} = {{ {', '.join(f'{key} = ...' for key in family.keys)} }}")
-    numbers = [quantity(inner[key], NONE if key in family.plain else own, f"{place}.{key}") for key in family.keys]
+    numbers = [
+        quantity(inner[key], NONE if key in family.plain else own, f"{place}.{key}", difference=key == "sd")
+        for key in family.keys
+    ]
     if name == "lognormal" and not any(numbers):
         raise InputError(f"{place}: a lognormal cannot be 0; write {{ fixed = 0 }}")
     return family.make(*numbers)

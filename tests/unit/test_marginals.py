@@ -42,6 +42,12 @@ def test_families_have_the_moments_of_their_numbers(spec: dict[str, Any], mean: 
     assert found.sd == pytest.approx(sd * DEGREE)
 
 
+def test_a_spread_in_a_unit_with_a_zero_of_its_own_is_a_difference() -> None:
+    """5 degC of standard deviation were 278.15 K."""
+    found = marginal({"normal": {"mean": "20 degC", "sd": "5 degC"}}, unit("K"), "here")
+    assert (found.mean, found.sd) == (293.15, 5.0)
+
+
 def test_every_distribution_has_a_name() -> None:
     """But for `Truncated`, which low and high make, and for mixtures, which [population] makes."""
     made = {family.make for family in FAMILIES.values()}

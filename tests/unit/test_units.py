@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import re
 
 import pytest
 from hypothesis import given
@@ -75,6 +76,41 @@ def test_units_of_other_trades() -> None:
 def test_unknown_units_are_refused(text: str) -> None:
     with pytest.raises(InputError, match="unit"):
         unit(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("Nm/Grad", "two meanings; write deg"),  # German degrees; was a thousand million radians, and the brace void
+        ("grad", "two meanings; write deg"),
+        ("Mm", "write mm or m"),  # a table in capitals; was a million metres
+        ("N.Mm", "write mm or m"),
+        ("Ms", "write ms or s"),
+        ("Mrad/s", "write mrad or rad"),
+        ("Mg", "write mg or g"),
+        ("10 N", "cannot read '10'"),  # was 1 N
+        ("12 N", "cannot read '12'"),
+        ("1-1", "cannot read '1-1'"),
+        ("g0", "cannot read 'g0'"),  # standard gravity; was the pure number 1
+        ("m^0", "cannot read"),
+    ],
+)
+def test_what_would_be_read_wrongly_is_refused(text: str, said: str) -> None:
+    with pytest.raises(InputError, match=re.escape(said)):
+        unit(text)
+
+
+def test_a_number_behind_a_number_is_no_unit() -> None:
+    with pytest.raises(InputError, match="cannot read '10'"):
+        quantity("5 10 m", unit("m"), "drop")
+    assert quantity("5 1/s", unit("Hz"), "rate") == 5.0
+
+
+def test_a_difference_of_temperatures_has_no_zero() -> None:
+    kelvin, celsius = unit("K"), unit("degC")
+    assert quantity("5 degC", kelvin, "sd", difference=True) == 5.0
+    assert quantity("5 K", celsius, "sd", difference=True) == 5.0
+    assert quantity("5 degC", kelvin, "mean") == 278.15
 
 
 def test_quantity_converts() -> None:
