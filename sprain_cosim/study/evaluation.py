@@ -158,6 +158,8 @@ def _with_search(summary: StudySummary, study: Plan, found: Found) -> StudySumma
         return replace(summary, form=form, notes=(*said, *_other_questions(study)))
     if isinstance(found, SobolIndices):
         said = (GIVEN_DATA, *_unbalanced(study.trials, study.sequences))
+        if any(np.isnan(end).any() for end in (found.first_low, found.total_low)):
+            said = (f"{study.trials} points are too few for intervals of these indices: nobody knows them", *said)
         return replace(summary, sobol=_sobol(study, found), notes=said)
     if isinstance(found, DesignResult):
         return design_summary(summary, study, found)

@@ -27,6 +27,7 @@ from scipy.special import eval_hermitenorm, eval_legendre, ndtr, ndtri, stdtrit
 from .chaos import orthonormal, redrawn
 from .distributions import JointDistribution, Marginal, Normal, Uniform
 from .sampling import Stream, generator, sobol
+from .statistics import clopper_pearson
 
 __all__ = [
     "Correlation",
@@ -309,8 +310,8 @@ class SobolIndices:
     """Shares of the response's variance: `first` (d,) by an input alone, `total` (d,) with all its
     interactions.
 
-    The intervals are Student's over the randomised replicates (NaN for a single replicate); small indices may
-    come out slightly negative. Fixed inputs have 0. `evaluations` counts the rows asked for.
+    Ends of intervals are NaN where one sequence has fewer than 32 points; small indices may come out slightly negative.
+    Fixed inputs have 0. `evaluations` counts the rows asked for.
     """
 
     first: Array
@@ -338,8 +339,10 @@ def sobol_indices(
 
     n base points in `replicates` scrambled Sobol' sequences (n / replicates should be a power of two). One sequence has
     the least error; its intervals, from resampled points as if they were independent, are too wide rather than too
-    narrow. Several have intervals of their own, from the jackknife over them. Raises ValueError when any response is
-    missing (not finite): an incomplete design says nothing, so it is refused.
+    narrow; below 32 points, where they are not, it has none. Several have intervals of their own, from the jackknife
+    over them. Where an input moves the response at fewer than ten points, as it may move one that counts or switches,
+    the upper ends allow for the points that would have. Raises ValueError when any response is missing (not finite): an
+    incomplete design says nothing, so it is refused.
     """
     joint = JointDistribution(marginals)
     active = joint.active
@@ -372,30 +375,45 @@ def sobol_indices(
     s1, s2 = by[:2].mean(axis=(0, 1)), (by[:2] ** 2).mean(axis=(0, 1))
     top_first = (by[1] * (by[2:] - by[0])).mean(axis=1).T
     top_total = 0.5 * ((by[0] - by[2:]) ** 2).mean(axis=1).T
-    result = {}
+    variance, result = float(s2.mean() - s1.mean() ** 2), dict[str, Array]()
+    rarely = _seldom_moved((f[0] - f[2:]) ** 2, float(np.ptp(f)), confidence) / (2.0 * variance)
     for name, top in (("first", top_first), ("total", top_total)):
         value, low, high = (_ratio_over_points if alone else _ratio_over_replicates)(top, s1, s2, confidence, seed)
+        high = np.maximum(high, rarely)
         for suffix, part in (("", value), ("_low", low), ("_high", high)):
             column = np.zeros(len(joint))
             column[active] = part
             result[name + suffix] = column
-    variance = float(s2.mean() - s1.mean() ** 2)
     return SobolIndices(**result, mean=centre, variance=variance, evaluations=len(values))
 
 
 _RESAMPLES, _RESAMPLED = 400, 4_000_000  # numbers drawn at a time
+_TOLD = 32  # points whose resampling says something
+_SELDOM = 10  # points that an input must move
+
+
+def _seldom_moved(squares: Array, most: float, confidence: float) -> Array:
+    """(d,) upper end of the mean of squared changes (d, n) where few of them are not zero, by the interval of their
+    number; of none each could be as large as `most`, the range of the response. -inf where there are enough."""
+    n, moved = squares.shape[1], np.sum(squares > 0.0, axis=1)
+    size = np.where(moved > 0, squares.sum(axis=1) / np.maximum(moved, 1), most**2)
+    return np.where(moved < min(_SELDOM, n), size * clopper_pearson(moved, n, confidence)[1], -np.inf)
 
 
 def _ratio_over_points(top: Array, s1: Array, s2: Array, confidence: float, seed: int) -> tuple[Array, Array, Array]:
     """Pooled numerator over pooled variance with the ends of its bootstrap interval, by normal approximation."""
     n, rng = len(s1), generator(seed, Stream.BOOTSTRAP, 1)
+    value = top.mean(axis=0) / (s2.mean() - s1.mean() ** 2)
+    if n < _TOLD:
+        return value, np.full_like(value, np.nan), np.full_like(value, np.nan)
     columns, found = np.column_stack([top, s1, s2]), list[Array]()
     block = max(1, _RESAMPLED // n)
     for k in range(0, _RESAMPLES, block):
         counts = rng.multinomial(n, np.full(n, 1.0 / n), size=min(block, _RESAMPLES - k))
         means = counts @ columns / n
-        found.append(means[:, :-2] / (means[:, -1] - means[:, -2] ** 2)[:, np.newaxis])
-    value = top.mean(axis=0) / (s2.mean() - s1.mean() ** 2)
+        spread = means[:, -1] - means[:, -2] ** 2
+        varied = spread > 0.0  # a draw of points alike says nothing
+        found.append(means[varied, :-2] / spread[varied, np.newaxis])
     half = float(ndtri(0.5 * (1.0 + confidence))) * np.std(np.concatenate(found), axis=0, ddof=1)
     return value, value - half, value + half
 

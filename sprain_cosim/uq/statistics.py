@@ -269,7 +269,7 @@ def empirical_cdf(y: ArrayLike, confidence: float = 0.95) -> Cdf:
     return Cdf(value, below / len(values), low, high)
 
 
-def clopper_pearson(k: ArrayLike, n: int, confidence: float = 0.95) -> tuple[Array, Array]:
+def clopper_pearson(k: ArrayLike, n: float, confidence: float = 0.95) -> tuple[Array, Array]:
     """Ends of the interval of a probability of which k of n independent trials had the event."""
     k = np.asarray(k, dtype=float)
     tail = 0.5 * (1.0 - _probability(confidence, "the confidence"))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from sprain_cosim.uq.distributions import Array, Exponential, Fixed, Marginal, Normal
 from sprain_cosim.uq.reliability import (
@@ -256,6 +257,27 @@ def test_points_that_are_not_the_events_own_are_noticed() -> None:
     found = importance_sampling(lambda x: 8.0 + x[:, 0], [UNIT] * 2, 0.0, elsewhere)
     assert found.status == "suspect"
     assert "none of 400 rows" in found.reasons[0]
+    assert found.probability.low <= float(ndtr(-8.0)) < found.probability.high < 0.5  # it was 0 ... 0
+
+
+def staircase(x: Array) -> Array:
+    return np.asarray(np.floor(2.0 * x[:, 0]) / 2.0)
+
+
+def test_an_event_that_no_search_finds_keeps_its_upper_end_open() -> None:
+    """A staircase without slopes: of three seeds in ten no row met the event, and its probability was 0 (0 ... 0)."""
+    truth, held = float(ndtr(-3.0)), 0
+    for seed in range(12):
+        event = rare_event(staircase, [UNIT] * 2, 2.9, above=True, seed=seed).probability
+        assert event.high > event.low
+        held += event.low <= truth <= event.high
+    assert held >= 10
+
+
+def test_an_input_too_narrow_for_a_step_is_named() -> None:
+    """It was a response that "returned nan", after a warning about a division."""
+    with pytest.raises(ValueError, match=r"input 1: a step of .* does not move 1; use Fixed"):
+        form(lambda x: x.sum(axis=1), [UNIT, Normal(1.0, 1e-17)], 4.0)
 
 
 def test_a_coefficient_of_variation_that_is_missed_is_said() -> None:

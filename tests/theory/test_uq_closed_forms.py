@@ -142,6 +142,29 @@ def test_sobol_indices_of_ishigami() -> None:
     assert np.asarray(result.total) == pytest.approx([0.5576, 0.4424, 0.2437], abs=0.02)
 
 
+def test_sobol_indices_of_few_points_have_no_intervals() -> None:
+    """Of 16 points those of the totals held the truth in one of two seeds."""
+    for n, known in ((16, False), (32, True)):
+        found = sobol_indices(lambda x: x @ [2.0, 1.0], [Normal(0.0, 1.0)] * 2, n, seed=1)
+        ends = (found.first_low, found.first_high, found.total_low, found.total_high)
+        assert np.isfinite(ends).all() == known and np.isfinite(found.total).all()
+        assert known or np.isnan(ends).all()
+
+
+def test_an_input_that_seldom_switches_a_response_keeps_its_upper_ends_open() -> None:
+    """A response that is 0 or 1: of one seed in four the index of an input that moved it at no point was 0 ± 0."""
+    weights = np.array([2.0, 1.8, -1.2, 0.5, 0.3])
+
+    def found(n: int, seed: int):
+        return sobol_indices(lambda x: (x @ weights > 1.5).astype(float), [Normal(0.0, 1.0)] * 5, n, seed)
+
+    truth = found(2**15, 99).total
+    few = [found(32, seed) for seed in range(60)]
+    assert any(np.any(r.total == 0.0) for r in few)
+    assert all(np.all(r.total_high > 0.0) and np.all(r.first_high > 0.0) for r in few)
+    assert np.all(np.mean([r.total_high >= truth for r in few], axis=0) >= 0.93)
+
+
 def test_enlarging_a_sample_keeps_its_rows_and_columns() -> None:
     joint = JointDistribution(TEN)
     assert (monte_carlo(joint, 1024, seed=7)[:128] == monte_carlo(joint, 128, seed=7)).all()

@@ -50,6 +50,11 @@ def differences(ledger: PointLedger, joint: JointDistribution, x: Array, step: f
         for i in active:
             shifted = x.copy()
             shifted[i] += sign * h[i]
+            if shifted[i] == x[i]:
+                raise ValueError(
+                    f"input {i}: a step of {step:g} of its standard deviation {joint.sds[i]:g} does not move {x[i]:g}; "
+                    "use Fixed for a constant, or a larger step"
+                )
             points.append(shifted)
     values = ledger(np.array(points))
     centre, sides = values[0], values[1:].reshape(len(offsets), len(active))

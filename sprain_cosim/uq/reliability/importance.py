@@ -27,7 +27,7 @@ from ..chaos import basis, fit_chaos, multi_indices, terms_of
 from ..distributions import JointDistribution, Marginal
 from ..distributions.marginal import as_array
 from ..sampling import Stream, generator
-from ..statistics import Estimate
+from ..statistics import Estimate, clopper_pearson
 from .first_order import FormResult
 from .limit_state import Event, LimitState
 from .points import Array, Evaluations, Function, PointLedger, Status
@@ -168,8 +168,8 @@ class _Sample:
         still be next: the standard error is at least the value over the rows' worth in the event.
         """
         terms, worth = self.terms, _worth(self.terms)
-        if not worth:
-            return 0.0, 0.0, 0.0, 0.0
+        if not worth:  # which tells no more than so many plain rows without the event
+            return 0.0, 0.0, float(clopper_pearson([0], _worth(self.weights), confidence)[1][0]), 0.0
         residual, far_error = self._residual(terms)
         value, n = float(np.mean(residual)), len(residual)
         error = math.hypot(float(np.std(residual, ddof=1)) / math.sqrt(n), far_error)
