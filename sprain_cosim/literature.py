@@ -42,6 +42,10 @@ DEPTH_TEXT = (
     f"{DEPTHS[1]} mm over the postures of the studies"
 )
 
+# Largest vertical ground reaction of the means of the paper's six studies, from either initial pose, after the first
+# 5 ms; the paper's own model gives the same in OpenSim 4.6.
+GROUND_TEXT = "7 to 13 kN, 10 to 19 body weights"
+
 # Li, Ko, Zhang, Brown & Simpson 2018, "Biomechanics of ankle giving way", J. Sport Health Sci.: two people landing on a
 # plate tilted by 25 deg. Peak inversion [deg] of landings without injury, for which no velocity is stated; peak
 # inversion [deg] and peak inversion velocity [deg/s] of the trials that ended in a sprain. The laboratory's own zero.

@@ -7,19 +7,17 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from sprain_cosim.cosim.coupling import SCHEMES
 from sprain_cosim.errors import InputError
-from sprain_cosim.figures import FAINT, INK
+from sprain_cosim.figures.style import FAINT, legend_above, looks, sheet, styled
 from sprain_cosim.scenario import Scenario, load_scenario
 
 STEPS = (2.0, 1.0, 0.5, 0.25, 0.125)  # ms
 SCALES = (2.4, 4.0)
-COLORS = dict(zip(SCHEMES, ("#5c677d", "#c1292e", "#e09f3e", "#1b6ca8", "#2a9d8f"), strict=True))
 PUBLISHED = {"plant.initial_pose": "published", "plant.fibre_start": "as_published"}
 CASES = (  # label, scenario, scale of the brace (0: none), start of the paper's studies
     ("mean of study 1", "level", 0.0, True),
@@ -61,41 +59,52 @@ def table() -> None:
         print(f"| {label} | {peak:.3f} | {peak - true:+.4f}° | {rest} |")
 
 
-def main() -> None:
-    table()
-    figure = Figure(figsize=(9.6, 4.4), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(1, 2, sharey=True)
+def errors(scale: float) -> dict[str, list[float]]:
+    """{scheme: RMS error of the subtalar angle [deg] at each of STEPS}, NaN where the guard refuses the run."""
+    inside = braced(scale).override("brace.torque_scale", 0.0).override("plant.internal_brace_angle_scale", scale)
+    truth = inside.with_master(communication_step="0.125 ms").run()
+    found: dict[str, list[float]] = {}
+    for name in SCHEMES:
+        found[name] = []
+        for step in STEPS:
+            try:
+                result = braced(scale).with_master(name, f"{step} ms").run()
+            except InputError as refusal:
+                print(f"{100 * scale:4.0f} %  {name:26}{step:6g} ms   refused: {str(refusal).split(';')[0]}")
+                found[name].append(np.nan)
+                continue
+            angle, true = result["plant.subtalar_angle"], truth["plant.subtalar_angle"]
+            difference = angle - true[:: len(true) // (len(angle) - 1)]
+            found[name].append(np.degrees(np.sqrt(np.mean(difference**2))))
+            print(
+                f"{100 * scale:4.0f} %  {name:26}{step:6g} ms   RMS {found[name][-1]:.5f} deg   stated "
+                f"{100 * (result.coupling_error or 0):.3f} %"
+            )
+    return found
+
+
+@styled
+def drawn() -> Figure:
+    figure, axes = sheet([5.0] * len(SCALES))
+    chosen = dict(zip(SCHEMES, looks(len(SCHEMES)), strict=True))
     for axis, scale in zip(axes, SCALES, strict=True):
-        inside = braced(scale).override("brace.torque_scale", 0.0).override("plant.internal_brace_angle_scale", scale)
-        truth = inside.with_master(communication_step="0.125 ms").run()
-        for name, color in COLORS.items():
-            found = []
-            for step in STEPS:
-                try:
-                    result = braced(scale).with_master(name, f"{step} ms").run()
-                except InputError as refusal:
-                    print(f"{100 * scale:4.0f} %  {name:26}{step:6g} ms   refused: {str(refusal).split(';')[0]}")
-                    found.append((np.nan, np.nan))
-                    continue
-                every = round(step / 0.125)
-                difference = result["plant.subtalar_angle"] - truth["plant.subtalar_angle"][::every]
-                found.append((np.degrees(np.sqrt(np.mean(difference**2))), result.coupling_error))
-                print(
-                    f"{100 * scale:4.0f} %  {name:26}{step:6g} ms   RMS {found[-1][0]:.5f} deg   stated "
-                    f"{100 * (result.coupling_error or 0):.3f} %"
-                )
-            axis.loglog(STEPS, [f[0] for f in found], "o-", color=color, markersize=4, linewidth=1.6, label=name)
+        for name, values in errors(scale).items():
+            axis.loglog(STEPS, values, marker=chosen[name].dot, color=chosen[name].colour, linestyle=chosen[name].line)
         axis.axvline(0.5, color=FAINT, linewidth=0.8)
-        axis.set_title(f"{100 * scale:.0f} % brace", loc="left", fontsize=10, color=INK)
+        axis.set_title(f"{100 * scale:.0f} % brace")
+        axis.set_ylabel("RMS error [deg]")
+        axis.yaxis.set_major_formatter("{x:g}")
         axis.set_xticks(STEPS, [f"{s:g}" for s in STEPS])
         axis.minorticks_off()
-        axis.set_xlabel("communication step [ms] (default 0.5)", fontsize=9, color=INK)
-        axis.spines[["top", "right"]].set_visible(False)
-        axis.grid(color=FAINT, alpha=0.25)
-    axes[0].set_ylabel("RMS error of the subtalar angle [deg]", fontsize=9, color=INK)
-    axes[1].legend(frameon=False, fontsize=8, loc="lower right", labelcolor="linecolor")
-    figure.savefig(TARGET, dpi=130, metadata={"Software": None})
+        axis.grid()
+    axes[-1].set_xlabel("communication step [ms] (default 0.5)")
+    legend_above(figure, [(chosen[name].key(marker=chosen[name].dot), name) for name in SCHEMES], columns=1)
+    return figure
+
+
+def main() -> None:
+    table()
+    drawn().savefig(TARGET, dpi=220, metadata={"Software": None})
 
 
 if __name__ == "__main__":

@@ -32,11 +32,22 @@ FILES = "<!-- files -->"
 NAMES = "<!-- names -->"
 NOTEBOOK = re.compile(r"\]\(([\w./-]+)\.ipynb\)(?!\{)")  # a link to one, but to load it down
 EXAMPLE = re.compile(r"^>>> .*(?:\n(?!\s*$).*)*", re.MULTILINE)  # a prompt and all up to the next empty line
-IN_TABLE = re.compile(r"<td.*?</td>", re.DOTALL)
-CODE = re.compile(r"(?<=<code>)[^<]+(?=</code>)")
+TABLE = re.compile(r"<table>.*?</table>", re.DOTALL)
+ROW = re.compile(r"<tr>.*?</tr>", re.DOTALL)
+CELL = re.compile(r"<t[hd][^>]*>(.*?)</t[hd]>", re.DOTALL)
+TAG = re.compile(r"<[^>]+>")
+SENTENCE = 60  # letters of a cell, from which a table of four columns is read row by row on a phone
+PIECE = re.compile(r"<code>[^<]+</code>|<[^>]+>|[^<]+")
+NAME = re.compile(r"\b[a-z]\w+(?:[_.][a-z]\w*)+")  # plant.drop_height
 BREAK = re.compile(r"(?<=[\w)\]])([_./=])(?=\w)")  # where a long name may go on in the next line
-LINE = re.compile(r'(?<=<div class="language-text) (?=highlight"><pre><span></span><code>[^\n]*\n</code>)')  # a message
+CODE = re.compile(r"<code>.*?</code>", re.DOTALL)
+OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*")
+LINE = re.compile(  # messages
+    r'(?<=<div class="language-text) (?=highlight"><pre><span></span><code>'
+    r"(?:[^\n]*\n|(?:note|problem|warning): [^<]*)</code>)"
+)
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\s*\\([(\[])(.*?)\\[)\]]\s*</\1>', re.DOTALL)
+FIGURE = re.compile(r'<img [^>]*src="((?:\.\./)*figures/[^"]+)"[^>]*>')
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -63,13 +74,44 @@ def on_config(config: Any) -> None:
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    """`$...$` and `$$...$$`, as arithmatex leaves them, as MathML; names in tables with places to break; output of one
-    line, which may wrap."""
-    content = IN_TABLE.sub(lambda cell: CODE.sub(lambda m: BREAK.sub(r"\1<wbr>", m[0]), cell[0]), content)
+    """Equations, as arithmatex leaves them, as MathML; tables for phones; options that stay whole; messages,
+    which may wrap; figures that open in their own size."""
+    content = TABLE.sub(lambda table: _table(table[0]), content)
+    content = CODE.sub(lambda code: OPTION.sub(r'<span class="option">\g<0></span>', code[0]), content)
     content = LINE.sub(" line ", content)
-    return FORMULA.sub(
-        lambda m: convert(html.unescape(m[3].strip()), display="block" if m[2] == "[" else "inline"), content
-    )
+    content = FIGURE.sub(r'<a href="\1" title="in its own size">\g<0></a>', content)
+    return FORMULA.sub(lambda m: _formula(html.unescape(m[3].strip()), m[2] == "["), content)
+
+
+def _table(table: str) -> str:
+    """Long names with places to break; how a phone shows it, and the head of its column beside each cell."""
+    rows = ROW.findall(table)
+    heads, *cells = [[TAG.sub("", cell).strip() for cell in CELL.findall(row)] for row in rows]
+    table = CELL.sub(lambda cell: PIECE.sub(lambda piece: _breakable(piece[0]), cell[0]), table)
+    if len(heads) < 4:
+        return table
+    if max(len(html.unescape(cell)) for row in cells for cell in row) <= SENTENCE:
+        return table.replace("<table>", '<table data-shape="numbers">', 1) if len(heads) > 4 else table
+    table = table.replace("<table>", '<table data-shape="rows">', 1)
+    return ROW.sub(lambda row: _headed(row[0], heads), table)
+
+
+def _breakable(piece: str) -> str:
+    if piece.startswith("<"):
+        return BREAK.sub(r"\1<wbr>", piece) if piece.startswith("<code>") else piece
+    return NAME.sub(lambda name: BREAK.sub(r"\1<wbr>", name[0]), piece)
+
+
+def _headed(row: str, heads: list[str]) -> str:
+    left = iter(heads)
+    return re.sub("<td", lambda _: f'<td data-head="{next(left).replace(chr(34), "&quot;")}"', row)
+
+
+def _formula(tex: str, display: bool) -> str:
+    """Formulas with a wide blank between them may stand below each other."""
+    parts = tex.split(r"\qquad") if display else [tex]
+    shown = [convert(part.strip(), display="block" if display else "inline") for part in parts]
+    return shown[0] if len(shown) == 1 else f'<div class="formulas">{"".join(shown)}</div>'
 
 
 class _Fence(Preprocessor):

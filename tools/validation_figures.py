@@ -7,56 +7,56 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from sprain_cosim.figures import FAINT, GROUND, INK, SUBTALAR, TALOCRURAL
+from sprain_cosim.figures.style import FAINT, SUBTALAR, TALOCRURAL, legend_above, legend_line, sheet, styled
 from tools import published
 from tools.direct import COLUMN, plant
 from tools.reference import read
 
 FIGURES = Path(__file__).parent.parent / "docs" / "figures"
 STUDIES = {1: "1: level", 2: "2: 30° slope", 3: "3: reflex", 4: "4: co-activation", 5: "5: 240 % brace", 6: "6: mixed"}
-OVERLAID = ("base", "nopen_study2", "study3_centre", "study4_centre", "brace_200", "combo_i15_h0.4_c0.2")
+OVERLAID = {
+    "base": "30° slope",
+    "nopen_study2": "30° slope, touching pose",
+    "study3_centre": "reflex (study 3)",
+    "study4_centre": "co-activation (study 4)",
+    "brace_200": "200 % brace",
+    "combo_i15_h0.4_c0.2": "15°, 0.4 m, co-activation 20 %",
+}
+STYLE = {"subtalar": "-", "talocrural": (0, (5, 1.6))}
+DPI = 220
 
 
-def figure(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, np.ndarray]:
-    made = Figure(figsize=size, layout="constrained")
-    FigureCanvasAgg(made)
-    axes = made.subplots(rows, columns, squeeze=False)
-    for axis in axes.flat:
-        axis.spines[["top", "right"]].set_visible(False)
-        axis.tick_params(labelsize=8, colors=INK)
-    return made, axes
-
-
-def scatter() -> None:
-    made, axes = figure(2, 3, (9.6, 6.2))
+@styled
+def scatter() -> Figure:
+    made, axes = sheet([3.5] * 3, columns=2)
     print("| Study | trials | bias [deg] | RMS error [deg] | largest [deg] |\n|---|---|---|---|---|")
-    for axis, (study, title) in zip(axes.flat, STUDIES.items(), strict=True):
+    for axis, (study, title) in zip(axes, STUDIES.items(), strict=True):
         records = read(f"paper/study{study}_trials.csv")
         errors = published.errors(records)
         peaks = records.peak_subtalar_deg.to_numpy()
         low, high = peaks.min() - 1, peaks.max() + 1
         axis.plot([low, high], [low, high], color=FAINT, linewidth=0.8)
-        axis.plot(peaks, peaks + errors, ".", color=SUBTALAR, markersize=3, alpha=0.5)
-        axis.set_title(f"study {title}", fontsize=10, loc="left", color=INK)
+        axis.plot(peaks, peaks + errors, ".", color=TALOCRURAL, markersize=3, alpha=0.5)
+        axis.set_title(f"study {title}")
         text = f"RMS {np.sqrt(np.mean(errors**2)):.3f}°\nbias {errors.mean():+.3f}°"
-        axis.text(0.05, 0.95, text, transform=axis.transAxes, va="top", fontsize=9, color=INK)
+        axis.text(0.05, 0.95, text, transform=axis.transAxes, va="top")
         print(
             f"| {title} | {len(errors)} | {errors.mean():+.3f} | {np.sqrt(np.mean(errors**2)):.3f} | "
             f"{np.abs(errors).max():.2f} |"
         )
-    made.supxlabel("published peak subtalar supination [deg]", fontsize=10, color=INK)
-    made.supylabel("simulated [deg]", fontsize=10, color=INK)
-    made.savefig(FIGURES / "trials.png", dpi=130, metadata={"Software": None})
+    made.supxlabel("published peak subtalar supination [deg]", fontsize="medium")
+    made.supylabel("simulated [deg]", fontsize="medium")
+    return made
 
 
-def overlay() -> None:
-    made, axes = figure(2, 3, (9.6, 5.8))
-    for axis, case in zip(axes.flat, OVERLAID, strict=True):
+@styled
+def overlay() -> Figure:
+    made, axes = sheet([3.2] * 3, columns=2)
+    for axis, (case, title) in zip(axes, OVERLAID.items(), strict=True):
         reference = read(f"landing/{case}.csv.gz")
         out = published.simulated(case)[0]
         ms = 1e3 * reference.time_s
@@ -65,14 +65,13 @@ def overlay() -> None:
             ("talocrural", "ankle_angle_deg", TALOCRURAL),
         ):
             axis.plot(ms, reference[column], color=color, linewidth=4, alpha=0.3)
-            axis.plot(ms, np.degrees(out[:, COLUMN[f"{name}_angle"]]), color=color, linewidth=1.2)
-        axis.set_title(case, fontsize=9, loc="left", color=INK)
-    axes[0, 0].text(60, -25, "thick: OpenSim 4.6\nthin: this plant", fontsize=8, color=GROUND)
-    axes[0, 0].text(0.02, 0.95, "subtalar", color=SUBTALAR, fontsize=8, transform=axes[0, 0].transAxes)
-    axes[0, 0].text(0.02, 0.87, "talocrural", color=TALOCRURAL, fontsize=8, transform=axes[0, 0].transAxes)
-    made.supxlabel("time after contact [ms]", fontsize=10, color=INK)
-    made.supylabel("angle [deg]", fontsize=10, color=INK)
-    made.savefig(FIGURES / "landings.png", dpi=130, metadata={"Software": None})
+            axis.plot(ms, np.degrees(out[:, COLUMN[f"{name}_angle"]]), color=color, linestyle=STYLE[name])
+        axis.set_title(title)
+    entries = [(legend_line(c, STYLE[n]), n) for n, c in (("subtalar", SUBTALAR), ("talocrural", TALOCRURAL))]
+    legend_above(made, [*entries, (legend_line(FAINT, "-", linewidth=4), "wide and pale: OpenSim 4.6")], columns=3)
+    made.supxlabel("time after contact [ms]", fontsize="medium")
+    made.supylabel("angle [deg]", fontsize="medium")
+    return made
 
 
 def table() -> None:
@@ -112,6 +111,6 @@ def muscles(case: str) -> float:
 
 
 if __name__ == "__main__":
-    scatter()
-    overlay()
+    scatter().savefig(FIGURES / "trials.png", dpi=DPI, metadata={"Software": None})
+    overlay().savefig(FIGURES / "landings.png", dpi=DPI, metadata={"Software": None})
     table()

@@ -18,7 +18,7 @@ from ..folders.comparison import ComparisonFolder
 from ..folders.read import Folder
 from ..folders.run import RunFolder
 from ..folders.study import StudyFolder
-from ..literature import DEPTH_TEXT, INJURY_INVERSION_TEXT
+from ..literature import DEPTH_TEXT, GROUND_TEXT, INJURY_INVERSION_TEXT
 from . import tables
 from .blocks import Block, Bullets, Chart, Hero, PageSection, Picture, Pictures
 from .charts import charts, script_data
@@ -37,9 +37,8 @@ LIMITS = (
         "figure has before you compare it."
     ),
     Markup(
-        "<b>The ground reaction is not human.</b> About ten body weights at 35 to 50 ms after contact, far more than "
-        "people land with. The paper's own model does the same. Peak angles are compared with measurements, forces "
-        "are not."
+        f"<b>The ground reaction is not human.</b> {GROUND_TEXT}, at 35 to 50 ms after contact, far more than people "
+        "land with. The paper's own model does the same. Peak angles are compared with measurements, forces are not."
     ),
     Markup(
         "<b>One skeleton.</b> One subject of 67.5 kg with 49 muscles, one foot, no shoe. Another person is that "

@@ -335,8 +335,8 @@ class Scenario(Card):
         return replace(self, fmus=fmus, maps=maps)
 
     def recording(self, *patterns: str) -> Self:
-        """The same, with these local variables of its FMUs in the result besides inputs and outputs: "plant.*",
-        "plant.*_fibre_length". A pattern that nothing matches is refused when it runs."""
+        """The same, with these local variables of its FMUs in the result besides inputs and outputs: `plant.*`,
+        `plant.*_fibre_length`. A pattern that nothing matches is refused when it runs."""
         return replace(self, master=replace(self.master, record=patterns))
 
     def values_of_set(self, name: str, chosen: str) -> dict[str, Value]:

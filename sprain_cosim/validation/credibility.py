@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ..literature import DEPTH_TEXT
+from ..literature import DEPTH_TEXT, GROUND_TEXT
 from .check import FAIL, GAP, NOT_RUN, PASS, CheckOutcome
 from .suite import Report
 
@@ -115,7 +115,7 @@ EVIDENCE = (
         ("paper",),
         missing=(
             "the published outcomes are simulated as well; there are no measured ankle sprains in the comparison",
-            "ground reactions of 7 to 8 kN (10 body weights) are not human, in the paper's records neither",
+            f"ground reactions of {GROUND_TEXT}, are not human; those of the paper's own model neither",
         ),
     ),
     Evidence(

@@ -1,5 +1,5 @@
 """Every command in the documentation and the README names commands, options and values that the command line has, those
-of blocks that are not run or only in the long tests included; nothing is executed."""
+of blocks that are not run, that are no shell, or that run in the long tests only included; nothing is executed."""
 
 from __future__ import annotations
 
@@ -20,15 +20,14 @@ PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "fm
 
 
 def documented(page: Path) -> list[tuple[int, list[str]]]:
-    """(line of the block, words) of each call of sprain-cosim in a block of shell commands."""
+    """(line of the block, words) of each call of sprain-cosim in a block of shell commands, or of plain text."""
     found = []
     for block in blocks(page):
-        if block.language in ("sh", "bash"):
+        if block.language in ("sh", "bash", "text", ""):
             numbers = re.sub(r"\$\(\(.*?\)\)", "1", block.text)  # what the shell computes
             for line in re.sub(r"\\\n\s*", " ", numbers).splitlines():
-                words = shlex.split(line, comments=True)
-                if words and words[0].endswith("sprain-cosim"):
-                    found.append((block.line, words[1:]))
+                if re.match(r"\s*(\S*/)?sprain-cosim ", line):
+                    found.append((block.line, shlex.split(line, comments=True)[1:]))
     return found
 
 

@@ -85,7 +85,7 @@ def test_a_study(results: Path) -> None:
     for word in (manifest["fmus"]["plant"]["sha256"], str(manifest["seed"]), manifest["platform"]):
         assert word in page.sections["provenance"]
     assert "Initial pose published" in page.sections[""]
-    for word in ("inside the floor", "ten body weights", "One subject", "No injury threshold", "The brace is an idea"):
+    for word in ("inside the floor", "body weights", "One subject", "No injury threshold", "The brace is an idea"):
         assert word in page.sections["limits"]
     trials = pd.read_csv(results / "study" / "trials.csv")
     first = page.charts(text)[0]["options"][0]

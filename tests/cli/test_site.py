@@ -72,6 +72,26 @@ def test_equations_are_mathml(site: Path) -> None:
         assert not re.findall(r"<m[a-z]+>\\[^<]*", text), "TeX that the converter does not know"
 
 
+def test_pages_are_made_for_a_phone_too(site: Path) -> None:
+    """A table with sentences is read row by row, one of numbers beside its names; options stay whole, links inside
+    tables too; formulas may stand below each other; a figure opens in its own size."""
+    names = (site / "reference" / "names.html").read_text("utf-8")
+    assert '<table data-shape="rows">' in names
+    assert '<td data-head="Meaning">' in names
+    assert '<table data-shape="numbers">' in (site / "validation.html").read_text("utf-8")
+    assert '<span class="option">--trials</span>' in (site / "study.html").read_text("utf-8")
+    assert 'href="brace-contract.html#axes-and-signs"' in (site / "index.html").read_text("utf-8")
+    assert (site / "theory" / "jcs.html").read_text("utf-8").count('<div class="formulas">') == 3
+    assert '<a href="figures/landing.png" title=' in (site / "first-hour.html").read_text("utf-8")
+
+
+def test_the_colours_follow_the_system_and_can_be_chosen(site: Path) -> None:
+    text = (site / "index.html").read_text("utf-8")
+    media = re.findall(r'data-md-color-media="([^"]*)"', text)
+    assert media == ["(prefers-color-scheme)", "(prefers-color-scheme: light)", "(prefers-color-scheme: dark)"]
+    assert len(re.findall(r'<label class="md-header__button[^"]*" title="[^"]+"', text)) == 3
+
+
 def test_a_notebook_is_shown_with_its_outputs(site: Path) -> None:
     """And the source beside it, without; the long tests run the others."""
     text = (site / "notebooks" / "first-landing.html").read_text("utf-8")

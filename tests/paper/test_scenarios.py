@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from sprain_cosim.cosim.result import PEAK
+from sprain_cosim.literature import GROUND_TEXT
 from sprain_cosim.scenario import load_scenario
 from sprain_cosim.shipped import shipped_scenarios
 
@@ -177,3 +178,16 @@ def test_drops_and_slopes_that_were_never_tried_are_said() -> None:
         assert scenario.override(name, tried).doubts() == []
         (told,) = scenario.override(name, untried).doubts()
         assert told.startswith(f"{name} = {untried}: landings were only tried from ")
+
+
+def test_ground_reactions_are_stated_as_they_are() -> None:
+    """In the limits of every report, in the credibility report and on the first page of the documentation."""
+    found = []
+    for name, pose, _ in CASES:
+        result = load_scenario(name).with_parameters(plant={"initial_pose": pose}).run()
+        found.append(result.metrics["peak_vertical_grf_after_impact_N"])
+    least, most = min(found), max(found)
+    weight = 67.544 * 9.80665
+    stated = f"{least / 1e3:.0f} to {most / 1e3:.0f} kN, {least / weight:.0f} to {most / weight:.0f} body weights"
+    assert stated == GROUND_TEXT
+    assert GROUND_TEXT in (Path(__file__).parents[2] / "docs" / "index.md").read_text("utf-8")
