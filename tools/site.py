@@ -36,7 +36,7 @@ TABLE = re.compile(r"<table>.*?</table>", re.DOTALL)
 ROW = re.compile(r"<tr>.*?</tr>", re.DOTALL)
 CELL = re.compile(r"<t[hd][^>]*>(.*?)</t[hd]>", re.DOTALL)
 TAG = re.compile(r"<[^>]+>")
-SENTENCE = 60  # letters of a cell, from which a table of four columns is read row by row on a phone
+WORDS = 30  # letters of a cell, from which a table of four columns is read row by row on a phone
 PIECE = re.compile(r"<code>[^<]+</code>|<[^>]+>|[^<]+")
 NAME = re.compile(r"\b[a-z]\w+(?:[_.][a-z]\w*)+")  # plant.drop_height
 BREAK = re.compile(r"(?<=[\w)\]])([_./=])(?=\w)")  # where a long name may go on in the next line
@@ -90,7 +90,7 @@ def _table(table: str) -> str:
     table = CELL.sub(lambda cell: PIECE.sub(lambda piece: _breakable(piece[0]), cell[0]), table)
     if len(heads) < 4:
         return table
-    if max(len(html.unescape(cell)) for row in cells for cell in row) <= SENTENCE:
+    if max(len(html.unescape(cell)) for row in cells for cell in row[1:]) < WORDS:
         return table.replace("<table>", '<table data-shape="numbers">', 1) if len(heads) > 4 else table
     table = table.replace("<table>", '<table data-shape="rows">', 1)
     return ROW.sub(lambda row: _headed(row[0], heads), table)
@@ -99,6 +99,7 @@ def _table(table: str) -> str:
 def _breakable(piece: str) -> str:
     if piece.startswith("<"):
         return BREAK.sub(r"\1<wbr>", piece) if piece.startswith("<code>") else piece
+    piece = re.sub(r"(?<=\d) (?=%)", "\u00a0", piece)
     return NAME.sub(lambda name: BREAK.sub(r"\1<wbr>", name[0]), piece)
 
 
