@@ -24,7 +24,7 @@ OVERLAID = {
     "study3_centre": "reflex (study 3)",
     "study4_centre": "co-activation (study 4)",
     "brace_200": "200 % brace",
-    "combo_i15_h0.4_c0.2": "15°, 0.4 m, co-activation 20 %",
+    "combo_i15_h0.4_c0.2": "15° slope, drop 0.4 m",
 }
 STYLE = {"subtalar": "-", "talocrural": (0, (5, 1.6))}
 DPI = 220
@@ -68,7 +68,7 @@ def overlay() -> Figure:
             axis.plot(ms, np.degrees(out[:, COLUMN[f"{name}_angle"]]), color=color, linestyle=STYLE[name])
         axis.set_title(title)
     entries = [(legend_line(c, STYLE[n]), n) for n, c in (("subtalar", SUBTALAR), ("talocrural", TALOCRURAL))]
-    legend_above(made, [*entries, (legend_line(FAINT, "-", linewidth=4), "wide and pale: OpenSim 4.6")], columns=3)
+    legend_above(made, [*entries, (legend_line(FAINT, "-", linewidth=4), "wide, pale: OpenSim 4.6")], columns=2)
     made.supxlabel("time after contact [ms]", fontsize="medium")
     made.supylabel("angle [deg]", fontsize="medium")
     return made
