@@ -9,7 +9,8 @@ export SPRAIN_REFERENCE ?= $(abspath ../shared/reference)
 
 .PHONY: bench browser demo docs test validate lint build wheel wine windows lock clean
 
-demo: build
+demo: .venv/installed
+	$(RUN) build --quick
 	$(RUN) run incline30 --out $(OUT)/incline30 --force
 	@echo
 	$(RUN) run incline30_brace --out $(OUT)/incline30_brace --force

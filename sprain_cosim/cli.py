@@ -1254,13 +1254,21 @@ def subject_command(person: str | None, as_json: bool) -> None:
 @cli.command("build")
 @click.argument("models", nargs=-1)
 @PLATFORM
-def build_command(models: tuple[str, ...], platforms: tuple[str, ...]) -> None:
+@click.option(
+    "--quick",
+    is_flag=True,
+    help="Only what landings on this machine need: no win64 unless named, no plant_mujoco (the plant's reference).",
+)
+def build_command(models: tuple[str, ...], platforms: tuple[str, ...], quick: bool) -> None:
     """Build the FMUs of the clone's fmus/ folder (all, or the MODELS named) whose sources have changed, and the
     package's own libraries."""
     from .cosim.native_libraries import build_libraries
-    from .fmu.build import build_all
+    from .fmu.build import build_all, own_platform
 
-    built = build_all(models, platforms)
+    here = own_platform()
+    if quick and here:
+        platforms = platforms or (here,)
+    built = build_all(models, platforms, ("plant_mujoco",) if quick else (), lambda line: _show(line, err=True))
     for fmu in built:
         _show(f"{fmu.file}  {fmu.guid[:12]}{'' if fmu.new else '  current'}")
     if not built:

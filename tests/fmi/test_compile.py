@@ -113,14 +113,14 @@ def test_a_function_of_the_c_library_that_not_every_host_has_is_refused(
     device = read_device(
         project(tmp_path / "probe", "import math\ndef refresh(values):\n    values.k = math.sin(values.k)")
     )
-    module, _ = compile.lower(device)
+    code, _ = compile.lower(device)
     monkeypatch.setattr(compile, "ALLOWED", ALLOWED - {"sin"})
     monkeypatch.setattr(compile, "_gates", gates := compile._gates)
     with pytest.raises(InputError, match=r"probe.device\.py: sin: no function that every host has"):
-        gates(device, "declare double @sin(double)")
+        gates(code, "declare double @sin(double)")
     with pytest.raises(InputError, match="an address of the building process"):
-        gates(device, "store ptr inttoptr (i64 140214188845936 to ptr), ptr %x")
-    assert "define" in module
+        gates(code, "store ptr inttoptr (i64 140214188845936 to ptr), ptr %x")
+    assert "define" in code.ir
 
 
 def test_what_a_function_raises_reaches_the_host_with_its_line(tmp_path: Path) -> None:
@@ -194,9 +194,9 @@ def test_what_the_compiler_uses_of_numba_that_is_no_api(tmp_path: Path) -> None:
             return math.exp(x)
     """
     device = read_device(project(tmp_path / "probe", law))
-    module, returns = compile.lower(device)
+    code, returns = compile.lower(device)
     assert returns == {"refresh": False}, "initialise, step and refresh are one function"
-    defined = [line for line in module.splitlines() if line.startswith("define")]
+    defined = [line for line in code.ir.splitlines() if line.startswith("define")]
     assert ["hidden" in line for line in defined if "@device_refresh(" in line] == [True], "seen by the linker alone"
     assert all("internal" in line for line in defined if "@device_" not in line)
     # the calling convention that the table's wrappers rely on: result, error, then the arguments
@@ -206,9 +206,9 @@ def test_what_the_compiler_uses_of_numba_that_is_no_api(tmp_path: Path) -> None:
         "%excinfo",
         "%arg.values",
     ]
-    assert 'c"ValueError: text (device.py, line 6)"' in module, "errors stand in .const.pickledata globals"
+    assert 'c"ValueError: text (device.py, line 6)"' in code.ir, "errors stand in .const.pickledata globals"
     for level in TARGETS["linux64"].levels:
-        assert compile.emit(device, module, TARGETS["linux64"].triple, level).startswith(b"\x7fELF")
+        assert compile.emit(code, TARGETS["linux64"].triple, level).startswith(b"\x7fELF")
 
 
 @pytest.fixture

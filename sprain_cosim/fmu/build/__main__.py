@@ -1,9 +1,9 @@
-"""The process that compiles devices (compile.py): WORK PLATFORM,… FOLDER…"""
+"""The processes that compile devices (compile.py): TASK WORK ARGUMENT…"""
 
 import sys
 from pathlib import Path
 
-from .compile import compile_all
+from .compile import run_task
 
 if __name__ == "__main__":
-    compile_all(Path(sys.argv[1]), sys.argv[2].split(","), [Path(p) for p in sys.argv[3:]])
+    run_task(sys.argv[1], Path(sys.argv[2]), *sys.argv[3:])

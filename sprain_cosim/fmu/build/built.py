@@ -74,7 +74,7 @@ class BuildRecord:
         return [Built(file, guid, True) for file in files]
 
     def write(self) -> None:
-        write_json(self.folder / FILE, self.models)
+        write_json(self.folder / FILE, dict(sorted(self.models.items())))
 
 
 def sources(model: Path) -> str:

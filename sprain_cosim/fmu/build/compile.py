@@ -1,6 +1,6 @@
 """Devices compiled ahead of time: Python functions -> numba's types and LLVM IR -> one object file for each target.
 
-Runs as a process of its own (`python -m sprain_cosim.fmu.build`), so that a device's code, numba's settings and
+Runs in processes of its own (`python -m sprain_cosim.fmu.build`), so that a device's code, numba's settings and
 its memory stay out of the caller's, and hashes are the same in every build. numba and llvmlite are imported here alone;
 what is used of them that is no API is pinned by the build's requirements and watched by tests/fmi/test_compile.py.
 
@@ -11,13 +11,14 @@ the code, and every symbol that is left open is on the list of what the C librar
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import pickle
 import re
 import sys
 import tempfile
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,6 +53,8 @@ MATH = {
     *("expf", "sqrtf", "sinf", "cosf", "logf", "powf"),
 }
 ALLOWED = MATH | {"memcpy", "memmove", "memset"}
+LARGE = 1_000_000  # characters of IR
+OUTCOME, CODE, OBJECT = "outcome.json", "code.pickle", "object.o"
 
 
 @dataclass(frozen=True)
@@ -112,28 +115,27 @@ def prefix(level: str) -> str:
 
 
 def compile_devices(folders: Sequence[Path], platforms: Sequence[str]) -> list[Compiled]:
-    """Compiles the devices in processes of their own, one for each processor. Raises InputError where a device is at
-    fault, EnvironmentProblem where the compiler is not installed."""
-    count = max(1, min(len(folders), os.cpu_count() or 1))
-    shares = [folders[k::count] for k in range(count)]
-    with ThreadPoolExecutor(count) as threads:
-        done = list(threads.map(lambda share: _compile_share(share, platforms), shares))
-    return [done[k % count][k // count] for k in range(len(folders))]
+    """Compiles the devices one after the other in a process of their own. Raises InputError where a device is at fault,
+    EnvironmentProblem where the compiler is not installed."""
+    with tempfile.TemporaryDirectory() as name:
+        work = Path(name)
+        found = _apart("devices", work, ",".join(platforms), *map(str, folders))
+        return [_read(work / str(k), entry) for k, entry in enumerate(found)]
 
 
-def _compile_share(folders: Sequence[Path], platforms: Sequence[str]) -> list[Compiled]:
-    with tempfile.TemporaryDirectory() as work:
-        command = [sys.executable, "-m", __package__, work, ",".join(platforms), *map(str, folders)]
-        path = os.pathsep.join(p for p in sys.path if p)
-        ended = run_program(command, environment=ENVIRONMENT | {"PYTHONPATH": path})
-        outcome = Path(work) / "outcome.json"
-        if not outcome.is_file():
-            last = (ended.stderr.strip().splitlines() or [f"exit code {ended.returncode}"])[-1]
-            raise EnvironmentProblem(f"the compiler of devices ended without a result: {last}")
-        found = read_json(outcome)
-        if "error" in found:
-            raise {"InputError": InputError}.get(found["kind"], EnvironmentProblem)(found["error"])
-        return [_read(Path(work) / str(k), entry) for k, entry in enumerate(found["devices"])]
+def _apart(task: str, work: Path, *arguments: str) -> Any:
+    """What a task of TASKS returns, run in a process of its own. Raises what it raises."""
+    path = os.pathsep.join(p for p in sys.path if p)
+    command = [sys.executable, "-m", __package__, task, str(work), *arguments]
+    ended = run_program(command, environment=ENVIRONMENT | {"PYTHONPATH": path})
+    outcome = work / OUTCOME
+    if not outcome.is_file():
+        last = (ended.stderr.strip().splitlines() or [f"exit code {ended.returncode}"])[-1]
+        raise EnvironmentProblem(f"the compiler of devices ended without a result: {last}")
+    found = read_json(outcome)
+    if "error" in found:
+        raise {"InputError": InputError}.get(found["kind"], EnvironmentProblem)(found["error"])
+    return found["result"]
 
 
 def _read(folder: Path, entry: dict[str, Any]) -> Compiled:
@@ -156,17 +158,32 @@ def _read(folder: Path, entry: dict[str, Any]) -> Compiled:
     )
 
 
-# ---- the process that compiles
+# ---- the processes that compile
 
 
-def compile_all(work: Path, platforms: Sequence[str], folders: Sequence[Path]) -> None:
-    """Writes outcome.json and a folder for each device into `work`."""
+def run_task(task: str, work: Path, *arguments: str) -> None:
+    """Writes OUTCOME and what belongs to it into `work`."""
+    gc.disable()  # a process that ends with its task; looking for cycles takes a seventh of numba's time
     outcome: dict[str, Any]
     try:
-        outcome = {"devices": [_write(work / str(k), folder, platforms) for k, folder in enumerate(folders)]}
+        outcome = {"result": TASKS[task](work, *arguments)}
     except SprainError as problem:
         outcome = {"kind": type(problem).__name__, "error": str(problem)}
-    (work / "outcome.json").write_text(json.dumps(outcome), "utf-8")
+    (work / OUTCOME).write_text(json.dumps(outcome), "utf-8")
+
+
+def _devices(work: Path, platforms: str, *folders: str) -> list[dict[str, Any]]:
+    """A folder in `work` for each device, named by its position."""
+    return [_write(work / str(k), Path(folder), platforms.split(",")) for k, folder in enumerate(folders)]
+
+
+def _object(work: Path, triple: str, level: str) -> None:
+    """The object file of the code in `work`, beside it."""
+    code: Code = pickle.loads((work / CODE).read_bytes())
+    (work / OBJECT).write_bytes(emit(code, triple, level))
+
+
+TASKS: Mapping[str, Callable[..., Any]] = {"devices": _devices, "object": _object}
 
 
 def _write(target: Path, folder: Path, platforms: Sequence[str]) -> dict[str, Any]:
@@ -180,16 +197,23 @@ def _write(target: Path, folder: Path, platforms: Sequence[str]) -> dict[str, An
         raise InputError(_in_one_line(problem, folder)) from None
     except Exception as problem:  # both files are run
         raise InputError(_in_one_line(problem, folder)) from None
-    module, returns = lower(device)
+    code, returns = lower(device)
     target.mkdir()
-    objects = []
-    for platform in platforms:
-        for level in TARGETS[platform].levels if not device.platforms or platform in device.platforms else ():
-            file = f"{platform}-{level}.o"
-            (target / file).write_bytes(emit(device, module, TARGETS[platform].triple, level))
-            objects.append((platform, level, file))
-    files = _kept(target / "files", device.files)
-    played = _kept(target / "experiment", _experiment(folder))
+    able = [p for p in platforms if not device.platforms or p in device.platforms]
+    wanted = [(p, TARGETS[p].triple, level) for p in able for level in TARGETS[p].levels]
+    with ThreadPoolExecutor(os.cpu_count() or 1) as threads:
+        # LLVM does one thing at a time in a process; to start another one pays for much code only
+        emitted: Iterable[bytes]
+        if len(code.ir) > LARGE:
+            emitted = threads.map(lambda goal: _emitted_apart(code, *goal[1:]), wanted)
+        else:
+            emitted = (emit(code, triple, level) for _, triple, level in wanted)
+        files = _kept(target / "files", device.files)
+        played = _kept(target / "experiment", _experiment(folder))
+        objects = []
+        for (platform, _, level), content in zip(wanted, emitted, strict=True):
+            objects.append((platform, level, f"{platform}-{level}.o"))
+            (target / objects[-1][-1]).write_bytes(content)
     (target / "state.bin").write_bytes(device.first_state.tobytes())
     (target / "constants.bin").write_bytes(b"" if device.constants is None else device.constants.tobytes())
     return {
@@ -259,8 +283,19 @@ def _in_one_line(problem: Exception, folder: Path) -> str:
     return f"{where}: {type(problem).__name__}: {problem}"
 
 
-def lower(device: Device) -> tuple[str, dict[str, bool]]:
-    """The IR of all functions in one module, named after the device's functions, and whether each returns a number.
+@dataclass(frozen=True)
+class Code:
+    """Lowered code of the device in `folder`, the same for all targets: `ir` defines device_NAME for each NAME in
+    `entries`; `native` are the functions that the linker adds."""
+
+    folder: Path
+    ir: str
+    entries: tuple[str, ...]
+    native: tuple[str, ...]
+
+
+def lower(device: Device) -> tuple[Code, dict[str, bool]]:
+    """All functions in one module, and whether each returns a number.
     Raises InputError naming the line and what cannot be compiled."""
     records = {"values": device.values, "seed": device.values, "result": device.values, "state": device.state}
     fields = {name: record.names or () for name, record in records.items()}
@@ -302,7 +337,7 @@ def lower(device: Device) -> tuple[str, dict[str, bool]]:
     for mangled, name in entries.items():
         whole.get_function(mangled).name = name
     _hide(whole, set(entries.values()))
-    return _with_plain_texts(str(whole)), returns
+    return Code(device.folder, _with_plain_texts(str(whole)), tuple(returns), device.native), returns
 
 
 def _typed(device: Device, name: str, dispatcher: Any, signature: tuple[Any, ...]) -> Any:
@@ -444,14 +479,22 @@ def _refusal(device: Device, name: str, text: str) -> str:
     return f"{device.folder}: {name} cannot be compiled: {where}: {reasons[0]}; {subset.WAY_OUT}"
 
 
-def emit(device: Device, ir: str, triple: str, level: str) -> bytes:
+def _emitted_apart(code: Code, triple: str, level: str) -> bytes:
+    with tempfile.TemporaryDirectory() as name:
+        work = Path(name)
+        (work / CODE).write_bytes(pickle.dumps(code))
+        _apart("object", work, triple, level)
+        return (work / OBJECT).read_bytes()
+
+
+def emit(code: Code, triple: str, level: str) -> bytes:
     """The object file for a processor. Raises InputError where a gate refuses."""
     import llvmlite.binding as llvm
 
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
-    module = llvm.parse_assembly(re.sub(r"^target (triple|datalayout).*$", "", ir, flags=re.MULTILINE))
-    for name in set(symbols(device).values()):
+    module = llvm.parse_assembly(re.sub(r"^target (triple|datalayout).*$", "", code.ir, flags=re.MULTILINE))
+    for name in code.entries:
         module.get_function(f"device_{name}").name = f"{prefix(level)}_{name}"
     machine = llvm.Target.from_triple(triple).create_target_machine(
         cpu=level, features="", opt=3, reloc="pic", codemodel="default"
@@ -479,7 +522,7 @@ def emit(device: Device, ir: str, triple: str, level: str) -> bytes:
     builder = passes(True)
     builder.getModulePassManager().run(module, builder)
     clean.run(module, builder)
-    _gates(device, str(module))
+    _gates(code, str(module))
     _anonymise(module)
     return bytes(machine.emit_object(module))
 
@@ -492,16 +535,17 @@ def _anonymise(module: Any) -> None:
             symbol.name = f"{kind}_{k}"
 
 
-def _gates(device: Device, ir: str) -> None:
-    """Nothing of this process may be left in the code, and nothing that the host's C library does not have."""
+def _gates(code: Code, ir: str) -> None:
+    """Nothing of this process may be left in `ir`, emitted from `code`, and nothing that the host's C library does not
+    have."""
     if re.search(r"inttoptr \(i64 -?\d{5,}", ir):
         raise InputError(
-            f"{device.folder / 'device.py'}: the compiled code would hold an address of the building process; a "
+            f"{code.folder / 'device.py'}: the compiled code would hold an address of the building process; a "
             "global object that is neither a number, a tuple nor an array stands in it"
         )
     opened = {m.strip('"') for m in re.findall(r'^declare .*?@([\w.$]+|"[^"]+")', ir, re.MULTILINE)}
-    unknown = sorted(n for n in opened if n not in ALLOWED and n not in device.native and not n.startswith("llvm."))
+    unknown = sorted(n for n in opened if n not in ALLOWED and n not in code.native and not n.startswith("llvm."))
     if unknown:
         raise InputError(
-            f"{device.folder / 'device.py'}: {', '.join(unknown)}: no function that every host has; {subset.WAY_OUT}"
+            f"{code.folder / 'device.py'}: {', '.join(unknown)}: no function that every host has; {subset.WAY_OUT}"
         )

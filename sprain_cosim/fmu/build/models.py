@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import platform as machine
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
+from time import monotonic
 
 from ...errors import EnvironmentProblem, InputError, nearest
 from ...shipped import FMI3, FMUS, SOURCES, shipped_fmus
@@ -26,10 +29,16 @@ CONSTANTS = "resources/constants.bin"
 HERE = {("Linux", "x86_64"): "linux64", ("Windows", "AMD64"): "win64"}
 
 
-def build_all(names: Iterable[str] = (), platforms: Sequence[str] = ()) -> list[Built]:
+def build_all(
+    names: Iterable[str] = (),
+    platforms: Sequence[str] = (),
+    left_out: Collection[str] = (),
+    tell: Callable[[str], None] = lambda _: None,
+) -> list[Built]:
     """The FMUs of the clone's fmus/ folder (or of the models named) where the package looks for them, built where they
-    are not what their sources give. `platforms`: default those of `usual_platforms`. None outside a clone, where the
-    FMUs ship with the package.
+    are not what their sources give. `platforms`: default those of `usual_platforms`; `left_out`: models that are not
+    built unless named; `tell` gets a line when compiling begins, and one when models are done. None outside a clone,
+    where the FMUs ship with the package.
 
     Raises InputError for a name that is no model, EnvironmentProblem where something to build with is missing."""
     models = _models()
@@ -39,7 +48,7 @@ def build_all(names: Iterable[str] = (), platforms: Sequence[str] = ()) -> list[
             raise InputError(f"model {name!r} is not in {SOURCES if models else FMUS}{nearest(name, known)}")
     if not models:
         return []
-    chosen = [models[n] for n in dict.fromkeys(names)] or list(models.values())
+    chosen = [models[n] for n in dict.fromkeys(names)] or [f for n, f in models.items() if n not in left_out]
     faces = {folder: _face(folder) for folder in chosen}
     places = known_platforms(platforms) or usual_platforms()
     record = BuildRecord.read(FMUS)
@@ -48,16 +57,38 @@ def build_all(names: Iterable[str] = (), platforms: Sequence[str] = ()) -> list[
     digested = {folder: sources(folder) for folder in stale}
     if stale:
         _check_compilers(places)
-    for folder, compiled in zip(stale, compile_devices(stale, slices(places)) if stale else (), strict=True):
-        own = _archives(faces[folder], compiled, places)
-        if not own.platforms:
-            continue
-        files = {FMUS / f"{folder.name}.fmu": own.fmi2, FMUS / f"{folder.name}{FMI3}.fmu": own.fmi3}
-        for file, content in files.items():
-            write_fmu(file, content)
-        built[folder] = record.add(folder, digested[folder], places, own.guid, files)
-        record.write()
+        tell(f"compiling {', '.join(folder.name for folder in stale)} for {', '.join(places)}; the plant takes longest")
+    began, count = monotonic(), os.cpu_count() or 1
+    with ThreadPoolExecutor(count) as threads:
+        shares = {threads.submit(_written, [faces[f] for f in s], places): s for s in _shares(stale, count)}
+        for done in as_completed(shares):
+            for folder, (own, files) in zip(shares[done], done.result(), strict=True):
+                if own.platforms:
+                    built[folder] = record.add(folder, digested[folder], places, own.guid, files)
+            record.write()
+            tell(f"{', '.join(folder.name for folder in shares[done])}: done after {monotonic() - began:.0f} s")
     return [fmu for folder in chosen for fmu in built[folder]]
+
+
+def _shares(folders: Sequence[Path], count: int) -> list[list[Path]]:
+    """The folders in at most `count` shares of about the same length of source, which says how long they compile."""
+    length = {folder: sum(len(p.read_bytes()) for p in folder.glob("*.py")) for folder in folders}
+    shares: list[list[Path]] = [[] for _ in range(min(count, len(folders)))]
+    for folder in sorted(folders, key=lambda f: -length[f]):
+        min(shares, key=lambda share: sum(length[f] for f in share)).append(folder)
+    return shares
+
+
+def _written(faces: Sequence[Face], platforms: Sequence[str]) -> list[tuple[Archives, list[Path]]]:
+    """Compiles devices one after the other and writes their FMUs: of each, archives and files."""
+    out = []
+    for face, compiled in zip(faces, compile_devices([f.folder for f in faces], slices(platforms)), strict=True):
+        own = _archives(face, compiled, platforms)
+        files = {FMUS / f"{face.folder.name}.fmu": own.fmi2, FMUS / f"{face.folder.name}{FMI3}.fmu": own.fmi3}
+        for file, content in files.items() if own.platforms else ():
+            write_fmu(file, content)
+        out.append((own, list(files)))
+    return out
 
 
 def _models() -> dict[str, Path]:
