@@ -4,12 +4,16 @@ everywhere."""
 from __future__ import annotations
 
 import ctypes
+import dataclasses
+import re
 import shutil
 import struct
+import subprocess
 import sys
 import textwrap
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import llvmlite
 import numba
@@ -269,6 +273,104 @@ def test_a_build_without_a_change_compiles_nothing(tmp_path: Path, monkeypatch: 
         models.build_all(["tow"])
     with pytest.raises(InputError, match=r"'linux' is not one of linux64, win64, darwin64 \(did you mean linux64"):
         models.build_all(platforms=["linux"])
+
+
+def test_a_quick_build_makes_what_landings_on_this_machine_need(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(models, "SOURCES", tmp_path / "fmus")
+    monkeypatch.setattr(models, "FMUS", tmp_path / "built")
+    for name in ("one", "plant_mujoco"):
+        project(tmp_path / "fmus" / name, "def refresh(values):\n    values.subtalar_torque = 1.0")
+    outcome = CliRunner().invoke(cli, ["build", "--quick"])
+    assert outcome.exit_code == 0, outcome.output
+    assert outcome.stderr.splitlines()[0].startswith("compiling one for linux64;"), "a minute is not silent"
+    assert outcome.stderr.splitlines()[1].startswith("one: done after ")
+    assert "win64" not in outcome.output
+    assert sorted(p.name for p in (tmp_path / "built").iterdir()) == ["built.json", "one.fmu", "one_fmi3.fmu"]
+    quick = (tmp_path / "built" / "one.fmu").read_bytes()
+    named = CliRunner().invoke(cli, ["build", "--quick", "plant_mujoco"])
+    assert "plant_mujoco.fmu" in named.stdout, "what is named is built"
+    monkeypatch.setattr(models, "usual_platforms", lambda: ("linux64",))
+    assert [b.new for b in models.build_all()] == [False] * 4, "what is there is not built again"
+    assert (tmp_path / "built" / "one.fmu").read_bytes() == quick
+
+
+def test_the_longest_device_is_compiled_beside_the_others(tmp_path: Path) -> None:
+    long, middle, *short = (
+        project(tmp_path / f"device_{k}", "x = 0\n" * lines) for k, lines in enumerate((900, 300, 100, 100, 50))
+    )
+    assert models._shares([*short, middle, long], 2) == [[long], [middle, *short]]
+    assert models._shares([long], 8) == [[long]]
+    assert models._shares([], 2) == []
+
+
+def test_an_object_from_a_process_of_its_own_is_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    device = read_device(project(tmp_path / "probe", "def refresh(values):\n    values.subtalar_torque = values.k"))
+    code, _ = compile.lower(device)
+    for target in ("linux64", "win64"):
+        goal = TARGETS[target].triple, TARGETS[target].levels[-1]
+        assert compile._emitted_apart(code, *goal) == compile.emit(code, *goal)
+    head = re.compile(r"(define .*@device_refresh\(.*\n(?:\w+:.*\n)?)")
+    ir = head.sub(r"\1  call void @foreign()\n", code.ir) + "\ndeclare void @foreign()\n"
+    at_fault = dataclasses.replace(code, ir=ir)
+    with pytest.raises(InputError, match=r"probe.device\.py: foreign: no function that every host has"):
+        compile._emitted_apart(at_fault, *goal)
+
+
+def test_the_library_for_macos_has_both_processors_and_every_function(tmp_path: Path) -> None:
+    """Linked and never run: what its file says (mach-o/loader.h, nlist.h)."""
+    pytest.importorskip("ziglang", reason="ziglang is not installed: no linker for macOS")
+    build_fmu(SOURCES / "brace_linear", tmp_path / "brace.fmu", ["linux64", "darwin64"])
+    with zipfile.ZipFile(tmp_path / "brace.fmu") as archive:
+        both = archive.read("binaries/darwin64/brace_linear.dylib")
+        linux = tmp_path / archive.extract("binaries/linux64/brace_linear.so", tmp_path)
+    functions = {name for name in exported(linux) if name.startswith("fmi")}
+    assert len(functions) > 100
+    count = struct.unpack_from(">2I", both)[1]
+    found = {}
+    for k in range(count):
+        kind, _, start, length, _ = struct.unpack_from(">5I", both, 8 + 20 * k)
+        found[kind] = of_macos(both[start : start + length])
+    assert set(found) == {0x01000007, 0x0100000C}, "x86-64 and arm64"
+    for here in found.values():
+        assert here["filetype"] == 6, "a dynamic library"
+        assert here["signed"], "arm64 loads nothing that is not signed"
+        assert here["libraries"] == ["/usr/lib/libSystem.B.dylib"]
+        assert here["name"] == "@rpath/brace_linear.dylib"
+        assert functions == {name.removeprefix("_") for name in here["exported"] if name.startswith("_fmi")}
+
+
+def exported(library: Path) -> list[str]:
+    ended = subprocess.run(["nm", "-D", "--defined-only", str(library)], capture_output=True, text=True, check=True)
+    return [line.split()[-1] for line in ended.stdout.splitlines()]
+
+
+def of_macos(slice_: bytes) -> dict[str, Any]:
+    """Of one processor's part: its kind, libraries, own name, whether it is signed, the symbols it shows."""
+    assert struct.unpack_from("<I", slice_)[0] == 0xFEEDFACF
+    kind, commands = struct.unpack_from("<2I", slice_, 12)
+    found: dict[str, Any] = {"filetype": kind, "libraries": [], "signed": False, "exported": []}
+    at = 32
+    for _ in range(commands):
+        command, size = struct.unpack_from("<2I", slice_, at)
+        if command in (0x0C, 0x0D):  # LC_LOAD_DYLIB, LC_ID_DYLIB
+            text = slice_[at + struct.unpack_from("<I", slice_, at + 8)[0] : at + size].split(b"\0")[0].decode()
+            if command == 0x0C:
+                found["libraries"].append(text)
+            else:
+                found["name"] = text
+        elif command == 0x1D:  # LC_CODE_SIGNATURE
+            start, length = struct.unpack_from("<2I", slice_, at + 8)
+            found["signed"] = slice_[start : start + 4] == bytes.fromhex("fade0cc0") and start + length <= len(slice_)
+        elif command == 0x02:  # LC_SYMTAB
+            table, symbols, texts, _ = struct.unpack_from("<4I", slice_, at + 8)
+            for k in range(symbols):
+                name, mark = struct.unpack_from("<IB", slice_, table + 16 * k)
+                if mark & 0x0F == 0x0F:  # external, and defined in a section
+                    found["exported"].append(slice_[texts + name :].split(b"\0", 1)[0].decode())
+        at += size
+    return found
 
 
 def test_an_installed_package_has_nothing_to_build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
