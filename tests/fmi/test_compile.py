@@ -298,7 +298,8 @@ def test_a_quick_build_makes_what_landings_on_this_machine_need(
 
 def test_the_longest_device_is_compiled_beside_the_others(tmp_path: Path) -> None:
     long, middle, *short = (
-        project(tmp_path / f"device_{k}", "x = 0\n" * lines) for k, lines in enumerate((900, 300, 100, 100, 50))
+        models.Face(project(tmp_path / f"device_{k}", "x = 0\n" * lines), "", [], None)
+        for k, lines in enumerate((900, 300, 100, 100, 50))
     )
     assert models._shares([*short, middle, long], 2) == [[long], [middle, *short]]
     assert models._shares([long], 8) == [[long]]

@@ -54,28 +54,36 @@ def build_all(
     record = BuildRecord.read(FMUS)
     built = {folder: record.current(folder, places) for folder in chosen}
     stale = [folder for folder in chosen if not built[folder]]
-    digested = {folder: sources(folder) for folder in stale}
     if stale:
         _check_compilers(places)
         tell(f"compiling {', '.join(folder.name for folder in stale)} for {', '.join(places)}; the plant takes longest")
-    began, count = monotonic(), os.cpu_count() or 1
-    with ThreadPoolExecutor(count) as threads:
-        shares = {threads.submit(_written, [faces[f] for f in s], places): s for s in _shares(stale, count)}
-        for done in as_completed(shares):
-            for folder, (own, files) in zip(shares[done], done.result(), strict=True):
-                if own.platforms:
-                    built[folder] = record.add(folder, digested[folder], places, own.guid, files)
-            record.write()
-            tell(f"{', '.join(folder.name for folder in shares[done])}: done after {monotonic() - began:.0f} s")
+        built |= _build([faces[folder] for folder in stale], places, record, tell)
     return [fmu for folder in chosen for fmu in built[folder]]
 
 
-def _shares(folders: Sequence[Path], count: int) -> list[list[Path]]:
-    """The folders in at most `count` shares of about the same length of source, which says how long they compile."""
-    length = {folder: sum(len(p.read_bytes()) for p in folder.glob("*.py")) for folder in folders}
-    shares: list[list[Path]] = [[] for _ in range(min(count, len(folders)))]
-    for folder in sorted(folders, key=lambda f: -length[f]):
-        min(shares, key=lambda share: sum(length[f] for f in share)).append(folder)
+def _build(
+    faces: Sequence[Face], platforms: Sequence[str], record: BuildRecord, tell: Callable[[str], None]
+) -> dict[Path, list[Built]]:
+    """{folder: its FMUs}, compiled side by side; those that can be built for one of the platforms."""
+    built, began, count = {}, monotonic(), os.cpu_count() or 1
+    digested = {face.folder: sources(face.folder) for face in faces}
+    with ThreadPoolExecutor(count) as threads:
+        shares = {threads.submit(_written, share, platforms): share for share in _shares(faces, count)}
+        for done in as_completed(shares):
+            for face, (own, files) in zip(shares[done], done.result(), strict=True):
+                if own.platforms:
+                    built[face.folder] = record.add(face.folder, digested[face.folder], platforms, own.guid, files)
+            record.write()
+            tell(f"{', '.join(f.folder.name for f in shares[done])}: done after {monotonic() - began:.0f} s")
+    return built
+
+
+def _shares(faces: Sequence[Face], count: int) -> list[list[Face]]:
+    """At most `count` shares of about the same length of source, which says how long they compile."""
+    length = {face.folder: sum(len(p.read_bytes()) for p in face.folder.glob("*.py")) for face in faces}
+    shares: list[list[Face]] = [[] for _ in range(min(count, len(faces)))]
+    for face in sorted(faces, key=lambda f: -length[f.folder]):
+        min(shares, key=lambda share: sum(length[f.folder] for f in share)).append(face)
     return shares
 
 
