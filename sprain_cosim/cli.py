@@ -70,7 +70,11 @@ SCHEDULER = click.option("--scheduler", metavar="ADDRESS", help="Run on Dask: tc
 RESUME = click.option("--resume", is_flag=True, help="Continue what --out holds.")
 PARQUET = click.option("--parquet", is_flag=True, help="Write trials.parquet beside trials.csv.")
 PROGRESS = click.option(
-    "--progress", type=click.Choice(["auto", "plain", "json", "none"]), default="auto", show_default=True
+    "--progress",
+    type=click.Choice(["auto", "plain", "json", "none"]),
+    default="auto",
+    show_default=True,
+    help="auto: a bar on a terminal, else lines; plain: lines; json: an object a line; none: silent.",
 )
 JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
 SCHEME = click.option(
@@ -699,17 +703,18 @@ def compare_command(
     as_json: bool,
 ) -> None:
     """The same landings with each brace and with none: peaks, paired differences, loads, ordinary motion."""
-    from .brace.compare import compare_braces
+    from .brace.compare import compare_braces, load_source
     from .brace.comparison import comparison_listing
     from .scenario import parse_value
     from .study.progress import reporter
+    from .study.study import Study
 
     devices = _devices(braces, maps, "--brace")
     pairs = [_pair(s, "--set", "NAME.PARAMETER=VALUE") for s in settings]
-    again = _again()
+    again, landed = _again(), load_source(source)
     try:
         done = compare_braces(
-            source,
+            landed,
             {name: file for name, file, _ in devices},
             maps={name: mapping for name, _, mapping in devices if mapping is not None},
             settings={name: parse_value(value) for name, value in pairs},
@@ -730,7 +735,8 @@ def compare_command(
             say=lambda name: None if progress == "none" else _show(f"{name} ...", err=True),
         )
     except signals.Interrupted:
-        _show(f"continue with: {again} --resume", err=True)
+        many = isinstance(landed, Study)
+        _show(f"continue with: {again} --resume" if many else f"begin again with: {again}", err=True)
         raise
     for entry in done.entries:
         for warning in entry.warnings:
@@ -911,7 +917,13 @@ def form_options(command: Command) -> Command:
             click.option(
                 "--width", metavar="single|double|CM", help="8.5, 17.8 or so many cm (default: single; 16 on a screen)."
             ),
-            click.option("--style", type=click.Choice(["journal", "screen"]), default="journal", show_default=True),
+            click.option(
+                "--style",
+                type=click.Choice(["journal", "screen"]),
+                default="journal",
+                show_default=True,
+                help="As a journal prints it, or larger for slides.",
+            ),
             click.option("--panels", is_flag=True, help="A, B, C on the panels."),
         )
     ):

@@ -466,6 +466,8 @@ def parse(text: str, source: str) -> Mapping:
     content: dict[str, Any] = FILE.table.read(parse_toml(text, source), "", problems)
     wrong = {name: _wrong_sum(entry) for name, entry in content.get("outputs", {}).items() if "from" in entry}
     problems += [f"outputs.{name}: {problem}" for name, problem in wrong.items() if problem]
+    if not problems and all(value == {} for value in content.values()):
+        problems.append("says nothing; name the FMU's variables in [inputs] and [outputs], or leave the file out")
     problems_to_error(source, problems)
     return Mapping(
         inputs={name: _signal(entry, "to") for name, entry in content.get("inputs", {}).items()},

@@ -30,8 +30,9 @@ def draw_comparison(folder: ComparisonFolder, several: bool) -> Iterator[Drawn]:
     suffix = f"_{as_file_name(folder.path)}" if several else ""
     caption = (
         "What each brace changed against no brace over the same landings, and how likely inversion exceeds the range "
-        "in which ankles of cadavers failed. Thick: what the landings leave open; thin: the same threshold with a law "
-        "of another shape, or what its specimens leave open. More landings narrow the first alone."
+        "in which ankles of cadavers failed. Thick: what the landings leave open (95 %); thin: the same threshold with "
+        "a law of another shape, or what its specimens leave open. More landings narrow the first alone. Beside the "
+        "probabilities: the value, then both pairs of ends."
     )
     looks: dict[str, SeriesLook | None] = {
         brace: FORM.get().palette.get(name) for brace, name in _names_of(folder).items()

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullFormatter
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from ..folders.comparison import INJURY, NONE, BraceSummary, ComparisonSummary, MeanEstimate
 from ..literature import INJURY_INVERSION_TEXT
 from ..metrics import Signals
+from .selection import both_ends
 from .style import (
     BORNE,
     FAINT,
@@ -39,7 +39,7 @@ PEAKS = (  # response, name, marker, filled, place on the line
     ("peak_inversion_from_neutral_deg", "inversion", "s", False, 0.14),
 )
 PAD = 8.0  # points between a panel and its title
-MOTIONS = {"plantarflexion": 0.3, "dorsiflexion": 0.6, "supination": 1.0}  # how strong the brace's colour is
+MOTIONS = {"plantarflexion": "....", "dorsiflexion": "////", "supination": ""}  # hatches, in the brace's colour
 Doubt = tuple[float, float]
 
 
@@ -67,7 +67,7 @@ def comparison_figure(
     else:
         _distribution(first, {n: peaks[n] for n in shown}, look)
     _changes(changes, summary, braces, look)
-    _moments(moments, summary.completed)
+    _moments(moments, summary.completed, "mean " * summary.is_study)
     _motion(motion, {n: held for n in braces if (held := summary.braces[n].resistance_Nm)}, look)
     return drawn
 
@@ -76,7 +76,7 @@ def _curves(axis: Axes, runs: Mapping[str, Signals], look: Mapping[str, SeriesLo
     for name, run in runs.items():
         angle = math.degrees(1.0) * run["plant.subtalar_angle"]
         colour = look[name].colour
-        axis.plot(1e3 * run.time, angle, label=name, **look[name].along(len(angle)))
+        axis.plot(1e3 * run.time, angle, label=_called(name), **look[name].along(len(angle)))
         top = int(np.argmax(angle))
         axis.plot(
             1e3 * run.time[top],
@@ -108,8 +108,8 @@ def _distribution(axis: Axes, peaks: Mapping[str, NDArray[np.float64]], look: Ma
             kept, np.full(len(kept), place + 0.32), "|", color=colour, markersize=3, markeredgewidth=0.35, alpha=0.6
         )
     _named(axis, list(peaks), 0.1)
-    axis.set_title("Peak subtalar angle: 5, 25, 50, 75, 95 % of landings")
-    axis.set_xlabel("[deg], + supination")
+    axis.set_title("Peaks of 5, 25, 50, 75, 95 % of landings")
+    axis.set_xlabel("peak subtalar angle [deg], + supination")
 
 
 def _changes(
@@ -134,8 +134,8 @@ def _changes(
     axis.axvline(0, color=FAINT, linewidth=0.6, zorder=0)
     _named(axis, names, 0.75)
     interval = ", 95 % interval" if summary.has_intervals else ""
-    axis.set_title(f"Change of the peak against no brace{interval}", pad=PAD)
-    axis.set_xlabel("[deg], − less than without a brace")
+    axis.set_title(f"Peak against no brace{interval}", pad=PAD)
+    axis.set_xlabel("change [deg], − less than without a brace")
     axis.legend(ncols=2, loc="lower left", handletextpad=0.2)
 
 
@@ -157,7 +157,7 @@ def paired(summary: ComparisonSummary, doubts: Mapping[str, Doubt], look: Mappin
     shown = list(summary.completed)
     braces = [n for n in shown if n != NONE]
     risks = {n: e for n in shown if (e := summary.braces[n].metrics.get(INJURY)) and e.value is not None}
-    heights = [1.7 + 0.75 * len(braces)] + ([1.9 + 0.75 * len(risks)] if risks else [])
+    heights = [1.7 + 0.75 * len(braces)] + ([1.9 + 1.05 * len(risks)] if risks else [])
     note = f"{summary.source}: {summary.count}, the same for every brace. "
     note += f"Initial pose: {summary.initial_pose}." if summary.initial_pose else ""
     figure, axes = sheet(heights, note.strip())
@@ -186,14 +186,15 @@ def _risks(
         share = e.value or 0.0
         at_axis, mark = on_axis(share, "o")
         axis.plot(100 * at_axis, place, mark, color=colour)
-        words = f"{100 * share:.2g} %" if share >= FLOOR else f"< {100 * FLOOR:g} %"
-        axis.text(1.02, place, words, color=letters(colour), **at)
+        words = [f"{100 * share:.2g} %" if share >= FLOOR else f"< {100 * FLOOR:g} %"]
+        words += [_percents(pair) for pair in (both_ends((e.ci_low, e.ci_high)), doubts.get(name)) if pair]
+        axis.text(1.02, place, "\n".join(words), color=letters(colour), linespacing=1.1, **at)
     _named(axis, list(risks), 0.75)
     axis.set_xscale("log")
     axis.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     axis.xaxis.set_minor_formatter(NullFormatter())
-    axis.set_title("Probability that inversion exceeds the injury range", pad=PAD)
-    axis.set_xlabel(f"[%], {INJURY_INVERSION_TEXT}° from neutral")
+    axis.set_title("Inversion beyond the injury range", pad=PAD)
+    axis.set_xlabel(f"probability [%], {INJURY_INVERSION_TEXT}° from neutral")
     keys: dict[str, Any] = {}
     if any(e.half_width is not None for e in risks.values()):
         keys["landings"] = legend_line(INK, linewidth=5.5, alpha=0.45)
@@ -203,7 +204,11 @@ def _risks(
         axis.legend(list(keys.values()), list(keys), ncols=2, loc="lower left", handletextpad=0.9)
 
 
-def _moments(axis: Axes, braces: Mapping[str, BraceSummary]) -> None:
+def _percents(ends: Doubt) -> str:
+    return " … ".join(f"{100 * end:.2g}" if end >= FLOOR else f"< {100 * FLOOR:g}" for end in ends)
+
+
+def _moments(axis: Axes, braces: Mapping[str, BraceSummary], mean: str) -> None:
     for place, summary in enumerate(braces.values()):
         means = {metric: estimate.value for metric, estimate in summary.metrics.items()}
         anatomy, brace = (means.get(f"{who}_subtalar_moment_Nm") for who in ("anatomy", "brace"))
@@ -211,44 +216,44 @@ def _moments(axis: Axes, braces: Mapping[str, BraceSummary]) -> None:
         for value, bar in ((anatomy, BORNE["anatomy"]), (brace, BORNE["brace"])):
             axis.barh(place, value or 0.0, left=left, height=0.55, **bar)
             left += value or 0.0
-        share = 1.0 if brace is None else means.get("anatomy_share")
-        if share is not None:
+        share = MeanEstimate(1.0) if brace is None else summary.metrics.get("anatomy_share")
+        if share is not None and share.value is not None:
+            doubt = "" if share.half_width is None else f" ± {100 * share.half_width:.1f}"
             axis.annotate(
-                f"anatomy {100 * share:.0f} %",
+                f"anatomy {100 * share.value:.{1 if doubt else 0}f}{doubt} %",
                 (max(left, 0.0), place),
                 (3, 0),
                 textcoords="offset points",
                 va="center",
                 fontsize=small(),
             )
-    axis.margins(x=0.34)
+    axis.margins(x=0.5)
     if axis.dataLim.x0 >= 0:
         axis.set_xlim(left=0)
     _named(axis, list(braces), 0.75)
     axis.set_title("Who resists at the peak", pad=PAD)
-    axis.set_xlabel("subtalar moment [N·m], + resists supination")
+    axis.set_xlabel(f"{mean}subtalar moment [N·m], + resists supination")
     _squares(axis, BORNE)
 
 
 def _motion(axis: Axes, resistance: Mapping[str, Mapping[str, float]], look: Mapping[str, SeriesLook]) -> None:
     """`resistance` {brace: {posture: moment [N·m]}}. Bars at 10 degrees, a tick in each at 5."""
     height = 0.25
-    for k, (motion, strength) in enumerate(MOTIONS.items()):
+    for k, motion in enumerate(MOTIONS):
         for place, (name, held) in enumerate(resistance.items()):
             at = place + (k - 1) * height
-            colour = _tint(look[name][0], strength)
-            axis.barh(at, held[f"{motion}_10deg"], height=0.9 * height, color=colour)
+            axis.barh(at, held[f"{motion}_10deg"], height=0.9 * height, **_hatched(look[name][0], motion))
             axis.plot([held[f"{motion}_5deg"]] * 2, [at - 0.45 * height, at + 0.45 * height], color=INK, linewidth=1.0)
     axis.axvline(0, color=FAINT, linewidth=0.6, zorder=0)
     axis.margins(x=0.06)
     _named(axis, list(resistance), 0.6)
     axis.set_title("What 10° of ordinary motion costs (tick: 5°)", pad=PAD)
     axis.set_xlabel("moment of the brace [N·m], + resists the motion")
-    _squares(axis, {motion: dict(color=_tint(INK, strength)) for motion, strength in MOTIONS.items()})
+    _squares(axis, {motion: _hatched(INK, motion) for motion in MOTIONS})
 
 
-def _tint(colour: str, strength: float) -> str:
-    return str(to_hex(tuple(1 - strength * (1 - np.array(to_rgb(colour))))))
+def _hatched(colour: str, motion: str) -> dict[str, Any]:
+    return dict(facecolor=colour, hatch=MOTIONS[motion], edgecolor="white", linewidth=0)
 
 
 def _squares(axis: Axes, entries: Mapping[str, Any]) -> None:
@@ -256,9 +261,13 @@ def _squares(axis: Axes, entries: Mapping[str, Any]) -> None:
     axis.legend(handles=handles, ncols=len(handles), loc="lower right", handlelength=1.0, handletextpad=0.4)
 
 
+def _called(brace: str) -> str:
+    return "no brace" if brace == NONE else brace
+
+
 def _named(axis: Axes, names: Sequence[str], room: float) -> None:
     """One line a brace, from above, with `room` below for a legend."""
-    axis.set_yticks(range(len(names)), [shorten("no brace" if name == NONE else name, 16) for name in names])
+    axis.set_yticks(range(len(names)), [shorten(_called(name), 16) for name in names])
     axis.set_ylim(len(names) - 0.5 + room, -0.55)
     axis.tick_params(axis="y", length=0)
     axis.locator_params(axis="x", nbins=6)

@@ -12,7 +12,24 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from .style import BLUE, GREEN, INK, OCHRE, PURPLE, SKY, VERMILION, legend_above, legend_line, sheet, small, styled
+from ..study.summary import FIGURES
+from .questions import in_percent
+from .style import (
+    BLUE,
+    FLOOR,
+    GREEN,
+    INK,
+    LINES,
+    OCHRE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    legend_above,
+    legend_line,
+    sheet,
+    small,
+    styled,
+)
 
 Array = NDArray[np.float64]
 LOWEST = 30.0  # times below the goal, where the axis of probabilities ends at the latest
@@ -30,6 +47,7 @@ class Designed:
     - at: the value found with the ends of its interval, None where there is none; `sure`: what holds with confidence
     - least: the goal holds from `at` on, else up to it
     - resistance: {motion: [(parameter, N·m at 5°, N·m at 10°), ...]}
+    - threshold: ends of P at the value found, as far as the threshold is known; `behind` which threshold, in words
     """
 
     event: str
@@ -43,38 +61,44 @@ class Designed:
     sure: float | None
     least: bool
     resistance: Mapping[str, Sequence[tuple[float, float, float]]] = field(default_factory=dict)
+    threshold: tuple[float, float] | None = None
+    behind: str = ""
 
 
 @styled
 def design_curve(found: Designed, note: str = "") -> Figure:
-    """The curve with its band, the goal, the value found with its interval and the one that holds with 95 %
-    confidence; below, what the device resists in ordinary motion."""
+    """The curve with its band as far as it is known, the goal, the value found with both its doubts and the one that
+    holds with 95 % confidence; below, what the device resists in ordinary motion."""
     figure, axes = sheet([5.6, *([2.8] if found.resistance else [])], note, sharex=True)
     axis = axes[0]
-    axis.fill_between(found.parameter, found.low, found.high, color=BLUE, alpha=0.22, linewidth=0)
-    axis.plot(found.parameter, found.value, color=BLUE)
+    known = found.low > 0
+    axis.fill_between(found.parameter, found.low, found.high, where=known, color=BLUE, alpha=0.22, linewidth=0)
+    axis.plot(found.parameter, np.where(known, found.value, np.nan), color=BLUE)
     axis.axhline(found.goal, color=INK, linewidth=0.8, linestyle=(0, (5, 1.6)))
     entries: list[tuple[Any, str]] = [
         (legend_line(BLUE), f"P({found.event})"),
         (legend_line(BLUE, linewidth=5, alpha=0.25), "95 % of each value by itself (landings; threshold held)"),
         (legend_line(INK, (0, (5, 1.6)), linewidth=0.8), f"the goal, {100 * found.goal:g} %"),
     ]
+    if not known.all():
+        most = found.high * np.where(known & np.roll(known, 1) & np.roll(known, -1), np.nan, 1.0)
+        axis.plot(found.parameter, most, color=BLUE, linewidth=0.9, linestyle=LINES[2])
+        entries.insert(2, (legend_line(BLUE, LINES[2], linewidth=0.9), "no more than this; how much less is not known"))
     ends = axis.get_xlim()
     if found.sure is not None:
         span = (found.sure, found.parameter[-1]) if found.least else (found.parameter[0], found.sure)
         axis.axvspan(*span, color=GREEN, alpha=0.12, linewidth=0)
-        entries.append((legend_line(GREEN, linewidth=5, alpha=0.3), f"the goal holds, 95 % sure: {found.sure:.3g}"))
-    if found.at is not None:
-        value, low, high = found.at
-        low, high = found.parameter[0] if low is None else low, found.parameter[-1] if high is None else high
-        axis.plot([low, high], [found.goal] * 2, color=VERMILION, linewidth=3.0, alpha=0.6, solid_capstyle="butt")
-        axis.plot(value, found.goal, "o", color=VERMILION, markersize=4.5, zorder=5)
-        word = "least" if found.least else "largest"
-        entries.append((legend_line(VERMILION, marker="o"), f"{word} value {value:.3g}, 95 % {low:.3g} … {high:.3g}"))
+        entries.append(
+            (legend_line(GREEN, linewidth=5, alpha=0.3), f"the goal holds, 95 % sure: {found.sure:.{FIGURES}g}")
+        )
+    entries += _draw_value(axis, found)
     axis.set_yscale("log")
-    seen = found.value[found.value > 0]
+    seen = found.value[known & (found.value > 0)]
     bottom = max(float(seen.min()) * 0.6, found.goal / LOWEST) if len(seen) else found.goal / LOWEST
-    axis.set_ylim(min(bottom, found.goal / 3), min(1.0, max(float(found.high.max()) * 1.3, found.goal * 3)))
+    axis.set_ylim(
+        min(bottom, found.goal / 3),
+        min(1.0, max(float(found.high.max()) * 1.3, found.goal * 3, 1.2 * (found.threshold or (0.0, 0.0))[1])),
+    )
     axis.set_xlim(ends)
     _percent_axis(axis)
     axis.set_ylabel("probability [%]")
@@ -89,6 +113,26 @@ def design_curve(found: Designed, note: str = "") -> Figure:
     axes[-1].set_xlabel(found.quantity)
     legend_above(figure, entries)
     return figure
+
+
+def _draw_value(axis: Axes, found: Designed) -> list[tuple[Any, str]]:
+    """The value found, its interval along the goal, upright what the threshold leaves open of P there."""
+    if found.at is None:
+        return []
+    value, low, high = found.at
+    ends = [found.parameter[0] if low is None else low, found.parameter[-1] if high is None else high]
+    axis.plot(ends, [found.goal] * 2, color=VERMILION, linewidth=3.0, alpha=0.6, solid_capstyle="butt")
+    axis.plot(value, found.goal, "o", color=VERMILION, markersize=4.5, zorder=5)
+    said = ["below the range" if low is None else f"{low:.{FIGURES}g}"]
+    said += ["above the range" if high is None else f"{high:.{FIGURES}g}"]
+    words = f"{'least' if found.least else 'largest'} value {value:.{FIGURES}g}, 95 % {' … '.join(said)}"
+    entries: list[tuple[Any, str]] = [(legend_line(VERMILION, marker="o"), words)]
+    if found.threshold is not None:
+        thin: Any = dict(color=VERMILION, linewidth=1.0, marker="_", markersize=5)
+        axis.plot([value] * 2, [max(end, FLOOR) for end in found.threshold], **thin)
+        words = f"{found.behind}, at that value: {' … '.join(in_percent(end) for end in found.threshold)}"
+        entries.append((legend_line(VERMILION, linewidth=1.0, marker="|", markersize=5), words))
+    return entries
 
 
 def _draw_resistance(axis: Axes, resistance: Mapping[str, Sequence[tuple[float, float, float]]]) -> None:

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from .. import __version__
 from ..errors import EnvironmentProblem
 from ..files import write
+from ..folders.comparison import ComparisonFolder
 from ..folders.read import Folder
 from ..folders.run import RunFolder
 from .selection import Named, named_folders, pose_note
@@ -52,6 +53,12 @@ def write_drawn(figures: Iterable[Drawn], folders: Sequence[Folder], target: Pat
 def _caption(drawn: Drawn, folders: Sequence[Folder]) -> str:
     """What a journal prints below: what is shown, of how many landings, which intervals, from which versions."""
     counts, versions = list[str](), dict[str, None]()
+    drawn_by = {  # the rows of a comparison's studies are given ones; how they were drawn stands in its own summary
+        id(member): f.summary.method
+        for f in folders
+        if isinstance(f, ComparisonFolder)
+        for member in f.members.values()
+    }
     shown = named_folders(folders) if drawn.shown is None else drawn.shown
     for name, item in shown:
         if isinstance(item, RunFolder):
@@ -59,12 +66,14 @@ def _caption(drawn: Drawn, folders: Sequence[Folder]) -> str:
             versions[f"sprain-cosim {item.summary.version}" if item.summary.version else ""] = None
         else:
             failed = f", {item.summary.n_failed} failed" if item.summary.n_failed else ""
-            counts.append(f"{name}: n = {item.summary.n_completed}{failed} ({item.summary.method})")
+            counts.append(
+                f"{name}: n = {item.summary.n_completed}{failed} ({drawn_by.get(id(item)) or item.summary.method})"
+            )
             versions[", ".join(f"{k} {v}" for k, v in item.manifest.versions.items())] = None
     made = " | ".join(v for v in versions if v)
     parts = (
         f"{drawn.name}. {drawn.title}. {drawn.caption}",
-        f"{'; '.join(counts)}. Intervals are 95 % where shown." if counts else "",
+        f"{'; '.join(counts)}." if counts else "",
         pose_note(shown),
         f"Computed with {made}." if made else "",
         f"Drawn with sprain-cosim {__version__}.",

@@ -20,6 +20,7 @@ from ..folders.read import Folder
 from ..folders.run import RunFolder, RunSummary, coupling_note, write_run
 from ..folders.study import StudyFolder
 from ..metrics import brace_torques
+from ..records import ends_of
 from ..study.questions import law_name
 from ..study.summary import DesignSearch, FormSearch, LevelSearch
 from .braces import draw_comparison
@@ -44,7 +45,7 @@ from .selection import (
     spread_intervals,
     study_devices,
 )
-from .style import DOUBLE, FORMATS, MOST_DRAWN, SINGLE, shorten
+from .style import DOUBLE, FORMATS, LONGEST, MOST_DRAWN, SINGLE, shorten
 
 SCREEN, NARROWEST, WIDEST = 16.0, 8.0, 40.0  # cm
 FAN = 20  # trajectories for a fan
@@ -107,7 +108,10 @@ def draw(folders: Sequence[Folder]) -> Iterator[Drawn]:
         yield from _pairs([(name, study) for name, study in studies if id(study) not in compared])
     for folder in folders:
         if isinstance(folder, ComparisonFolder) and folder.summary.persons is not None:
-            caption = "Means over parts of the persons with equal numbers, the same landings with every brace."
+            caption = (
+                "Means over parts of the persons with equal numbers, with 95 % intervals; the same landings with every "
+                "brace."
+            )
             yield Drawn("persons", "For whom does each brace work?", caption, partial(persons_figure, folder.summary))
             break
     yield from _phase(runs, studies)
@@ -118,11 +122,16 @@ def draw(folders: Sequence[Folder]) -> Iterator[Drawn]:
             "Resisting moment about the subtalar axis at the time of its peak angle: what the passive tissue "
             "bears, and what the brace takes."
         )
-        yield Drawn("sharing", "Who bears the load", caption, partial(plots.sharing, rows, pose_note(items)))
+        if any(len(anatomy) > 1 for _, anatomy, _ in rows):
+            caption += (
+                " Of studies: means, with their 95 % intervals behind ±, the mean of the brace's shares, and below the "
+                "bars the 5 … 95 % of the landings."
+            )
+        drawn = partial(plots.sharing, rows, pose_note(items), _doubts_of_moments(studies))
+        yield Drawn("sharing", "Who bears the load", caption, drawn)
     caption = (
-        "Torque-angle laws of the paper's passive ankle and of its braces (the same law with the angle scaled), about "
-        "the three body-fixed axes. "
-        "For comparison with Figures 1C and 2 of Yoder et al. 2021."
+        "A brace is the law of the passive ankle with its angle scaled, about the three body-fixed axes. For "
+        "comparison with Figures 1C and 2 of Yoder et al. 2021."
     )
     title = "Torque-angle laws of the paper's ankle and braces"
     yield Drawn("torque_angle", title, caption, plots.torque_angle, ())
@@ -235,10 +244,11 @@ def _of_studies(studies: Studies) -> Iterator[Drawn]:
 
 def _distributions(chosen: Studies, samples: Mapping[str, Sample], text: str, suffix: str) -> Iterator[Drawn]:
     """Studies of one response, which is `text` in words."""
-    caption = (
-        "Share of landings whose peak stays below the value. Circles: the published levels, where the study "
-        "is one of the paper's in its pose."
-    )
+    caption = "Share of landings whose response stays below the value."
+    if len(chosen) <= 2 and any(samples[n].low is not None for n, _ in chosen):
+        caption += " Bands: 95 % bounds of each share by itself (Clopper-Pearson)."
+    if any(samples[n].published for n, _ in chosen):
+        caption += " Circles: the published levels, where the study is one of the paper's in its pose."
     drawn = partial(plots.cdf, [samples[n] for n, _ in chosen], text, pose_note(chosen))
     yield Drawn(f"cdf{suffix}", "Distribution", caption, drawn)
     with_levels = [(n, s) for n, s in chosen if samples[n].percentiles]
@@ -281,8 +291,8 @@ def _questions(studies: Studies) -> Iterator[Drawn]:
             if response in own or (not own and response == study.response)
         ]
         caption = (
-            "How likely the response exceeds a threshold. What the sample leaves open and what is not known of the "
-            "threshold stand apart: more landings narrow the first alone, more specimens the second alone."
+            "How likely the response exceeds a threshold. What the sample leaves open (95 %) and what is not known of "
+            "the threshold stand apart: more landings narrow the first alone, more specimens the second alone."
         )
         drawn = partial(plots.questions, answers, curves, pose_note([(name, study)]))
         yield Drawn(f"questions{_end(study, len(asked))}", f"How likely: {name}", caption, drawn, [(name, study)])
@@ -297,8 +307,9 @@ def _designs(studies: Studies) -> Iterator[Drawn]:
         if len(design.points) == 1:
             caption = (
                 "The probability over the parameter: a polynomial through the landings, corrected by fresh landings at "
-                "the value found. Away from there the band joins what landings drawn again would change; below a tenth "
-                "of the goal the curve says no more than “less than”. The doubt about the threshold is not in the band."
+                "the value found. Away from there the band joins what landings drawn again would change; where it is "
+                "dotted nothing but its upper end is known. The doubt about the threshold is not in the band: it "
+                "stands upright at the value found."
             )
             drawn = partial(plots.design_curve, _designed(design, quantity), note)
             yield Drawn(f"design{end}", f"{design.find.capitalize()} value: {name}", caption, drawn)
@@ -328,7 +339,7 @@ def _designs(studies: Studies) -> Iterator[Drawn]:
 
 def _designed(design: DesignSearch, quantity: str) -> plots.Designed:
     (point,) = design.points
-    curve, at = point.curve, point.comfort
+    curve, at, known = point.curve, point.comfort, point.probability
     resistance = {m: [(c.value, *_atboth_ends(c.resistance_Nm, m)) for c in at] for m in point.motions[0]}
     event = design.goal.partition("(")[2].rpartition(")")[0].partition(" ")
     return plots.Designed(
@@ -340,9 +351,15 @@ def _designed(design: DesignSearch, quantity: str) -> plots.Designed:
         np.array(curve.low, float),
         np.array(curve.high, float),
         (point.value, point.ci_low, point.ci_high) if point.status == "met" else None,
-        None if point.value_95 is None else design.on_the_safe_side(point.value_95, 3),
+        None if point.value_95 is None else design.on_the_safe_side(point.value_95),
         design.find == "least",
         resistance,
+        both_ends(known.threshold_ci) or ends_of(known.shapes),
+        "threshold of another shape"
+        if known.threshold_ci is None
+        else f"threshold, n\u00a0=\u00a0{known.specimens}"
+        if known.specimens
+        else "ends of the threshold",
     )
 
 
@@ -358,8 +375,8 @@ def _labelled(name: str, unit: str) -> str:
 
 def _tornado(name: str, study: StudyFolder, end: str) -> Drawn:
     caption = (
-        "What moves the response (Pearson's r) and what widens it (normalised sensitivity of its "
-        "standard deviation), with 95 % intervals."
+        "What moves the response (Pearson's r) and what widens it (how its standard deviation follows the input's: "
+        "dSD/dSD, normalised), with 95 % intervals."
     )
     drawn = partial(
         plots.tornado,
@@ -390,7 +407,7 @@ def _pairs(studies: Studies) -> Iterator[Drawn]:
             f"The response and its {rule}. Below the diagonal each point is a landing{every}; on it the distribution; "
             f"above it Spearman's rank correlation, {doubt}{'' if independent else ' independent landings'}."
         )
-        note = f"{shorten(name, 60)}: n\u00a0=\u00a0{n}. {pose_note([(name, study)])}"
+        note = f"{shorten(name, LONGEST)}: n\u00a0=\u00a0{n}. {pose_note([(name, study)])}"
         drawn = partial(plots.pairs, [*chosen, response], independent, note)
         title = f"Inputs and response: {name}"
         yield Drawn(f"pairs{_end(study, len(found))}", title, caption, drawn, [(name, study)])
@@ -416,7 +433,8 @@ def _poses(chosen: Studies, samples: Mapping[str, Sample], text: str, suffix: st
             caption = (
                 "The published pose starts with the foot inside the floor, as the paper's records do; the touching "
                 "pose starts with the foot just touching. "
-                "The pose moves the level of the response and can turn the sign of a sensitivity."
+                "The pose moves the level of the response and can turn the sign of a sensitivity. Bands and lines: 95 "
+                "% bounds of each share, 95 % intervals of Pearson's r."
             )
             title = "Initial poses side by side"
             yield Drawn(
@@ -437,14 +455,32 @@ def _searches(
     for name, study, amv in searches:
         beside = next((samples[n] for n, s in distributions if same_question(s, study)), None)
         note = f"{pose_note([(name, study)])} The method's own test says {amv.status}."
-        caption = (
-            "Levels of the response found with few landings, on the distribution of the Monte Carlo study if "
-            "there is one; which input leads to each."
-        )
+        caption = "Levels of the response found with few landings, and which input leads to each."
+        if beside is not None:
+            caption += " Grey: the distribution of the Monte Carlo study, with 95 % bounds of each share by itself."
+        if amv.check is not None:
+            caption += (
+                f" Upright lines: the share of {amv.check.n} random landings that lies below the level, with its 95 % "
+                "interval; it should hold the level."
+            )
+        else:
+            caption += " No random landings tested the levels: their doubt is not known."
         drawn = partial(
-            plots.level_search, samples[name], importance_of(amv), response_label(study.response), beside, note
+            plots.level_search,
+            samples[name],
+            importance_of(amv),
+            response_label(study.response),
+            beside,
+            note,
+            tested=tested_shares(amv),
         )
         yield Drawn(f"amv{_end(study, len(searches))}", name, caption, drawn)
+
+
+def tested_shares(amv: LevelSearch) -> dict[float, tuple[float, float]]:
+    """{level in %: ends of the share [%] of random landings below its value, 95 %}; empty where none tested it."""
+    pairs = {} if amv.check is None else {key: both_ends(ci) for key, ci in amv.check.ci.items()}
+    return {float(key): (float(key) + ci[0], float(key) + ci[1]) for key, ci in pairs.items() if ci}
 
 
 def _events(studies: Studies) -> Iterator[Drawn]:
@@ -460,8 +496,8 @@ def _events(studies: Studies) -> Iterator[Drawn]:
             f"second order, {formula}": p for formula, p in (form.second_order or {}).items()
         }
         caption = (
-            "The probability of the event, from sampling about its design point, with what the landings and what the "
-            "threshold leave open; what first and second order alone say; which inputs lead to the event."
+            "The probability of the event, from sampling about its design point, with what the landings (95 %) and "
+            "what the threshold leave open; what first and second order alone say; which inputs lead to the event."
         )
         drawn = partial(
             plots.event_search,
@@ -545,12 +581,14 @@ def _fans(studies: Studies) -> Iterator[Drawn]:
     fans = cache(lambda: [_fan(name, [study.trajectory(t) for t in chosen]) for name, study, chosen in found])
     note = pose_note(studies)
     for k in range(0, len(found), 3):
+        counts = ", ".join(str(n) for n in dict.fromkeys(len(chosen) for _, _, chosen in found[k : k + 3]))
         caption = (
-            "Percentiles at each moment over the trials whose signals were kept. A band joins different landings: none "
-            "of them need follow it."
+            f"Percentiles at each moment over the first {counts} landings, whose signals were kept. A band is the "
+            "spread of the landings, no interval of the median; it joins different landings: none need follow it."
         )
         drawn = partial(lambda k: plots.fan(fans()[k : k + 3], note, fans()), k)
-        yield Drawn(f"fan{k // 3 or ''}", "Many landings over time", caption, drawn)
+        shown = [(name, study) for name, study, _ in found[k : k + 3]]
+        yield Drawn(f"fan{k // 3 or ''}", "Many landings over time", caption, drawn, shown)
 
 
 def _fan(name: str, records: Sequence[Result]) -> tuple[str, Values, dict[str, Values]]:
@@ -589,9 +627,11 @@ def _phase(runs: Runs, studies: Studies) -> Iterator[Drawn]:
             "lower: raw angles). Ankles of cadavers "
             "failed in the grey range. Li et al. measured two people on a 25° slope, with their laboratory's zero, "
             "which may differ by some degrees; the model "
-            "lands on the slope of its scenario; they state the velocity of the sprains alone. A study's line is its "
-            "median trial. The threshold of a living ankle is not known."
+            "lands on the slope of its scenario; they state the velocity of the sprains alone. The threshold of a "
+            "living ankle is not known."
         )
+        if len(records) > len(runs):
+            caption += " A study's line is its median trial."
         yield Drawn(
             "phase",
             "Inversion against measured sprains",
@@ -610,6 +650,18 @@ def _moments(item: RunFolder | StudyFolder) -> tuple[Values, Values] | None:
     if not item.is_sample or names[0] not in done or len(done) < FEWEST:
         return None
     return done[names[0]].to_numpy(float), done[names[1]].to_numpy(float) if names[1] in done else np.zeros(len(done))
+
+
+def _doubts_of_moments(studies: Studies) -> dict[str, tuple[float, float]]:
+    """{study: half widths [N·m] of the 95 % intervals of the means that `_moments` has}; where the sample has some."""
+    found = {}
+    for name, study in studies:
+        responses = [study.summary.responses.get(n) for n in ("anatomy_subtalar_moment_Nm", "brace_subtalar_moment_Nm")]
+        ends = [both_ends(response.mean_ci) for response in responses if response is not None]
+        halves = [0.5 * (pair[1] - pair[0]) for pair in ends if pair is not None]
+        if halves and len(halves) == len(ends):
+            found[name] = (halves[0], halves[-1])
+    return found
 
 
 def _published(studies: Studies) -> Iterator[Drawn]:

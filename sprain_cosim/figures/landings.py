@@ -18,26 +18,26 @@ from ..metrics import IMPACT, Signals, brace_torques
 from .style import (
     BORNE,
     FAINT,
-    FORM,
     GROUND,
     INK,
+    LINE,
     LINES,
     MOST_DRAWN,
     MUTED,
+    PATCH,
     band_above,
     legend_above,
     legend_line,
     letters,
     looks_of,
     sheet,
-    shorten,
     small,
     styled,
+    title_lines,
 )
 
 Array = NDArray[np.float64]
 DEGREES = math.degrees(1.0)
-PATCH = dict(facecolor="white", alpha=0.75, edgecolor="none", pad=0.4)
 TIME = "time after contact [ms]"
 # what is drawn over time: title with unit and sign, signal, factor to the unit
 PANELS = (
@@ -75,7 +75,7 @@ def landing_signals(runs: Sequence[tuple[str, Signals]], note: str = "") -> Figu
             above = peak == max(p for _, p in peaks)
             style_of_text: Any = dict(
                 textcoords="offset points",
-                ha="center",
+                ha="center" if above else "left",  # the lower one beside the rise that leads to its peak
                 va="bottom" if above else "top",
                 color=letters(color),
                 fontsize=small(),
@@ -138,7 +138,6 @@ def phase(
     figure, (axis,) = sheet([7.0], note)
     mean, sd = INJURY_INVERSION
     axis.axvspan(mean - sd, mean + sd, color=FAINT, alpha=0.28, linewidth=0)
-    axis.axvline(mean, color=MUTED, linewidth=0.7)
     entries = _draw_tracks_and_points(axis, tracks, points)
     entries += _draw_measured_trials(axis)
     axis.axhline(0, color=FAINT, linewidth=0.6)
@@ -221,37 +220,56 @@ def _limit_velocity(
 
 
 @styled
-def sharing(rows: Sequence[tuple[str, Array, Array]], note: str = "") -> Figure:
+def sharing(
+    rows: Sequence[tuple[str, Array, Array]], note: str = "", doubts: Mapping[str, tuple[float, float]] | None = None
+) -> Figure:
     """Who bears the subtalar moment at the peak of supination: `rows` (title, moments of the anatomy (n,) [N·m], of the
     brace (n,)), one value for a landing, one for each trial of a study, whose means are drawn with lines from the 5 %
-    to the 95 % level."""
-    figure, (axis,) = sheet([1.0 + 1.25 * len(rows)], note)
-    for k, (title, anatomy, brace) in enumerate(rows):
+    to the 95 % level.
+
+    - doubts: {title: half widths of the 95 % intervals of the two means}
+    """
+    words = [
+        [*title_lines(title, 58), _borne(anatomy, brace, (doubts or {}).get(title))] for title, anatomy, brace in rows
+    ]
+    heights = [0.75 + LINE * len(lines) + 0.3 * (len(a) > 1) for lines, (_, a, _) in zip(words, rows, strict=True)]
+    figure, (axis,) = sheet([1.0 + sum(heights)], note)
+    top = 0.0
+    for lines, height, (_, anatomy, brace) in zip(words, heights, rows, strict=True):
+        axis.text(0, top, "\n".join(lines), fontsize=small(), transform=axis.get_yaxis_transform(), va="top")
+        place = top + LINE * len(lines) + 0.27
         a, b = float(np.mean(anatomy)), float(np.mean(brace))
-        axis.barh(k, a, 0.36, **BORNE["anatomy"])
-        axis.barh(k, b, 0.36, left=a, **BORNE["brace"])
-        if len(anatomy) > 1:
-            for values, start, offset in ((anatomy, 0.0, 0.24), (brace, a, 0.24)):
-                low, high = np.percentile(values, [5, 95])
-                axis.plot(
-                    [start + low, start + high], [k + offset] * 2, color=INK, linewidth=0.8, marker="|", markersize=3
-                )
-        share = 100 * b / (a + b) if a + b else 0.0
-        axis.text(0, k - 0.26, shorten(title, FORM.get().letters_in(58)), fontsize=small(), va="bottom")
-        words = f"{a:.1f} + {b:.1f} N·m: {share:.0f} % brace" if len(brace) and b else f"{a:.1f} N·m: no brace"
-        beside: Any = dict(textcoords="offset points", fontsize=small(), va="center")
-        axis.annotate(words, (a + b, k), (4, 0), **beside)
-    axis.set_ylim(len(rows) - 0.4, -0.75)
+        axis.barh(place, a, 0.36, **BORNE["anatomy"])
+        axis.barh(place, b, 0.36, left=a, **BORNE["brace"])
+        for values, start in ((anatomy, 0.0), (brace, a)) if len(anatomy) > 1 else ():
+            low, high = np.percentile(values, [5, 95])
+            if high > low:
+                spread: Any = dict(color=INK, linewidth=0.8, marker="|", markersize=3)
+                axis.plot([start + low, start + high], [place + 0.32] * 2, **spread)
+        top += height
+    axis.set_ylim(top + 0.1, -0.05)
     axis.set_yticks([])
     axis.spines["left"].set_visible(False)
     axis.axvline(0, color=FAINT, linewidth=0.6)
-    axis.set_xlim(min(0, axis.get_xlim()[0]), 1.7 * max(float(np.mean(a) + np.mean(b)) for _, a, b in rows))
-    axis.set_xlabel("subtalar moment at peak supination [N·m], + resists")
+    axis.margins(x=0.03)
+    many = any(len(anatomy) > 1 for _, anatomy, _ in rows)
+    axis.set_xlabel(f"{'mean ' * many}subtalar moment at peak supination [N·m], + resists")
     entries: list[tuple[Any, str]] = [(Rectangle((0, 0), 1, 1, **look), who) for who, look in BORNE.items()]
-    if any(len(anatomy) > 1 for _, anatomy, _ in rows):
+    if many:
         entries.append((legend_line(INK, linewidth=0.8, marker="|", markersize=3), "5 … 95 % of landings"))
     legend_above(figure, entries, len(entries))
     return figure
+
+
+def _borne(anatomy: Array, brace: Array, doubt: tuple[float, float] | None) -> str:
+    """The means with their doubts; the brace's share is the mean of the landings' shares, as in a comparison."""
+    ends = ["" if doubt is None else f" ± {half:.1f}" for half in doubt or (0.0, 0.0)]
+    means = [f"{np.mean(values):.1f}{end}" for values, end in zip((anatomy, brace), ends, strict=True)]
+    if not np.any(brace):
+        return f"{means[0]} N·m: no brace"
+    both = anatomy + brace
+    share = f": {100 * np.mean((brace / both)[both > 0]):.0f} % brace" if np.any(both > 0) else ""
+    return f"{means[0]} + {means[1]} N·m{share}"
 
 
 @styled
@@ -283,6 +301,7 @@ def fan(
                     for _, time, signals in groups
                     if signal in signals
                 ],
+                "95 % level ",
             )
     for axis, (_, signal, factor) in zip(axes, drawn, strict=True):
         for _, _, signals in others if signal.endswith("_subtalar_moment") else ():
@@ -294,7 +313,7 @@ def fan(
     axes[-1].set_xlabel(TIME)
     axes[-1].set_xlim(0, max(1e3 * time[-1] for _, time, _ in groups))
     entries: list[tuple[Any, str]] = [
-        (look.key(), f"{title}, {len(next(iter(signals.values())))} landings: median")
+        (look.key(), f"{title}, {len(next(iter(signals.values())))}\u00a0landings: median")
         for look, (title, _, signals) in zip(chosen, groups, strict=True)
     ]
     entries += [
@@ -319,7 +338,7 @@ def _has(run: Signals, signal: str) -> bool:
     return signal in run.index
 
 
-def _cut_impact(axis: Axes, series: Sequence[tuple[Array, Array]]) -> None:
+def _cut_impact(axis: Axes, series: Sequence[tuple[Array, Array]], what: str = "") -> None:
     """The published pose starts inside the floor: its force of the first 5 ms would hide all the rest."""
     top = 1.15 * max((float(values[time > IMPACT].max()) for time, values in series if time[-1] > IMPACT), default=0.0)
     if axis.get_ylim()[1] > 1.5 * top > 0:
@@ -328,7 +347,7 @@ def _cut_impact(axis: Axes, series: Sequence[tuple[Array, Array]]) -> None:
         axis.text(
             0.99,
             0.97,
-            f"cut off: {highest:.0f} kN in the first 5 ms",
+            f"cut off: {what}{highest:.0f} kN in the first 5 ms",
             fontsize=small(),
             color=MUTED,
             transform=axis.transAxes,
@@ -339,5 +358,6 @@ def _cut_impact(axis: Axes, series: Sequence[tuple[Array, Array]]) -> None:
 
 def _panel(axis: Axes, title: str) -> None:
     axis.set_title(title)
+    axis.locator_params(axis="y", nbins=4, min_n_ticks=3, steps=[1, 2, 2.5, 5, 10])
     axis.grid(axis="y")
     axis.axhline(0, color=FAINT, linewidth=0.6)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ..literature import BRACES, PASSIVE, PASSIVE_SOURCE
-from .style import FAINT, GREEN, LINES, SERIES, legend_above, legend_line, sheet, small, styled
+from .style import ANATOMY, BRACE, FAINT, LINES, SERIES, legend_above, legend_line, sheet, small, styled
 
 SPAN = 35.0  # degrees to each side
 AXES = {
@@ -28,6 +29,11 @@ def resisting(axis: str, angle: NDArray[np.float64], angle_scale: float = 1.0) -
     return t * (a + t * (b + t * c))
 
 
+def law_looks(braces: int) -> tuple[list[str], list[Any]]:
+    """Colours and dashes of the passive ankle and of so many braces: those of anatomy and brace in every figure."""
+    return [ANATOMY] + [BRACE] * braces, [LINES[k % len(LINES)] for k in range(1 + braces)]
+
+
 @styled
 def torque_angle(braces: Mapping[str, float] = BRACES, span: float = SPAN) -> Figure:
     """Resisting torque of the ankle and of `braces` {name: angle scale f} over -span ... span [deg], a panel for each
@@ -39,9 +45,7 @@ def torque_angle(braces: Mapping[str, float] = BRACES, span: float = SPAN) -> Fi
     figure, axes = sheet([3.1] * 3, note, sharex=True)
     degrees = np.linspace(-span, span, 281)
     for axis, (name, title) in zip(axes, AXES.items(), strict=True):
-        for (_, scale), color, style in zip(
-            {"": 1.0, **braces}.items(), (GREEN, *SERIES), LINES * len(braces), strict=False
-        ):
+        for (_, scale), color, style in zip({"": 1.0, **braces}.items(), *law_looks(len(braces)), strict=True):
             axis.plot(degrees, resisting(name, np.radians(degrees), scale), color=color, linestyle=style)
         axis.set_title(f"torque about {title}")
         axis.set_ylim(-60, 60)
@@ -52,9 +56,7 @@ def torque_angle(braces: Mapping[str, float] = BRACES, span: float = SPAN) -> Fi
     axes[0].text(-span, 56, "clipped at ± 60 N·m", fontsize=small(), va="top")
     at30 = {n: resisting("rotation_x", np.array([math.radians(30)]), f)[0] for n, f in braces.items()}
     names = ["passive ankle (f = 1)", *(f"{n} (f = {f:g}, {at30[n]:.0f} N·m at X = 30°)" for n, f in braces.items())]
-    legend_above(
-        figure, [(legend_line(c, s), n) for n, c, s in zip(names, (GREEN, *SERIES), LINES * len(names), strict=False)]
-    )
+    legend_above(figure, [(legend_line(c, s), n) for n, c, s in zip(names, *law_looks(len(braces)), strict=True)])
     return figure
 
 

@@ -126,6 +126,6 @@ def _ends(values: Array) -> tuple[float, float]:
 def _two_ticks(low: float, high: float) -> list[float]:
     """Round values away from the ends, two at most: a cell is as wide as two numbers."""
     room = 0.12 * (high - low)
-    ticks = MaxNLocator(4, steps=[1, 2, 5, 10]).tick_values(low, high)
+    ticks = MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(low, high)
     inside = [float(tick) for tick in ticks if low + room <= tick <= high - room]
     return inside if len(inside) < 3 else [inside[0], inside[-1]]

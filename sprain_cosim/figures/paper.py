@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ..literature import BRACES
-from .law import AXES, SPAN, resisting
+from .law import AXES, SPAN, law_looks, resisting
 from .samples import Sample, probability_axis, published_circle, published_key, step_curve
-from .style import FAINT, FORM, GREEN, INK, LINES, SERIES, legend_above, legend_line, looks, sheet, small, styled
+from .style import FAINT, FORM, INK, legend_above, legend_line, looks, sheet, small, styled
 
 Array = NDArray[np.float64]
 LAWS = {"passive ankle": 1.0, **BRACES}  # angle scale f
@@ -60,7 +60,7 @@ def figure_1c(measured: Mapping[str, Mapping[str, tuple[Array, Array]]], note: s
     torque [N·m])}}; circles are the published polynomial."""
     figure, axes = sheet([3.1] * len(AXES), note, sharex=True)
     entries: list[tuple[Any, str]] = []
-    for (name, scale), colour, line in zip(LAWS.items(), (GREEN, *SERIES), LINES, strict=False):
+    for (name, scale), colour, line in zip(LAWS.items(), *law_looks(len(LAWS) - 1), strict=True):
         for axis, key in zip(axes, AXES, strict=True):
             angle, torque = measured[name][key]
             axis.plot(np.degrees(angle), torque, color=colour, linestyle=line)

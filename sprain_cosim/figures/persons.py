@@ -61,4 +61,4 @@ def _by_measure(
         axis.errorbar(x, y, yerr=half, **drawn)
     axis.set_xlabel(f"{label(name)} [{persons.units[name]}]")
     axis.grid(axis="y")
-    axis.locator_params(axis="x", nbins=5)
+    axis.locator_params(axis="x", nbins=4)

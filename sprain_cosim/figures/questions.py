@@ -16,12 +16,26 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from ..records import ends_of
-from .style import BLUE, FAINT, FLOOR, FORM, INK, VERMILION, legend_above, legend_line, on_axis, sheet, small, styled
+from .style import (
+    BLUE,
+    FAINT,
+    FLOOR,
+    FORM,
+    INK,
+    LINE,
+    VERMILION,
+    legend_above,
+    legend_line,
+    on_axis,
+    sheet,
+    small,
+    styled,
+)
 
 Array = NDArray[np.float64]
 Pair = tuple[float, float]
 MARKERS: Mapping[str, str] = {"normal": "o", "lognormal": "^", "Weibull": "s"}
-ROW, LINE = 0.6, 0.32  # height of an answer's bars and of a line of words [cm]
+ROW = 0.6  # height of an answer's bars [cm]
 
 
 @dataclass(frozen=True)
@@ -42,8 +56,12 @@ class Answer:
 
     @property
     def words(self) -> str:
-        """Numbers stay with their units when a line is broken."""
-        words = self.title if self.value is None else f"{self.title}: {in_percent(self.value)}"
+        """The value with what the sample leaves open; numbers stay with their units when a line is broken."""
+        said = [self.title]
+        if self.value is not None:
+            value, *ends = in_percents(self.value, *(self.sampling or ()))
+            said.append(f"{value} %" + (f" ({' ... '.join(ends)} %)" if ends else ""))
+        words = ": ".join(said)
         return re.sub(r" (?=%|deg|N·m|±|\.\.\.)|(?<=±|=) |(?<=\.\.\.) ", "\u00a0", words)
 
 
@@ -70,7 +88,7 @@ def questions(answers: Sequence[Answer], curves: Sequence[Exceeded], note: str =
         _draw_curve(axis, curve)
     entries: list[tuple[Any, str]] = []
     if any(a.sampling for a in answers):
-        entries.append((legend_line(BLUE, linewidth=4.5, alpha=0.75), "what the sample leaves open (95 %)"))
+        entries.append((legend_line(BLUE, linewidth=4.5), "what the sample leaves open (95 %)"))
     if any(a.threshold for a in answers):
         entries.append((legend_line(VERMILION, linewidth=2.2), "what is open of the threshold (95 %, or its ends)"))
     shapes = [law for law in MARKERS if any(law in a.shapes for a in answers)]
@@ -137,6 +155,15 @@ def _draw_curve(axis: Axes, curve: Exceeded) -> None:
 
 def shape_key(law: str) -> Any:
     return legend_line(INK, "none", marker=MARKERS[law], markerfacecolor="white", markersize=4)
+
+
+def in_percents(*values: float) -> list[str]:
+    """Of a probability and its ends, in percent without the sign: two figures, or as many as tell the ends apart."""
+    for figures in (2, 3, 4):
+        said = [f"{100 * v:#.{figures}g}".rstrip(".") if v else "0" for v in values]
+        if len(set(said)) == len(said):
+            break
+    return said
 
 
 def in_percent(p: float) -> str:

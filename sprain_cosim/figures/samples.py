@@ -20,10 +20,13 @@ from .style import (
     DOTS,
     FAINT,
     FORM,
+    GROUND,
     HATCHES,
     INK,
+    LINE,
     LINES,
     MOST_DRAWN,
+    PATCH,
     PURPLE,
     SERIES,
     SKY,
@@ -36,9 +39,9 @@ from .style import (
     looks,
     looks_of,
     sheet,
-    shorten,
     small,
     styled,
+    title_lines,
 )
 
 Array = NDArray[np.float64]
@@ -94,7 +97,7 @@ def cdf(samples: Sequence[Sample], quantity: str, note: str = "") -> Figure:
     if any(s.published for s in samples):
         entries.append((published_key(5), "published 5, 50, 95 % (Yoder et al. 2021)"))
     if len(samples) <= 2 and any(s.low is not None for s in samples):
-        entries.append((legend_line(FAINT, linewidth=5, alpha=0.5), "95 % bounds (Clopper-Pearson)"))
+        entries.append((legend_line(FAINT, linewidth=5, alpha=0.5), "95 % bounds at each value (Clopper-Pearson)"))
     legend_above(figure, entries)
     return figure
 
@@ -107,6 +110,7 @@ def level_search(
     sample: Sample | None = None,
     note: str = "",
     theirs: Authors | None = None,
+    tested: Mapping[float, tuple[float, float]] | None = None,
 ) -> Figure:
     """The advanced mean value method over Monte Carlo, as Figure 5 of Yoder et al. 2021.
 
@@ -116,13 +120,14 @@ def level_search(
     - importance: {level: {parameter: component of the unit vector}}, + where more of the parameter raises the response
     - sample: Monte Carlo trials of the same study
     - theirs: what the paper's authors found
+    - tested: {level in %: ends of the 95 % interval of the share [%] of random landings that lies below its value}
     """
     names = sorted(
         {n for row in importance.values() for n in row},
         key=lambda n: max(abs(row.get(n, 0.0)) for row in importance.values()),
     )
     figure, (top, below) = sheet([4.6, height_of(names)], note)
-    entries = _draw_levels(top, search, sample, theirs)
+    entries = _draw_levels(top, search, sample, theirs, tested or {})
     probability_axis(top, quantity, True)
     if sample is None:
         values = [v for v, _, _ in search.percentiles.values()] + list(search.published.values())
@@ -133,30 +138,42 @@ def level_search(
     return figure
 
 
-def _draw_levels(axis: Axes, search: Sample, sample: Sample | None, theirs: Authors | None) -> Entries:
+def _draw_levels(
+    axis: Axes,
+    search: Sample,
+    sample: Sample | None,
+    theirs: Authors | None,
+    tested: Mapping[float, tuple[float, float]],
+) -> Entries:
     entries: Entries = []
     if sample is not None and len(sample.values):
-        step_curve(axis, sample, SeriesLook(FAINT, "-", ""), True)
-        entries.append((legend_line(FAINT, linewidth=2), f"Monte Carlo, {len(sample.values)} landings, 95 % bounds"))
+        step_curve(axis, sample, SeriesLook(GROUND, "-", ""), True)
+        entries.append((legend_line(GROUND), f"Monte Carlo, {len(sample.values)} landings, 95 % bounds"))
     for level, (value, low, high) in ({} if theirs is None else theirs.sampled).items():
         axis.plot([low, high], [level / 100] * 2, color=INK, linewidth=0.9, marker="|", markersize=4, zorder=4)
         axis.plot(value, level / 100, "s", markersize=4, markerfacecolor="white", markeredgecolor=INK, zorder=4)
-    beside: Any = dict(textcoords="offset points", fontsize=small(), color=letters(VERMILION), va="center")
+    beside: Any = dict(textcoords="offset points", fontsize=small(), color=letters(VERMILION), va="center", bbox=PATCH)
     for level, (value, _, _) in search.percentiles.items():
         axis.plot(value, level / 100, "D", color=VERMILION, markersize=5, zorder=5)
+        if level in tested:
+            shares = [share / 100 for share in tested[level]]
+            axis.plot([value, value], shares, color=VERMILION, linewidth=1.0, marker="_", markersize=5, zorder=4)
         right = search.published.get(level, value) < value  # away from the published level
         beside |= dict(ha="left" if right else "right")
         if theirs is None:
-            axis.annotate(f"{value:.1f}", (value, level / 100), ((7 if right else -7) * FORM.get().scale, 0), **beside)
+            axis.annotate(f"{value:.1f}", (value, level / 100), ((8 if right else -8) * FORM.get().scale, 0), **beside)
     for level, value in search.published.items():
-        published_circle(axis, value, level / 100, 6.5, zorder=6)
+        published_circle(axis, value, level / 100, 9, zorder=6)  # around a mark of ours at the same place
     numbers = ["", ""]
     if theirs is not None:
         known = ([v for v, _, _ in search.percentiles.values()], search.published.values())
         numbers = [": " + " / ".join(f"{v:.1f}" for v in values) for values in known]
     entries.append((legend_line(VERMILION, "none", marker="D"), f"{search.title}{numbers[0]}"))
+    if tested:
+        whisker = legend_line(VERMILION, "-", linewidth=1.0, marker="|", markersize=5)
+        entries.append((whisker, "share of random landings below it, 95 %"))
     if search.published:
-        entries.append((published_key(6), f"published (Yoder et al. 2021){numbers[1]}"))
+        entries.append((published_key(7), f"published (Yoder et al. 2021){numbers[1]}"))
     if theirs is not None and theirs.sampled:
         key: Any = dict(marker="s", markersize=4, markerfacecolor="white", linewidth=0.9)
         entries.append((legend_line(INK, **key), "published Monte Carlo levels, 95 % of 1000 trials"))
@@ -200,7 +217,9 @@ def tornado(
     high)} with 95 % intervals, circles for `published` ones, and how the response's SD follows the parameter's SD,
     `spread` (dσ/dσ normalised, likewise)."""
     names = sorted(sensitivity, key=lambda n: abs(sensitivity[n][0]))
-    panels = [(sensitivity, "Pearson's r,\n+ raises it")] + ([(spread, "dSD/dSD,\n+ widens it")] if spread else [])
+    panels = [(sensitivity, "Pearson's r,\n+ raises it")] + (
+        [(spread, "its SD per input SD,\n+ widens it")] if spread else []
+    )
     figure, axes = sheet([height_of(names)], note, len(panels), sharey=True)
     for axis, (values, meaning) in zip(axes, panels, strict=True):
         for k, name in enumerate(names):
@@ -228,20 +247,23 @@ def tornado(
 def percentiles(samples: Sequence[Sample], quantity: str, note: str = "") -> Figure:
     """5, 50 and 95 % levels of each sample with their 95 % intervals (thick), the span between them (thin), and
     published levels as circles."""
-    figure, (axis,) = sheet([1.0 + 1.05 * len(samples)], note)
-    for k, (sample, (color, *_)) in enumerate(zip(samples, looks_of([s.title for s in samples]), strict=True)):
+    titles = [title_lines(sample.title, 44) for sample in samples]
+    heights = [0.8 + LINE * len(lines) for lines in titles]
+    figure, (axis,) = sheet([0.9 + sum(heights)], note)
+    top, at = 0.0, dict[str, Any](fontsize=small(), transform=axis.get_yaxis_transform(), va="top")
+    for sample, look, lines, height in zip(samples, looks_of([s.title for s in samples]), titles, heights, strict=True):
+        place, color = top + LINE * len(lines) + 0.24, look.colour
         values = [v for v, _, _ in sample.percentiles.values()]
-        axis.plot([min(values), max(values)], [k, k], color=color, linewidth=0.9)
+        axis.plot([min(values), max(values)], [place, place], color=color, linewidth=0.9)
         for value, low, high in sample.percentiles.values():
-            axis.plot([low, high], [k, k], color=color, linewidth=4.5, alpha=0.4, solid_capstyle="butt")
-            axis.plot(value, k, "|", color=color, markersize=8, markeredgewidth=1.4)
+            axis.plot([low, high], [place, place], color=color, linewidth=4.5, alpha=0.4, solid_capstyle="butt")
+            axis.plot(value, place, "|", color=color, markersize=8, markeredgewidth=1.4)
         for value in sample.published.values():
-            published_circle(axis, value, k, 4.5)
-        at: Any = dict(fontsize=small(), transform=axis.get_yaxis_transform(), va="bottom")
-        axis.text(0, k - 0.24, shorten(sample.title, FORM.get().letters_in(44)), **at)
-        numbers = " / ".join(f"{v:.1f}" for v in values).replace("-", "−")
-        axis.text(1, k - 0.24, numbers, ha="right", **at)
-    axis.set_ylim(len(samples) - 0.5, -0.7)
+            published_circle(axis, value, place, 4.5)
+        axis.text(0, top, "\n".join(lines), **at)
+        axis.text(1, top, " / ".join(f"{v:.1f}" for v in values).replace("-", "−"), ha="right", **at)
+        top += height
+    axis.set_ylim(top, -0.05)
     axis.set_yticks([])
     axis.spines["left"].set_visible(False)
     axis.grid(axis="x")

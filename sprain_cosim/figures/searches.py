@@ -13,7 +13,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from ..records import ends_of
 from .questions import Answer, in_percent, shape_key
 from .samples import Interval, height_of, name_inputs
-from .style import BLUE, FLOOR, INK, OCHRE, VERMILION, legend_above, legend_line, on_axis, sheet, styled
+from .style import BLUE, FLOOR, INK, SKY, VERMILION, legend_above, legend_line, on_axis, sheet, styled
 
 ROW = 0.62  # cm of a method
 
@@ -86,7 +86,7 @@ def variance_shares(
     entries: list[tuple[Any, str]] = [(legend_line(INK, "none"), text) for text in (title, quantity)]
     looks: Sequence[tuple[str, Mapping[str, Interval], float, Any]] = (
         ("first order: alone", first, 0.19, dict(facecolor=BLUE, edgecolor="white", linewidth=0)),
-        ("total: with the others", total, -0.19, dict(facecolor=OCHRE, hatch="////", edgecolor="white", linewidth=0)),
+        ("total: with the others", total, -0.19, dict(facecolor=SKY, hatch="////", edgecolor="white", linewidth=0)),
     )
     for words, values, shift, look in looks:
         for place, name in enumerate(names):

@@ -57,6 +57,9 @@ SERIES = (BLUE, VERMILION, PURPLE, GREEN, SKY, OCHRE, TAUPE)  # green and ochre 
 UNBRACED = "#63656c"  # landings without a brace beside landings with one
 SUBTALAR, TALOCRURAL, ANATOMY, BRACE, GROUND = VERMILION, BLUE, GREEN, OCHRE, "#5c677d"
 CONTRAST = 4.55  # of text against white; 4.5 is asked
+PATCH: dict[str, Any] = dict(facecolor="white", alpha=0.75, edgecolor="none", pad=0.4)  # behind words over a curve
+LINE = 0.32  # height of a line of small letters [cm]
+LONGEST = 240  # letters of a title that are shown
 LINES: tuple[Any, ...] = ("-", (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
 DOTS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*", "p", "h")  # marks of single points
 # bars of who bears a moment
@@ -115,6 +118,7 @@ PARAMETERS = {
     "plant.contact_friction": ("contact friction", ""),
     "plant.passive_angle_scale": ("passive ankle angle scale", ""),
     "plant.ankle_strength_scale": ("ankle muscle strength", ""),
+    "plant.evertor_strength_scale": ("evertor muscle strength", ""),
     "plant.talocrural_angle_at_contact": ("talocrural angle at contact, + dorsiflexion", "deg"),
     "plant.subtalar_angle_at_contact": ("subtalar angle at contact, + supination", "deg"),
     "subject.stature": ("stature", "m"),
@@ -304,7 +308,8 @@ def legend_above(figure: Figure, entries: Sequence[tuple[Any, str]], columns: in
     """A legend over all panels; long names are broken."""
     room = FORM.get().letters_in(52 if columns == 1 else 24)
     names = [
-        textwrap.fill(shorten(name, 110).replace(" %", "\u00a0%"), room, break_on_hyphens=False) for _, name in entries
+        textwrap.fill(shorten(name, LONGEST).replace(" %", "\u00a0%"), room, break_on_hyphens=False)
+        for _, name in entries
     ]
     figure.legend([handle for handle, _ in entries], names, loc="outside upper left", ncols=columns)
     rows = [sum(n.count("\n") + 1 for n in names[k::columns]) for k in range(columns)]
@@ -351,7 +356,7 @@ def _luminance(rgb: Any) -> float:
 
 def legend_line(color: Any, style: Any = "-", **options: Any) -> Line2D:
     """A line for a legend."""
-    return Line2D([], [], color=color, linestyle=style, **options)
+    return Line2D([], [], color=color, linestyle=style, **({"solid_capstyle": "butt"} | options))
 
 
 def band_above(axis: Axes, share: float) -> None:
@@ -366,6 +371,11 @@ def shorten(text: str, length: int = 60) -> str:
         return text
     kept = text[:length].rpartition(" ")[0]
     return (kept if 2 * len(kept) >= length else text[: length - 1]).rstrip(" ,;:·-") + "…"
+
+
+def title_lines(title: str, single: int) -> list[str]:
+    """A title of a row in lines of as many letters as stand side by side where a single column has `single`."""
+    return textwrap.wrap(shorten(title, LONGEST), FORM.get().letters_in(single), break_on_hyphens=False) or [""]
 
 
 def lines_of(text: str, room: float, size: float, weight: str = "normal", most: int = 2) -> list[str]:

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 # relative; a trial simulated again gives its recorded response within this, or its FMUs are not those of the record
 AGREEMENT = 1e-6
+MEDIAN = "p50"  # the trial of a study where none is named
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ def load_landings(folder: Path, trial: str | None = None) -> list[Landing]:
     first = places[next(iter(tables))]
     with Ledger.read(first) as ledger:
         response = load_study_plan(first, ledger).responses[0]
-    number, how = choose_common_trial(tables, response, trial or "p50", str(folder))
+    number, how = choose_common_trial(tables, response, MEDIAN if trial is None else trial, str(folder))
     return [
         replace(load_landing(place, str(number)), title=name, label=f"{place}, {how}") for name, place in places.items()
     ]
@@ -100,7 +101,7 @@ def load_landing(folder: Path, trial: str | None = None) -> Landing:
     """The landing in a run's folder; in a study's folder the trial `trial`: a number, worst, or pXX for a percentile of
     the study's first response (default p50). Raises InputError."""
     if (folder / TRIALS).is_file():
-        return _of_study(folder, trial or "p50")
+        return _of_study(folder, MEDIAN if trial is None else trial)
     if (folder / COMPARISON).is_file():
         raise InputError(f"{folder}: holds one folder for each brace; name one of them")
     if (folder / LEDGER).is_file():
@@ -130,7 +131,7 @@ def choose_trial(trials: pd.DataFrame, response: str, which: str, place: str) ->
         return int(which), f"trial {int(which)}"
     percentile = re.fullmatch(r"p(\d{1,2}(\.\d+)?|100)", which)
     if which != "worst" and percentile is None:
-        raise InputError(f"--trial {which}: must be a number, worst, or a percentile such as p95")
+        raise InputError(f"--trial {which or repr(which)}: must be a number, worst, or a percentile such as p95")
     done = trials[trials["status"] == "completed"]
     if done.empty or response not in done or done[response].isna().all():
         raise InputError(f"{place}: no completed trial has {response}; name one by its number")

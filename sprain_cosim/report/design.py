@@ -9,9 +9,9 @@ from markupsafe import Markup
 from .. import figures as plots
 from ..folders.study import StudyFolder
 from ..records import ends_of
-from ..study.summary import Comfort, DesignPoint, DesignSearch
+from ..study.summary import FIGURES, Comfort, DesignPoint, DesignSearch
 from .blocks import Block, Cell, PageTable, Paragraph, Row, Verdict, rich
-from .words import fine_ends, percent, rounded
+from .words import UNKNOWN, fine_ends, percent, rounded
 
 ABOUT = (
     "Small: 95 % intervals. “95 % sure” is as far as landings go: it says nothing of the threshold, whose doubt stands "
@@ -53,7 +53,7 @@ def _unit(found: DesignSearch) -> str:
 
 def _answer(found: DesignSearch, point: DesignPoint) -> Markup:
     p, unit, low_high = point.probability, _unit(found), found.range
-    searched = f"{rounded(low_high[0])} … {rounded(low_high[1])}{unit}"
+    searched = f"{_figures(low_high[0])} … {_figures(low_high[1])}{unit}"
     if point.status == "nowhere":
         is_open = found.verdict(point) == "undecided"
         return rich(
@@ -63,7 +63,7 @@ def _answer(found: DesignSearch, point: DesignPoint) -> Markup:
             if is_open
             else f"No value from {searched} meets the goal.",
             open=", or more landings" if is_open else "",
-            value=rounded(point.value),
+            value=_figures(point.value),
             unit=unit,
             p=percent(p.value),
             ends="".join(f" ({e} %)" for e in fine_ends(*(p.sampling_ci or (None, None)))),
@@ -74,7 +74,7 @@ def _answer(found: DesignSearch, point: DesignPoint) -> Markup:
         text = rich(
             "<b>The {find} is {value}{unit}</b>{ends}.",
             find=found.find,
-            value=rounded(point.value),
+            value=_figures(point.value),
             unit=unit,
             ends=_value_ends(point, unit),
         )
@@ -91,19 +91,24 @@ def _answer(found: DesignSearch, point: DesignPoint) -> Markup:
     return text + _threshold(found, point) + _comfort(point)
 
 
+def _figures(value: float | None) -> str:
+    """A value of the parameter, with as many figures as in all other places."""
+    return UNKNOWN if value is None else f"{value:.{FIGURES}g}".replace("-", "−")
+
+
 def _on_the_safe_side(found: DesignSearch, value: float | None) -> str:
-    return "none in the range" if value is None else rounded(found.on_the_safe_side(value, 3))
+    return "none in the range" if value is None else _figures(found.on_the_safe_side(value))
 
 
 def _held_at(found: DesignSearch, held: Comfort) -> str:
-    return _on_the_safe_side(found, held.value) if held.at == "value_95" else rounded(held.value)
+    return _on_the_safe_side(found, held.value) if held.at == "value_95" else _figures(held.value)
 
 
 def _value_ends(point: DesignPoint, unit: str) -> str:
     if point.ci_low is None and point.ci_high is None:
         return ""
-    low = "below the range" if point.ci_low is None else rounded(point.ci_low)
-    high = "above the range" if point.ci_high is None else f"{rounded(point.ci_high)}{unit}"
+    low = "below the range" if point.ci_low is None else _figures(point.ci_low)
+    high = "above the range" if point.ci_high is None else f"{_figures(point.ci_high)}{unit}"
     return f" (95 % interval {low} … {high})"
 
 
@@ -119,7 +124,7 @@ def _threshold(found: DesignSearch, point: DesignPoint) -> Markup:
         return Markup("")
     sampled = "".join(f" ({e} % by landings)" for e in fine_ends(*(p.sampling_ci or (None, None))))
     least = " The threshold is what is known least: more landings change nothing." if p.dominates == "threshold" else ""
-    at = f"{rounded(point.value)}{_unit(found)}"
+    at = f"{_figures(point.value)}{_unit(found)}"
     value = "" if p.value is None else f"At {at} the probability is {percent(p.value)}{sampled}; "
     words = known[0] if value else f"{known[0][:1].upper()}{known[0][1:]}"
     return rich(" {value}{words}.{least}", value=value, words=words, least=least)
@@ -142,7 +147,7 @@ def _answers(found: DesignSearch) -> Markup:
         open_pair = "Whether any pair of values in the range meets the goal is open."
         return rich("<b>{said}</b>", said=open_pair if is_open else "No pair of values in the range meets the goal.")
     second, unit = _named(found.second or ""), f" {found.second_unit}" if found.second_unit else ""
-    words = [f"{rounded(p.value)}{_unit(found)} at {rounded(p.second)}{unit}" for p in rows]
+    words = [f"{_figures(p.value)}{_unit(found)} at {rounded(p.second)}{unit}" for p in rows]
     text = rich("The {find} is <b>{words}</b> of {second}.", find=found.find, words=", ".join(words), second=second)
     at = {
         verdict: ", ".join(f"{rounded(p.second)}{unit}" for p in found.points if found.verdict(p) == verdict)
@@ -165,7 +170,7 @@ def design_blocks(found: DesignSearch) -> list[Block]:
 def _rows(found: DesignSearch, point: DesignPoint) -> list[Row]:
     unit, p = _unit(found), point.probability
     status = {"nowhere": "none in the range", "everywhere": "all of the range"}.get(point.status, "")
-    low, high = (None if e is None else rounded(e) for e in (point.ci_low, point.ci_high))
+    low, high = (None if e is None else _figures(e) for e in (point.ci_low, point.ci_high))
     notes = (f"{low or 'below the range'} … {high or 'above the range'}",) if point.status == "met" else ()
     doubts = [f"landings {e}" for e in fine_ends(*(p.sampling_ci or (None, None)))]
     behind = f"threshold, n = {p.specimens}:" if p.specimens else "threshold's ends"
@@ -173,9 +178,9 @@ def _rows(found: DesignSearch, point: DesignPoint) -> list[Row]:
     if p.shapes:
         doubts += [f"threshold's shape {e}" for e in fine_ends(*(ends_of(p.shapes) or (None, None)))]
     rows: list[Row] = [
-        [f"{found.find} {_named(found.parameter)}", Cell(status or f"{rounded(point.value)}{unit}", notes)],
+        [f"{found.find} {_named(found.parameter)}", Cell(status or f"{_figures(point.value)}{unit}", notes)],
         ["95 % sure", f"{_on_the_safe_side(found, point.value_95)}{unit if point.value_95 is not None else ''}"],
-        [f"probability at {rounded(point.value)}{unit} [%]", Cell(percent(p.value), tuple(doubts))],
+        [f"probability at {_figures(point.value)}{unit} [%]", Cell(percent(p.value), tuple(doubts))],
         ["goal", found.in_words(point)],
         ["landings", Cell(str(found.landings), (f"{point.fresh} of them fresh, at the value",))],
     ]
@@ -191,8 +196,8 @@ def _trade_off(found: DesignSearch) -> list[Row]:
     rows: list[Row] = []
     for p in found.points:
         met = p.status != "nowhere"
-        ends = (f"{rounded(p.ci_low)} … {rounded(p.ci_high)}",) if p.status == "met" else ()
-        value = f"{rounded(p.value)}{unit}" if met else "none in the range"
+        ends = (f"{_figures(p.ci_low)} … {_figures(p.ci_high)}",) if p.status == "met" else ()
+        value = f"{_figures(p.value)}{unit}" if met else "none in the range"
         sure = f"{_on_the_safe_side(found, p.value_95)}{unit if p.value_95 is not None else ''}"
         doubt = fine_ends(*(p.probability.sampling_ci or (None, None)))
         rows.append([rounded(p.second), Cell(value, ends), sure, Cell(percent(p.probability.value), doubt)])

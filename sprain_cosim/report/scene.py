@@ -24,7 +24,7 @@ from ..errors import InputError, SprainError
 from ..figures.selection import Named
 from ..figures.style import ANATOMY, GROUND, SeriesLook
 from ..folders.comparison import ComparisonFolder
-from ..folders.landing import Landing, choose_common_trial, load_landing
+from ..folders.landing import MEDIAN, Landing, choose_common_trial, load_landing
 from ..folders.read import Folder
 from ..folders.run import RunFolder
 from ..folders.study import StudyFolder
@@ -66,7 +66,9 @@ def landing_scene(
     if trial == NOTHING:
         return Scene(None)
     if trial is not None and not TRIAL.fullmatch(trial.strip().lower()):
-        raise InputError(f"--trial {trial}: must be a number, worst, a percentile such as p95, or {NOTHING}")
+        raise InputError(
+            f"--trial {trial or repr(trial)}: must be a number, worst, a percentile such as p95, or {NOTHING}"
+        )
     same = _same_trials(folders, trial)
     landings: list[tuple[str, Landing, MovingBodies]] = []
     reasons: dict[str, None] = {}
@@ -106,7 +108,7 @@ def _same_trials(folders: Sequence[Folder], trial: str | None) -> dict[Path, str
             continue
         tables = {name: member.trials for name, member in folder.members.items() if isinstance(member, StudyFolder)}
         try:
-            number, _ = choose_common_trial(tables, studies[0].response, trial or "p50", str(folder.path))
+            number, _ = choose_common_trial(tables, studies[0].response, trial or MEDIAN, str(folder.path))
         except SprainError:
             continue
         found |= {study.path: str(number) for study in studies}

@@ -363,7 +363,7 @@ def _cells(found: DesignSearch, point: DesignPoint) -> tuple[str, str, str]:
         return f"none in the range{most}", "", "none in the range"
     low = "below the range" if point.ci_low is None else f"{point.ci_low:.4g}"
     high = "above the range" if point.ci_high is None else f"{point.ci_high:.4g}"
-    sure = "none in the range" if point.value_95 is None else f"{found.on_the_safe_side(point.value_95, 4):.4g}"
+    sure = "none in the range" if point.value_95 is None else f"{found.on_the_safe_side(point.value_95):.4g}"
     if point.status == "everywhere":
         return f"{point.value:.4g} (all of the range)", "", sure
     return f"{point.value:.4g}", f"{low} ... {high}", sure
@@ -391,7 +391,7 @@ def _comfort(found: DesignSearch, point: DesignPoint) -> list[str]:
     shown = [c for c in point.comfort if c.at in names]
     if not shown:
         return []
-    at = [found.on_the_safe_side(c.value, 4) if c.at == "value_95" else c.value for c in shown]
+    at = [found.on_the_safe_side(c.value) if c.at == "value_95" else c.value for c in shown]
     lines = [
         "",
         f"{'resists in ordinary motion, 5 / 10° [N·m]':44}" + "".join(f"{names[c.at]:>18}" for c in shown),

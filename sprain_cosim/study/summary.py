@@ -23,6 +23,7 @@ FILE = "summary.json"
 PAIR = tuple[float | None, float | None]
 PEAK = "peak_subtalar_angle_deg"
 TORQUE = 5e-3  # N.m that are shown as something
+FIGURES = 4  # of a parameter's value that a design found
 
 
 @dataclass(frozen=True)
@@ -579,16 +580,17 @@ class DesignSearch(Record):
         """The verdict with what it rests on."""
         unit = f" {self.unit}" if self.unit else ""
         if point.value_95 is not None:
-            return f"met with 95 % confidence at {self.on_the_safe_side(point.value_95, 4):.4g}{unit}"
+            return f"met with 95 % confidence at {self.on_the_safe_side(point.value_95):.4g}{unit}"
         if self.verdict(point) == "undecided":
             return f"undecided: the landings leave open whether it holds at {point.value:.4g}{unit}"
         return "not met by any value in the range, with 95 % confidence"
 
-    def on_the_safe_side(self, value: float, figures: int) -> float:
-        """A value that holds with confidence, rounded to where the goal holds: a least value up, a largest down."""
+    def on_the_safe_side(self, value: float) -> float:
+        """A value that holds with confidence, rounded to FIGURES to where the goal holds: a least value up, a largest
+        down."""
         if value == 0.0:
             return value
-        step = 10.0 ** (math.floor(math.log10(abs(value))) + 1 - figures)
+        step = 10.0 ** (math.floor(math.log10(abs(value))) + 1 - FIGURES)
         steps = value / step
         return step * (math.ceil(steps - 1e-9) if self.find == "least" else math.floor(steps + 1e-9))
 

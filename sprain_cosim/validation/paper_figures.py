@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..brace.probe import Rig
 from ..errors import InputError
 from ..figures.drawn import Drawn, write_drawn
-from ..figures.gallery import importance_of
+from ..figures.gallery import importance_of, tested_shares
 from ..figures.law import AXES, SPAN, resisting
 from ..figures.paper import LAWS, Repeated, figure_1c, figure_4, signed_gap
 from ..figures.records import REFERENCE, authors_peaks
@@ -143,10 +143,13 @@ def _figure_5(study: StudyFolder, search: StudyFolder) -> Drawn:
         f"Figure 5 of {PAPER}: the advanced mean value method on study 6, over Monte Carlo, and what leads to each "
         f"level. Ours minus published: {apart}. The authors' outputs were rounded to 0.1°; a step of a tenth of the SD "
         "moved six of the ten inputs by less, so that they have no importance there and that of the others is coarse; "
-        "most of the gap at 5 % follows. Small circles: their importance, from the design points of their runs. Gate "
-        f"of the method, here: {amv.status}."
+        "most of the gap at 5 % follows. Small circles: their importance, from the design points of their runs. "
+        "Upright lines: the share of our random landings that lies below our level, with its 95 % interval. Gate of "
+        f"the method, here: {amv.status}."
     )
     shown = [(study.title, study), (search.title, search)]
     note = f"{pose_note(shown)} The method's own test says {amv.status}."
-    drawn = partial(level_search, levels, importance_of(amv), response_label(PEAK), sample, note, theirs)
+    drawn = partial(
+        level_search, levels, importance_of(amv), response_label(PEAK), sample, note, theirs, tested_shares(amv)
+    )
     return Drawn("figure_5", "Advanced mean value method over Monte Carlo", caption, drawn, shown)

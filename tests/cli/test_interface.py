@@ -4,6 +4,7 @@ Changing one breaks users."""
 from __future__ import annotations
 
 import importlib
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +12,9 @@ import click
 import pytest
 
 import sprain_cosim
+from sprain_cosim.brace import compare
 from sprain_cosim.cli import _run, cli
+from sprain_cosim.signals import Interrupted
 
 COMMANDS = {
     "run": "--fmu --map --set --scheme --step --check-coupling --isolate --in-process --out --json",
@@ -69,6 +72,34 @@ def test_every_command_spells_where_it_writes_alike() -> None:
     places = [p for command in commands() for p in command.params if {"--out", "--output", "-o"} & set(p.opts)]
     assert len(places) >= 13
     assert {tuple(p.opts) for p in places} == {("-o", "--out")}
+
+
+def test_every_option_says_what_it_is_for() -> None:
+    options = [(c.name, p) for c in (cli, *commands()) for p in c.params if isinstance(p, click.Option)]
+    assert len(options) > 100
+    assert [f"{name} {option.opts[-1]}" for name, option in options if not option.help] == []
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        ("study6", "continue with: sprain-cosim compare study6 --resume"),
+        ("incline30", "begin again with: sprain-cosim compare incline30"),
+    ],
+)
+def test_an_interrupted_comparison_names_a_command_that_helps(
+    source: str, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One landing a brace has nothing to continue."""
+
+    def stop(*_: object, **__: object) -> None:
+        raise Interrupted
+
+    monkeypatch.setattr(compare, "compare_braces", stop)
+    monkeypatch.setattr(sys, "argv", ["sprain-cosim", "compare", source])
+    with pytest.raises(Interrupted):
+        cli.main(["compare", source], standalone_mode=False)
+    assert capsys.readouterr().err == f"{said}\n"
 
 
 def test_every_command_that_overwrites_an_edited_file_takes_force() -> None:

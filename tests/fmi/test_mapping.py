@@ -111,6 +111,8 @@ def test_offset(tmp_path: Path) -> None:
         ),
         ("inputs = 3", r"must be a table"),
         ("[inputs", r"not valid TOML"),
+        ("", r"bad.toml: says nothing; name the FMU's variables in \[inputs\] and \[outputs\]"),
+        ("# a draft\n[inputs]\n[outputs]\n", r"says nothing"),
     ],
 )
 def test_refused(content: str, message: str, tmp_path: Path) -> None:

@@ -153,6 +153,7 @@ def test_a_trial_by_number_worst_or_percentile() -> None:
         ("6", "has no trial 6; they are numbered 0 ... 7"),
         ("p101", "must be a number, worst, or a percentile"),
         ("best", "must be"),
+        ("", "--trial '': must be"),
     ):
         with pytest.raises(InputError, match=words):
             choose_trial(table, "peak", wrong, "s")

@@ -18,11 +18,13 @@ from scipy import stats
 from sprain_cosim import figures as plots
 from sprain_cosim.cosim.result import Result
 from sprain_cosim.figures import Sample
+from sprain_cosim.figures.comparison import MOTIONS, comparison_figure, paired
 from sprain_cosim.figures.law import resisting
 from sprain_cosim.figures.pairs import strongest
 from sprain_cosim.figures.paper import LAWS, Repeated, figure_1c, figure_4, signed_gap
 from sprain_cosim.figures.samples import Authors, drawn_ranks
 from sprain_cosim.figures.style import palette
+from sprain_cosim.folders.comparison import INJURY, BraceSummary, ComparisonSummary, MeanEstimate
 from sprain_cosim.literature import AUTHORS_IMPORTANCE, BRACES, LI_SAFE, LI_SPRAIN, LI_SPRAIN_VELOCITY, PASSIVE
 
 TIME = np.linspace(0, 0.15, 61)
@@ -72,6 +74,55 @@ POPULATION = (
     "subject.lateral_epicondyle_height",
     "plant.drop_height",
 )
+LONG = "30° slope, population of women and men (50 : 50 %), 150 % brace, co-activation 20 %, reflex gain 5, to the end"
+COMPARED = ("none", "a rather long name of a brace", "b")
+ESTIMATES = {
+    "peak_subtalar_angle_deg": MeanEstimate(-9.4, -9.75, -9.05, 200),
+    "peak_inversion_from_neutral_deg": MeanEstimate(-6.2, -6.4, -6.0, 200),
+}
+LOADS = {
+    INJURY: MeanEstimate(0.0051, 0.0045, 0.0074, 200),
+    "anatomy_subtalar_moment_Nm": MeanEstimate(4.2, 4.0, 4.4, 200),
+}
+BRACED = {
+    "brace_subtalar_moment_Nm": MeanEstimate(13.1, 12.4, 13.8, 200),
+    "anatomy_share": MeanEstimate(0.2471, 0.2416, 0.2526, 200),
+}
+RESISTS = {f"{motion}_{d}deg": 0.3 * d + k for k, motion in enumerate(MOTIONS) for d in (5, 10)}
+COMPARISON = ComparisonSummary(
+    kind="study",
+    source="study6",
+    method="monte-carlo",
+    landings=200,
+    initial_pose="touching",
+    braces={
+        name: BraceSummary(status="completed", n_completed=200, metrics=LOADS)
+        if name == "none"
+        else BraceSummary(
+            status="completed",
+            n_completed=200,
+            metrics=LOADS | BRACED,
+            difference_to_none=ESTIMATES,
+            resistance_Nm=RESISTS,
+        )
+        for name in COMPARED
+    },
+)
+DESIGNED = plots.Designed(
+    "peak inversion from neutral above 35 ± 6 deg, n\u00a0=\u00a020",
+    0.02,
+    "brace angle scale",
+    np.linspace(0.5, 3.0, 6),
+    np.array([0.061, 0.035, 0.015, 0.005, 0.002, 0.0009]),
+    np.array([0.046, 0.033, 0.014, 0.004, 0.0, 0.0]),
+    np.array([0.081, 0.037, 0.016, 0.006, 0.003, 0.0015]),
+    (1.3676, 1.3531, None),
+    1.381,
+    True,
+    {motion: [(0.5, 0.3, 0.6), (3.0, 2.0, 10.0)] for motion in MOTIONS},
+    (0.003, 0.097),
+    "threshold, n\u00a0=\u00a020",
+)
 FIGURES: dict[str, Callable[[], Figure]] = {
     "landing": lambda: plots.landing_signals([("a", run(1)), ("no brace", run(2, False))], NOTE),
     "many landings": lambda: plots.landing_signals(
@@ -101,6 +152,37 @@ FIGURES: dict[str, Callable[[], Figure]] = {
         dict.fromkeys(POPULATION, (0.4, 0.2, 0.6)), dict.fromkeys(POPULATION, (0.1, -0.2, 0.4)), "s", QUANTITY, {}, NOTE
     ),
     "percentiles": lambda: plots.percentiles([sample(1), sample(2)], QUANTITY, NOTE),
+    "percentiles of long titles": lambda: plots.percentiles([sample(1, LONG), sample(2, LONG)], QUANTITY, NOTE),
+    "sharing of long titles": lambda: plots.sharing(
+        [(LONG, np.arange(3.0, 9.0), np.arange(6.0)), ("no brace", np.array([31.0]), np.zeros(1))],
+        NOTE,
+        {LONG: (0.21, 0.68)},
+    ),
+    "fan of long titles": lambda: plots.fan(
+        [
+            (
+                LONG,
+                TIME,
+                {signal: np.random.default_rng(1).normal(size=(30, len(TIME))) for _, signal, _ in plots.PANELS},
+            )
+        ],
+        NOTE,
+    ),
+    "compare": lambda: comparison_figure(
+        COMPARISON, {}, {name: np.random.default_rng(1).normal(30, 3, 200) for name in COMPARED}
+    ),
+    "compare landings": lambda: comparison_figure(COMPARISON, {name: run(1) for name in COMPARED}, {}),
+    "paired": lambda: paired(COMPARISON, dict.fromkeys(COMPARED, (1e-7, 0.011)), palette(COMPARED, ["none"])),
+    "design": lambda: plots.design_curve(DESIGNED, NOTE),
+    "trade_off": lambda: plots.trade_off(
+        "brace angle scale",
+        "brace torque scale [N·m]",
+        [(1.0, 2.0, 1.9, 2.1, 2.05), (2.0, 1.5, 1.4, 1.6, None)],
+        True,
+        "P + threshold ≤ 2 %",
+        (0.5, 3.0),
+        NOTE,
+    ),
     "poses": lambda: plots.poses([("published", sample(1)), ("touching", sample(2))], QUANTITY, NOTE),
     "published": lambda: plots.published([("s", np.arange(5.0), np.arange(5.0) + 0.1)], NOTE),
     "forest": lambda: plots.forest(
@@ -216,12 +298,12 @@ def test_axes_name_units_and_signs_and_the_figure_its_pose(name: str) -> None:
     figure = drawn(name)
     words = " ".join(t.get_text() for t in texts(figure))
     assert re.search(r"\[(deg|N·m|ms|kN|deg/s|%)\]", words) or name.startswith("tornado")
-    assert "+ " in words
+    assert "+ " in words or "− less" in words or name == "design"
     assert "initial pose" in " ".join(words.lower().split())  # however the note is wrapped
     for axis in figure.axes:
         said = f"{axis.get_title('left')} {axis.get_xlabel()} {axis.get_ylabel()}"
         assert (
-            re.search(r"\[.+\]|Pearson|dSD|importance", said)
+            re.search(r"\[.+\]|Pearson|input SD|importance|torque scale", said)
             or name == "pairs"
             or axis.get_shared_x_axes().joined(axis, figure.axes[-1])
         ), said
@@ -254,6 +336,54 @@ def test_the_data_drawn_are_the_data_given() -> None:
     signals = {"plant.subtalar_angle": np.random.default_rng(1).normal(size=(40, len(TIME)))}
     median = plots.fan([("s", TIME, signals)]).axes[0].lines[0]
     np.testing.assert_allclose(median.get_ydata(), np.degrees(np.median(signals["plant.subtalar_angle"], axis=0)))
+
+
+@pytest.mark.parametrize("name", ["percentiles", "sharing", "fan"])
+def test_long_titles_are_told_to_their_end(name: str) -> None:
+    words = " ".join(" ".join(t.get_text() for t in texts(drawn(f"{name} of long titles"))).split())
+    assert LONG.replace(" %", "\u00a0%") in words.replace(" %", "\u00a0%")
+    assert "…" not in words.replace(" … ", "")
+
+
+def test_numbers_stand_with_their_doubts() -> None:
+    def said(name: str) -> str:
+        return " ".join(" ".join(t.get_text() for t in texts(drawn(name))).split())
+
+    assert "5.5 ± 0.2 + 2.5 ± 0.7 N·m: 26 % brace" in said("sharing of long titles")
+    assert "anatomy 24.7 ± 0.5 %" in said("compare")
+    assert "mean subtalar moment [N·m]" in said("compare")
+    assert "0.51 % 0.45 … 0.74 < 0.001 … 1.1" in said("paired")
+    assert "least value 1.368, 95 % 1.353 … above the range" in said("design")
+    assert "95 % sure: 1.381" in said("design")
+    assert "threshold, n = 20, at that value: 0.3 % … 9.7 %" in said("design")
+    assert "(1.57 ... 1.58 %)" in said("questions")
+    assert "(1.55 ... 1.59 %)" in said("form")
+
+
+def test_a_comparison_calls_no_brace_by_one_name() -> None:
+    for name in ("compare", "compare landings", "paired"):
+        words = [t.get_text() for t in texts(drawn(name))]
+        assert "none" not in words
+        assert words.count("no brace") >= (0 if name == "paired" else 1)
+
+
+def test_a_design_is_drawn_as_far_as_it_is_known() -> None:
+    """Where the band's lower end is not known, its upper end alone stands."""
+    curve, most = drawn("design").axes[0].lines[0], drawn("design").axes[0].lines[2]
+    np.testing.assert_array_equal(np.isnan(curve.get_ydata()), DESIGNED.low <= 0)
+    shown = ~np.isnan(most.get_ydata())
+    assert set(DESIGNED.parameter[DESIGNED.low <= 0]) <= set(DESIGNED.parameter[shown])
+    np.testing.assert_array_equal(most.get_ydata()[shown], DESIGNED.high[shown])
+
+
+def test_levels_of_a_search_stand_with_what_random_landings_say() -> None:
+    levels = Sample("AMV", percentiles={50.0: (30.7, 30.7, 30.7)}, published={50.0: 30.7})
+    figure = plots.level_search(levels, {"50": {"plant.drop_height": 1.0}}, QUANTITY, tested={50.0: (58.0, 63.8)})
+    lines = [np.asarray(line.get_xydata()) for line in figure.axes[0].lines]
+    assert any(line.shape == (2, 2) and np.allclose(line, [[30.7, 0.58], [30.7, 0.638]]) for line in lines)
+    assert "share of random landings below it, 95\u00a0%" in [t.get_text() for t in figure.legends[0].get_texts()]
+    ours, theirs = (line for line in figure.axes[0].lines if len(line.get_xdata()) == 1)
+    assert theirs.get_markersize() > 2**0.5 * ours.get_markersize() + 1, "a ring about ours, not a disc of our colour"
 
 
 def test_moments_share_one_scale() -> None:

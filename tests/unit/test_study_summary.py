@@ -90,18 +90,14 @@ def test_an_edited_summary_is_named_to_the_key(tmp_path: Path, changed: dict[str
 
 
 def test_a_value_that_holds_is_rounded_to_where_it_holds() -> None:
-    """1.1702 is the least: 1.17 would not do."""
+    """1.17022 is the least: 1.170 would not do."""
     found = DesignSearch("P(x above 1) <= 2 %", 0.02, "x", "brace.k", "", (0.2, 4.0), "least", (), 300, 0, 0.9, 0.1)
     most = replace(found, find="largest")
-    for value, figures, up, down in (
-        (1.1702, 3, 1.18, 1.17),
-        (0.02349, 3, 0.0235, 0.0234),
-        (1250.0, 2, 1300.0, 1200.0),
-    ):
-        assert found.on_the_safe_side(value, figures) == pytest.approx(up)
-        assert most.on_the_safe_side(value, figures) == pytest.approx(down)
+    for value, up, down in ((1.17022, 1.171, 1.170), (0.023491, 0.0235, 0.02349), (12345.0, 12350.0, 12340.0)):
+        assert found.on_the_safe_side(value) == pytest.approx(up)
+        assert most.on_the_safe_side(value) == pytest.approx(down)
     for value in (1.17, 0.5, -2.25, 0.0):
-        assert found.on_the_safe_side(value, 3) == pytest.approx(value)
+        assert found.on_the_safe_side(value) == pytest.approx(value)
 
 
 def test_motions_against_which_a_device_does_nothing_stand_apart() -> None:
