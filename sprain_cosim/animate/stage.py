@@ -270,6 +270,10 @@ class Stage:
                     / 1e3
                 )
                 chart.axes.set_ylim(-0.06 * high, 1.15 * high)
+                highest = max(float(a["plant.ground_force_y"].max()) for a in self.actors) / 1e3
+                if highest > 1.15 * high:
+                    said: Any = dict(transform=chart.axes.transAxes, ha="right", va="top", fontsize=6.6, color=MUTED)
+                    chart.axes.text(0.99, 0.98, f"cut off: {highest:.0f} kN in the first 5 ms", **said)
             chart.legend(many and where == 1)
         return charts
 
@@ -365,7 +369,7 @@ class _Panel:
                 page.add_patch(head)
                 self.arcs.append((radius, f"plant.{name}_subtalar_moment", line, head))
             rows = [
-                ("subtalar", "plant.subtalar_angle", DEGREES, "°", SUBTALAR),
+                ("subtalar", "plant.subtalar_angle", DEGREES, "°", INK if len(stage.runs) > 1 else letters(SUBTALAR)),
                 ("brace", "plant.brace_subtalar_moment", 1.0, " N·m", letters(BRACE)),
             ]
             rows += [
@@ -477,7 +481,7 @@ class _Chart:
                 frameon=False,
                 fontsize=6.6,
                 loc="best",
-                labelcolor="linecolor",
+                labelcolor=[letters(c) for _, c in self.labels],
                 handlelength=1.1,
             )
 

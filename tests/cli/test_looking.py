@@ -259,7 +259,7 @@ def test_landings_of_a_comparison(place: Path, tmp_path: Path) -> None:
     }
     (tmp_path / "compare.json").write_text(json.dumps({"braces": entries}))
     runs = load_landings(tmp_path)
-    assert [run.title for run in runs] == ["none", "soft"]
+    assert [run.title for run in runs] == ["no brace", "soft"]
     assert animate(runs, tmp_path / "both.png") == 1
     with pytest.raises(InputError, match="one folder for each brace"):
         load_landing(tmp_path)

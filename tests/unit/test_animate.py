@@ -274,6 +274,14 @@ def test_long_headings_take_two_lines_and_end_at_a_word(braced: Landing) -> None
     assert lines_of("one two", 200.0, 10.0, most=1) == ["one two"]
 
 
+def test_a_film_says_what_its_chart_leaves_out(braced: Landing) -> None:
+    values = braced.result.values.copy()
+    values[0, braced.result.index["plant.ground_force_y"]] = 80_000.0
+    deep = replace(braced, result=replace(braced.result, values=values))
+    assert [t.get_text() for t in Stage([deep], 20.0).charts[2].axes.texts] == ["cut off: 80 kN in the first 5 ms"]
+    assert not Stage([braced], 20.0).charts[2].axes.texts
+
+
 def test_film_of_two_landings_in_step(braced: Landing, tmp_path: Path) -> None:
     short = replace(
         braced,
