@@ -76,6 +76,7 @@ def figure_1c(measured: Mapping[str, Mapping[str, tuple[Array, Array]]], note: s
         axis.axhline(0, color=FAINT, linewidth=0.6)
         axis.axvline(0, color=FAINT, linewidth=0.6)
         axis.grid()
+    axes[0].text(-SPAN, TOP - 4, f"clipped at ± {TOP:g} N·m", fontsize=small(), va="top")
     axes[-1].set_xlabel("angle [deg]; torque + resists the positive angle")
     entries.append((published_key(3.2), "P(f t), published coefficients"))
     legend_above(figure, entries)
