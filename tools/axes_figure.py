@@ -58,14 +58,14 @@ def panel(axis: Axes, skeleton: Skeleton, view: tuple[str, str, np.ndarray, str,
     axis.annotate(
         "", path[-1] + 1.5 * (path[-1] - path[-4]), path[-4], arrowprops=dict(color=colour, width=2.0, headwidth=9)
     )
-    axis.set_title(f"{name}_angle +\n{title}:\n{POSITIVE[name]}", fontsize=16, color=INK, loc="left", pad=10)
+    axis.set_title(f"{name}_angle +\n{title}:\n{POSITIVE[name]}", fontsize=19, color=INK, loc="left", pad=10)
     axis.axis("off")
     axis.set_anchor("S")
 
 
 def main() -> None:
     skeleton = Skeleton.read(FMUS / "plant.fmu")
-    figure = Figure(figsize=(8.6, 5.2), layout="constrained")
+    figure = Figure(figsize=(8.6, 5.5), layout="constrained")
     FigureCanvasAgg(figure)
     for axis, view in zip(figure.subplots(1, 2), VIEWS, strict=True):
         panel(axis, skeleton, view)

@@ -76,11 +76,11 @@ def on_config(config: Any) -> None:
 def on_page_content(content: str, **_: Any) -> str:
     """Equations, as arithmatex leaves them, as MathML; tables for phones; options that stay whole; messages,
     which may wrap; figures that open in their own size."""
-    content = TABLE.sub(lambda table: _table(table[0]), content)
+    content = FORMULA.sub(lambda m: _formula(html.unescape(m[3].strip()), m[2] == "["), content)
+    content = TABLE.sub(lambda table: _table(table[0]), content)  # behind the formulas, whose TeX has names too
     content = CODE.sub(lambda code: OPTION.sub(r'<span class="option">\g<0></span>', code[0]), content)
     content = LINE.sub(" line ", content)
-    content = FIGURE.sub(r'<a href="\1" title="in its own size">\g<0></a>', content)
-    return FORMULA.sub(lambda m: _formula(html.unescape(m[3].strip()), m[2] == "["), content)
+    return FIGURE.sub(r'<a href="\1" title="in its own size">\g<0></a>', content)
 
 
 def _table(table: str) -> str:
