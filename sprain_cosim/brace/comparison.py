@@ -27,7 +27,7 @@ from ..scenario.postures import POSTURES
 from ..study.questions import QUESTIONS
 from ..study.study import Study
 from ..uq.sequential import spent
-from .estimates import THRESHOLD, injury_estimate, injury_of_other_shapes, mean_estimate
+from .estimates import THRESHOLD, injury_change, injury_estimate, injury_of_other_shapes, mean_estimate
 from .persons import persons_listing, persons_of
 
 if TYPE_CHECKING:
@@ -110,8 +110,8 @@ def with_derived(landings: pd.DataFrame) -> pd.DataFrame:
 def summarise_comparison(
     source: Source, entries: Sequence[Entry], looks: Sequence[int] = (), decisions: Decisions | None = None
 ) -> ComparisonSummary:
-    """Every estimate is the landing's value, or the mean over the landings that completed, with Student's 95 % interval
-    (the probability of injury with that of a study's question) where they are a random sample. Differences are over
+    """Every estimate is the landing's value, or the mean over the landings that completed, with its 95 % interval (the
+    probability of injury with that of a study's question) where they are a random sample. Differences are over
     the landings that completed with both. Where braces stopped at one of several `looks` (numbers of landings), an
     interval is at the level of that look, so that it holds for all."""
     study = source if isinstance(source, Study) else None
@@ -184,7 +184,11 @@ class _Landed:
         one, other = self.completed[a], self.completed[b]
         both = one.index.intersection(other.index)
         keys = [k for k in KEYS if k in one and k in other]
-        return {k: self._estimate((one.loc[both, k] - other.loc[both, k]).to_numpy(float), a, b) for k in keys}
+        found = {k: self._estimate((one.loc[both, k] - other.loc[both, k]).to_numpy(float), a, b) for k in keys}
+        if INJURY in found:
+            peaks, others = (rows.loc[both, INVERSION].to_numpy(float) for rows in (one, other))
+            found[INJURY] = injury_change(peaks, others, self.random, self._error(a, b))
+        return found
 
     def _metrics(self, name: str, rows: pd.DataFrame, failed: int) -> Estimates:
         found = {k: self._estimate(rows[k].to_numpy(float), name) for k in KEYS if k in rows}
@@ -234,15 +238,16 @@ def _rows(summary: ComparisonSummary) -> Iterator[tuple[str, list[str]]]:
         if key == PEAKS[0]:
             yield "    doubt of the step", ["" if (d := b.coupling_doubt_deg) is None else f"± {d:.2g}" for b in braces]
         if key == INJURY:
-            yield "    as far as the landings know it", [_between(_ends_of(b)) for b in braces]
+            yield "    as far as the landings know it", [_between(_ends_of(b.metrics)) for b in braces]
             yield "    for a threshold of another shape", [_between(b.injury_doubt) for b in braces]
         if key in CHANGED:
             yield (
                 "    change against none",
-                [_cell(b.difference_to_none.get(key), factor, sign=True) for b in braces],
+                [_cell(b.difference_to_none.get(key), factor, sign=True, half=key != INJURY) for b in braces],
             )
         if key == INJURY:
             bare = summary.braces.get(NONE)
+            yield "        as far as the landings know it", [_between(_ends_of(b.difference_to_none)) for b in braces]
             against = [None if b is bare else b.injury_doubt_against(bare) for b in braces]
             yield "        for a threshold of another shape", [_between(ends) for ends in against]
     for motion in postures():
@@ -277,6 +282,12 @@ def _heading(summary: ComparisonSummary) -> list[str]:
         lines.append("mean ± half of its 95 % interval; changes are paired")
         if summary.decisions is not None:
             lines[-1] += "; a column is over its own landings, its interval holds however often one looked"
+        elif len(summary.pairs) > 1:
+            together = max(100 - 5 * len(summary.pairs), 0)
+            lines.append(
+                f"each by itself: the {len(summary.pairs)} differences of braces all hold with {together} % at the "
+                "least; --decide keeps 95 % for all"
+            )
     elif summary.is_study:
         lines.append("means; changes are paired")
     return lines
@@ -290,9 +301,9 @@ def _cell(estimate: MeanEstimate | None, factor: float, sign: bool = False, half
     return f"{factor * estimate.value:{'+' if sign else ''}.2f}{after}"
 
 
-def _ends_of(brace: BraceSummary) -> tuple[float, float] | None:
-    """The interval of its probability of injury."""
-    e = brace.metrics.get(INJURY)
+def _ends_of(found: Estimates) -> tuple[float, float] | None:
+    """The interval of the probability of injury, or of its change."""
+    e = found.get(INJURY)
     return None if e is None or e.ci_low is None or e.ci_high is None else (e.ci_low, e.ci_high)
 
 

@@ -24,9 +24,9 @@ class MeanEstimate(Record):
     """The value of one landing, or the mean over several.
 
     value            in the unit of the metric's name
-    ci_low, ci_high  Student's 95 % interval, of probability_of_injury that of the studies' questions; wider where
-                     pairs stopped when they were decided: it holds however often one looked; None where the landings
-                     are no random sample
+    ci_low, ci_high  95 % interval, of probability_of_injury that of the studies' questions; wider where pairs stopped
+                     when they were decided: it holds however often one looked; None where the landings are no random
+                     sample. Each holds by itself
     n                landings that it is the mean of
     """
 
