@@ -93,6 +93,13 @@ def test_the_colours_follow_the_system_and_can_be_chosen(site: Path) -> None:
     assert len(re.findall(r'<label class="md-header__button[^"]*" title="[^"]+"', text)) == 3
 
 
+def test_no_list_runs_on_as_a_paragraph(site: Path) -> None:
+    """An item behind an indented paragraph needs an empty line before it."""
+    for page in site.rglob("*.html"):
+        for paragraph in re.findall(r"<p>(.*?)</p>", page.read_text("utf-8"), re.DOTALL):
+            assert not re.search(r"\n\s*(-|\*|\d+\.) ", paragraph), (page.name, paragraph[:80])
+
+
 def test_a_notebook_is_shown_with_its_outputs(site: Path) -> None:
     """And the source beside it, without; the long tests run the others."""
     text = (site / "notebooks" / "first-landing.html").read_text("utf-8")
