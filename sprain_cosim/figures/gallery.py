@@ -128,7 +128,8 @@ def draw(folders: Sequence[Folder]) -> Iterator[Drawn]:
                 "bars the 5 … 95 % of the landings."
             )
         drawn = partial(plots.sharing, rows, pose_note(items), _doubts_of_moments(studies))
-        yield Drawn("sharing", "Who bears the load", caption, drawn)
+        shown = [(name, item) for (name, item), (_, pair) in zip(items, moments, strict=True) if pair is not None]
+        yield Drawn("sharing", "Who bears the load", caption, drawn, shown)
     caption = (
         "A brace is the law of the passive ankle with its angle scaled, about the three body-fixed axes. For "
         "comparison with Figures 1C and 2 of Yoder et al. 2021."
@@ -250,12 +251,12 @@ def _distributions(chosen: Studies, samples: Mapping[str, Sample], text: str, su
     if any(samples[n].published for n, _ in chosen):
         caption += " Circles: the published levels, where the study is one of the paper's in its pose."
     drawn = partial(plots.cdf, [samples[n] for n, _ in chosen], text, pose_note(chosen))
-    yield Drawn(f"cdf{suffix}", "Distribution", caption, drawn)
+    yield Drawn(f"cdf{suffix}", "Distribution", caption, drawn, chosen)
     with_levels = [(n, s) for n, s in chosen if samples[n].percentiles]
     if len(with_levels) > 1:
         caption = "The 5, 50 and 95 % levels with their 95 % intervals."
         drawn = partial(plots.percentiles, [samples[n] for n, _ in with_levels], text, pose_note(with_levels))
-        yield Drawn(f"percentiles{suffix}", "Levels side by side", caption, drawn)
+        yield Drawn(f"percentiles{suffix}", "Levels side by side", caption, drawn, with_levels)
     yield from _poses(chosen, samples, text, suffix)
 
 
@@ -442,6 +443,7 @@ def _poses(chosen: Studies, samples: Mapping[str, Sample], text: str, suffix: st
                 title,
                 caption,
                 partial(plots.poses, list(pairs.items()), text, pose_note(group)),
+                group,
             )
 
 
@@ -453,7 +455,8 @@ def _searches(
     found = [(name, study, study.summary.amv) for name, study in studies]
     searches = [(name, study, amv) for name, study, amv in found if amv is not None and amv.levels]
     for name, study, amv in searches:
-        beside = next((samples[n] for n, s in distributions if same_question(s, study)), None)
+        sampled = next(((n, s) for n, s in distributions if same_question(s, study)), None)
+        beside = None if sampled is None else samples[sampled[0]]
         note = f"{pose_note([(name, study)])} The method's own test says {amv.status}."
         caption = "Levels of the response found with few landings, and which input leads to each."
         if beside is not None:
@@ -474,7 +477,8 @@ def _searches(
             note,
             tested=tested_shares(amv),
         )
-        yield Drawn(f"amv{_end(study, len(searches))}", name, caption, drawn)
+        shown = [(name, study), *([] if sampled is None else [sampled])]
+        yield Drawn(f"amv{_end(study, len(searches))}", name, caption, drawn, shown)
 
 
 def tested_shares(amv: LevelSearch) -> dict[float, tuple[float, float]]:
@@ -567,7 +571,7 @@ def _grids(studies: Studies) -> Iterator[Drawn]:
             note, along = pose_note([(name, study)]), label + (f", + {sign}" if sign else "")
             drawn = partial(plots.grid, levels, rows, along, response_label(study.response), note)
             caption = "The response at the points of the grid. A grid is no sample: no probability is in it."
-            yield Drawn(f"grid{_end(study, len(grids))}", name, caption, drawn)
+            yield Drawn(f"grid{_end(study, len(grids))}", name, caption, drawn, [(name, study)])
 
 
 def _fans(studies: Studies) -> Iterator[Drawn]:

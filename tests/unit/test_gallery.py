@@ -275,3 +275,14 @@ def test_what_is_not_asked_for_is_not_drawn(tmp_path: Path, monkeypatch: pytest.
     assert [path.name for path in written] == ["cdf.png", "captions.txt"]
     with pytest.raises(AssertionError, match="drawn"):
         gallery.write_figures(folders, tmp_path, ["png"], only=["torque_angle"])
+
+
+def test_captions_say_what_is_drawn_and_no_more(tmp_path: Path) -> None:
+    """Of a landing there is no interval; a figure of samples is not one of a grid beside them."""
+    folders = read_folders([study(tmp_path / "a", title="A"), study(tmp_path / "b", title="B", method="grid")])
+    written = gallery.write_figures(folders, tmp_path, ["svg"], only=["cdf", "torque_angle"])
+    cdf, law = written[-1].read_text("utf-8").strip().split("\n\n")
+    assert "A: n = 30 (monte-carlo)" in cdf
+    assert "B:" not in cdf
+    assert "95 % bounds of each share by itself" in cdf
+    assert "95 %" not in law
