@@ -72,6 +72,7 @@ build: .venv/installed
 	$(PYTHON) -m venv .venv || { $(PYTHON) -m pip install --user virtualenv && $(PYTHON) -m virtualenv .venv; }
 	$(BIN)/python -m pip install --quiet --require-hashes -r requirements.txt
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .
+	$(BIN)/python -m compileall -q sprain_cosim   # as pip does for a wheel: the first run is as fast as any other
 	touch $@
 
 # needs uv; writes the versions and hashes of everything that `make` installs

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
+import gc
 import os
+
+gc.set_threshold(20_000, 10, 10)  # most of what is loaded stays: looking for garbage in it takes a tenth of a landing
+atexit.register(gc.freeze)  # and looking for it at the end, when all goes anyway, a sixth
 
 try:
     from .cli import main

@@ -161,7 +161,6 @@ def run_command(
 ) -> None:
     """Run one landing: SCENARIO is a file, or the name of one that ships."""
     from .brace.doubts import device_doubts
-    from .folders.run import FILES, RunSummary
     from .scenario import load_scenario
 
     chosen = _changed(load_scenario(scenario), fmus, maps, settings, subject)
@@ -175,27 +174,32 @@ def run_command(
     if out is not None:
         _warn_of_run(out, force)
         chosen = chosen.recording("plant.*")
-    result = chosen.run(halve=True, limits=_limits(trial_limit))
+    result = chosen.run(halve=True, limits=_limits(trial_limit) if trial_limit else None)
     if result.warning:
         _warn(result.warning)
     said = {name: m for name, m in result.messages.items() if not m.first or m.first not in result.message}
     _print_messages({name: (m.grave, m.text) for name, m in said.items()})  # but what the error quotes anyway
-    summary = RunSummary.of(chosen, result)
-    if check_coupling and result.status == "completed":
-        summary = replace(summary, coupling_check=result.halved or chosen.coupling_check(result))
-    if out is not None and result.status == "completed":
-        from .figures.gallery import leave_run
+    completed = result.status == "completed"
+    finer = (result.halved or chosen.coupling_check(result)) if check_coupling and completed else None
+    if as_json or out is not None:
+        from .folders.run import RunSummary
+
+        summary = replace(RunSummary.of(chosen, result), coupling_check=finer)
+    if out is not None and completed:
+        from .figures.landings import leave_run
 
         leave_run(out, result, summary)
     if as_json:
         _show(json.dumps(summary.to_json(), allow_nan=False))
-    elif result.status == "completed":
-        _print_table(chosen.heading, summary.initial_pose, result)
-        for key, change in (summary.coupling_check or {}).items():
+    elif completed:
+        _print_table(chosen.heading, chosen.initial_pose(), result)
+        for key, change in (finer or {}).items():
             _show(f"{'at half the step:' if key == 'peak_subtalar_angle_deg' else '':18}{key:44}{change:+.4g}")
         if out is not None:
+            from .folders.run import FILES
+
             _show(f"\nwritten: {', '.join(str(out / name) for name in FILES)}")
-    if result.status != "completed":
+    if not completed:
         raise (InputError if chosen.refused(result) else SimulationError)(result.message)
 
 
@@ -558,7 +562,7 @@ def trial_command(
 ) -> int:
     """Run trial NUMBER of the study in FOLDER again, in a process of its own, and say whether it gives the recorded
     numbers to the bit."""
-    from .figures.gallery import leave_run
+    from .figures.landings import leave_run
     from .folders.run import RunSummary
     from .study.replay import replay
 

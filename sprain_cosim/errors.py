@@ -10,7 +10,6 @@ SprainError                exit code
 
 from __future__ import annotations
 
-import difflib
 import re
 import sys
 import unicodedata
@@ -139,6 +138,8 @@ def _shown(found: re.Match[str]) -> str:
 def nearest(name: str, known: Iterable[str]) -> str:
     """' (did you mean X?)' for the nearest of the known names, or the known names themselves if they are few."""
     known = list(known)
+    import difflib
+
     close = difflib.get_close_matches(name, known, 1, 0.6)
     if close:
         return f" (did you mean {close[0]}?)"

@@ -15,7 +15,6 @@ import io
 import json
 import math
 import re
-import secrets
 import tomllib
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
@@ -84,6 +83,8 @@ def whole_file(path: Path, advice: str = "", parents: bool = False) -> Iterator[
 
     `advice` follows the cause in the message of an EnvironmentProblem ("; continue with --resume"); with `parents`
     missing folders are made. Any OSError of the block is taken for one of writing."""
+    import secrets
+
     partial = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.partial{path.suffix}")
     check_path(path)
     check_path(partial)

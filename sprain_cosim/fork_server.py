@@ -40,6 +40,7 @@ LARGEST = 1 << 17  # B of a request: module, arguments, environment
 DESCRIPTORS = 4  # of a child at most: its output, and what it talks with
 PATIENCE, ANSWER = 60.0, 10.0  # s for the first answer of a server, which may be starting; for any other
 SET_DEATH_SIGNAL = 1
+SELDOM = 20_000  # objects more than before, between two collections of a child
 LOOK = 1000  # ms between two looks whether the process that is served is still there
 AT_START = (  # of variables that a process reads when it starts, or a library when it is loaded
     *("LD_", "PYTHON", "GLIBC_", "MALLOC_", "LC_", "LANG", "OMP_", "OPENBLAS_", "GOTO_", "MKL_", "KMP_", "NPY_"),
@@ -370,6 +371,7 @@ def _life_of(name: str) -> Callable[[], NoReturn]:
         _preparing = False
         gc.collect()
         gc.freeze()  # a collection in a child would write to what it shares with the others
+        gc.set_threshold(SELDOM)
     raise ImportError(f"{name} does not begin the life of a child")
 
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from .errors import InputError, nearest
 from .units import Unit, quantity
@@ -37,8 +36,7 @@ class Kind(Protocol):
         """Its JSON Schema."""
 
 
-@dataclass(frozen=True)
-class Value:
+class Value(NamedTuple):
     """A value that is read on its own.
 
     words  the type
@@ -139,8 +137,7 @@ def is_whole(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-@dataclass(frozen=True)
-class Key:
+class Key(NamedTuple):
     """One key of a table.
 
     name     as it is written
@@ -157,17 +154,16 @@ class Key:
     needs: str = ""
 
 
-@dataclass(frozen=True)
-class Table:
+class Table(NamedTuple):
     """A table of known keys. `says` is the message for a value that is no table, `more` stands in the schema beside
     the keys (which of them exclude each other)."""
 
     keys: tuple[Key, ...]
     says: str = "{at}: must be a table, [{at}]"
-    more: Mapping[str, Any] = field(default_factory=dict)
+    more: Mapping[str, Any] = {}
     words: str = "table"
     unit: str = ""
-    others: Mapping[str, str] = field(default_factory=dict)  # {what people also call a key: the key}
+    others: Mapping[str, str] = {}  # {what people also call a key: the key}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -202,8 +198,7 @@ class Table:
         }
 
 
-@dataclass(frozen=True)
-class Named:
+class Named(NamedTuple):
     """A table whose keys are names: of components, parameters, signals.
 
     label    how the reference writes a name
@@ -245,8 +240,7 @@ class Named:
         return {"type": "object", "propertyNames": names, "additionalProperties": self.value.schema()}
 
 
-@dataclass(frozen=True)
-class Short:
+class Short(NamedTuple):
     """A table, or for short the text of one of its keys: `x = "a"` for `x = { key = "a" }`."""
 
     key: str
@@ -262,8 +256,7 @@ class Short:
         return {"anyOf": [{"type": "string", "description": f"{short.text}, as it is"}, self.table.schema()]}
 
 
-@dataclass(frozen=True)
-class Tables:
+class Tables(NamedTuple):
     """Several tables of the same keys: [[name]]."""
 
     table: Table
@@ -281,8 +274,7 @@ class Tables:
         return {"type": "array", "items": self.table.schema()}
 
 
-@dataclass(frozen=True)
-class Later:
+class Later(NamedTuple):
     """A table that the owner of the file reads, since that takes more than the table itself; the schema and the
     reference know it."""
 
@@ -303,8 +295,7 @@ class Later:
         return self.table.schema()
 
 
-@dataclass(frozen=True)
-class Either:
+class Either(NamedTuple):
     """A value or a table, which the owner of the file reads."""
 
     form: Mapping[str, Any]
@@ -319,8 +310,7 @@ class Either:
         return {"anyOf": [dict(self.form), self.table.schema()]}
 
 
-@dataclass(frozen=True)
-class File:
+class File(NamedTuple):
     """A file that users write.
 
     title  of the schema and of the section in the reference

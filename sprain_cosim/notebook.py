@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from html import escape
 from typing import TYPE_CHECKING
 
 from .errors import EnvironmentProblem, visible
@@ -29,6 +28,8 @@ class Card:
         return shortened(visible(f"{type(self).__name__}({shortened(heading)}: {line}"), LONGEST - 1) + ")"
 
     def _repr_html_(self) -> str:
+        from html import escape
+
         heading, rows = self.card()
         lines = "".join(
             f'<tr><th scope="row" style="text-align:left">{escape(label)}</th>'

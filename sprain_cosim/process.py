@@ -36,12 +36,12 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from statistics import median
 from time import monotonic
 from typing import IO, Any, NoReturn, cast
 
 from .errors import EnvironmentProblem, SprainError, visible
 from .fork_server import Copy, ForkServer, ServerGone, copy_now, drop_server, live_as_child, server_for
+from .machine.face import PARENTS_TEMPORARY
 from .machine.here import SYSTEM
 from .sandbox.confinement import Confinement, enter
 from .sandbox.watch import Watch
@@ -57,7 +57,6 @@ ENOUGH, KEPT = 5, 101  # trials that it is learned from, at least and at most
 FIRST_TRIAL, FIRST_START = 60.0, 60.0  # s, before anything is known
 FIRST_RUN = 600.0  # s, of a run that is none of a study
 CORES = 4.0  # s of processor time per s of wall time
-PARENTS_TEMPORARY = "SPRAIN_COSIM_TEMPORARY"  # where a child finds what its parent keeps among temporary files
 ROOT = Path(__file__).parent.parent  # of the package
 STRANGE = "something else than the process wrote into the line to its parent"
 START = (  # packages that lie beside this one, in a clone that is not installed, come last
@@ -121,6 +120,8 @@ class Allowance:
         if self.stated is None and self.finished <= KEPT:
             self._taken.append(seconds)
             if self.finished >= self._enough:
+                from statistics import median
+
                 self.seconds = max(self._least, round_up(FACTOR * median(self._taken)))
 
     @property
@@ -341,7 +342,8 @@ class Child:
 
 def _started(module: str, memory: int, descriptors: Sequence[int], folder: str) -> subprocess.Popen[bytes] | Copy:
     """A process that runs `module` in `folder`: a copy of this process's server, else a Python of its own."""
-    environment, server = _environment(), prepare_children()
+    environment = _environment()
+    server = _server(environment)
     own = SYSTEM.variables(folder) | {"NUMBA_CACHE_DIR": folder, PARENTS_TEMPORARY: tempfile.gettempdir()}
 
     def arguments(places: Sequence[object], parent: int) -> list[str]:
@@ -374,7 +376,11 @@ def prepare_copies() -> None:
 
 def prepare_children() -> ForkServer | None:
     """What children are copies of begins to load what they need; None where they start by themselves."""
-    return server_for(_environment(), python_command("sprain_cosim.fork_server"), ROOT)
+    return _server(_environment())
+
+
+def _server(environment: Mapping[str, str]) -> ForkServer | None:
+    return server_for(environment, python_command("sprain_cosim.fork_server"), ROOT)
 
 
 def _error(kind: str, message: str) -> SprainError:

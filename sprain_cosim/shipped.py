@@ -17,6 +17,7 @@ LIBRARIES = {  # what a library of the package's own ends in, by system and mach
     ("Darwin", "arm64"): "darwin64.dylib",
 }
 FOR_LINUX = ("plant_mujoco",)  # MuJoCo's library is part of it
+PACKAGES = (".ssp", ".ssd")  # of systems; the second is answered with what it lacks
 SOURCES = PACKAGE.parent / "fmus"  # the models' sources, in a clone only
 
 
@@ -63,6 +64,11 @@ def is_file(path: Path) -> bool:
         return path.is_file()
     except OSError:
         return False
+
+
+def is_package(name: Path | str) -> bool:
+    """Whether it is called as a system in the SSP standard is."""
+    return str(name).lower().endswith(PACKAGES)
 
 
 def names_a_place(name: str) -> bool:

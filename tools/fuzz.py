@@ -397,7 +397,7 @@ def make_folders(place: Path) -> list[Path]:
     """A run, a study, a search and a comparison of a few milliseconds each, and what version 0.1 left."""
     import sprain_cosim as sc
     from sprain_cosim.brace.compare import compare_braces
-    from sprain_cosim.figures.gallery import leave_run
+    from sprain_cosim.figures.landings import leave_run
     from sprain_cosim.folders.run import RunSummary
 
     stop = "10 ms"

@@ -35,7 +35,7 @@ class Bench:
 
     def land(self, folder: Path) -> Result:
         """The completed landing, beside itself at half the step; leaves the run's folder."""
-        from ..figures.gallery import leave_run
+        from ..figures.landings import leave_run
 
         SYSTEM.remove(folder / FILE)
         try:

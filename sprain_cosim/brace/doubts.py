@@ -10,8 +10,6 @@ from ..fmu.component import Component
 from ..fmu.foreign import is_foreign
 from ..mapping import carried, load_mapping
 from ..scenario import Scenario
-from .names import clocks, contradicting_units, undeclared
-from .readings import readings_of_names
 
 
 def device_doubts(scenario: Scenario, name: str = "brace") -> list[str]:
@@ -24,6 +22,9 @@ def device_doubts(scenario: Scenario, name: str = "brace") -> list[str]:
     component = Component.read(name, fmu)
     if not is_foreign(component.fmu, component.sha256):
         return []
+    from .names import clocks, contradicting_units, undeclared
+    from .readings import readings_of_names
+
     file = scenario.maps.get(name)
     mapping = load_mapping(file) if file is not None else carried(component)
     problems_to_error(f"{name}: {fmu.name}", contradicting_units(component, mapping))

@@ -17,7 +17,7 @@ from ..cosim.result import Result
 from ..errors import InputError
 from ..folders.comparison import ComparisonFolder
 from ..folders.read import Folder
-from ..folders.run import RunFolder, RunSummary, coupling_note, write_run
+from ..folders.run import RunFolder, coupling_note
 from ..folders.study import StudyFolder
 from ..metrics import brace_torques
 from ..records import ends_of
@@ -77,16 +77,6 @@ Runs = Sequence[tuple[str, RunFolder]]
 Studies = Sequence[tuple[str, StudyFolder]]
 Values = NDArray[np.float64]
 K = TypeVar("K")
-
-
-def landing_picture(result: Result, summary: RunSummary) -> bytes:
-    """The content of landing.png in a run's folder."""
-    return plots.picture(plots.landing_signals([(summary.title, result)], coupling_note([summary])), "png")
-
-
-def leave_run(folder: Path, result: Result, summary: RunSummary) -> None:
-    """Writes the folder of a run, its picture included. Raises EnvironmentProblem."""
-    write_run(folder, result, landing_picture(result, summary), summary)
 
 
 def draw(folders: Sequence[Folder]) -> Iterator[Drawn]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
+from ..cosim.result import Result
+from ..folders.run import RunSummary, coupling_note, write_run
 from ..literature import INJURY_INVERSION, LI_SAFE, LI_SOURCE, LI_SPRAIN, LI_SPRAIN_VELOCITY
 from ..metrics import IMPACT, Signals, brace_torques
 from .style import (
@@ -30,6 +33,7 @@ from .style import (
     legend_line,
     letters,
     looks_of,
+    picture,
     sheet,
     small,
     styled,
@@ -361,3 +365,13 @@ def _panel(axis: Axes, title: str) -> None:
     axis.locator_params(axis="y", nbins=4, min_n_ticks=3, steps=[1, 2, 2.5, 5, 10])
     axis.grid(axis="y")
     axis.axhline(0, color=FAINT, linewidth=0.6)
+
+
+def landing_picture(result: Result, summary: RunSummary) -> bytes:
+    """The content of landing.png in a run's folder."""
+    return picture(landing_signals([(summary.title, result)], coupling_note([summary])), "png")
+
+
+def leave_run(folder: Path, result: Result, summary: RunSummary) -> None:
+    """Writes the folder of a run, its picture included. Raises EnvironmentProblem."""
+    write_run(folder, result, landing_picture(result, summary), summary)

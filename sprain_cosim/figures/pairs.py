@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from ..uq.sensitivity import spearman
 from .style import BLUE, FORM, GROUND, INK, MATRIX, MOST_DRAWN, sheet, small, styled
 
 Array = NDArray[np.float64]
@@ -43,6 +42,8 @@ def strongest(inputs: Sequence[Column], response: Column, most: int) -> list[Col
     varied = [column for column in inputs if np.ptp(column.values) > 0]
     if not varied or not np.ptp(response.values) > 0:
         return varied[:most]
+    from ..uq.sensitivity import spearman
+
     r = np.abs(spearman(np.column_stack([c.values for c in varied]), response.values).value)
     return [varied[k] for k in np.argsort(-r, kind="stable")[:most]]
 
@@ -52,6 +53,8 @@ def pairs(columns: Sequence[Column], intervals: bool, note: str = "") -> Figure:
     """`columns`, the response last: points below the diagonal, distributions on it, Spearman's rank correlation above
     with its 95 % interval where `intervals` (independent draws). Of large samples some points are drawn, the numbers
     are of all."""
+    from ..uq.sensitivity import spearman
+
     m, every = len(columns), np.column_stack([c.values for c in columns])
     signs = "; ".join(f"{c.title.partition(' [')[0]} + {c.sign}" for c in columns if c.sign)
     figure, axes = sheet([1.05 * _cell(m)] * m, f"{note} Signs: {signs}." if signs else note, m)

@@ -25,8 +25,8 @@ from typing import IO, Any
 
 from ..errors import EnvironmentProblem, InputError
 from ..files import read_json, write, write_json
+from ..machine.face import PARENTS_TEMPORARY
 from ..machine.here import SYSTEM
-from ..process import PARENTS_TEMPORARY
 from . import archive
 from .archive import Archive
 

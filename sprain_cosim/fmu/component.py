@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 from . import archive, library
 from .description import Description
@@ -22,6 +23,8 @@ class Component(Description):
     >>> [connector.labelled for connector in brace.inputs.values()]
     ['rotation_x_angle [rad]', 'rotation_y_angle [rad]', 'rotation_z_angle [rad]']
     """
+
+    own_process: ClassVar[bool] = False  # its instances live in processes of their own
 
     def library_problem(self) -> str:
         """Why the library cannot be used, by its file alone: not of this machine, cut off, functions of FMI that it

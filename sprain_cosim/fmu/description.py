@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple, Self
-from xml.etree import ElementTree
 
 from ..errors import InputError
 from ..notebook import Rows
@@ -20,7 +19,7 @@ from ..sandbox.allowed import NOTHING, Allowed
 from ..units import Unit, unit
 from . import archive
 from .element import NUMBERS, Array, Capabilities, Connector, Element
-from .library import find
+from .library import find, load_fmpy
 from .repair import read_leniently
 
 OWN_TOOL = "sprain-cosim"
@@ -166,6 +165,7 @@ def _parsed(description: bytes) -> tuple[Any, list[str]]:
 
 
 def _read(description: bytes, validate: bool = True) -> Any:
+    load_fmpy()
     from fmpy.model_description import read_model_description
 
     count = description.count(b"valueReference")
@@ -238,6 +238,8 @@ def _periods(interface: Any, description: bytes) -> dict[str, tuple[float, float
     not read them."""
     if b"intervalDecimal" not in description or not getattr(interface, "hasEventMode", False):
         return {}
+    from xml.etree import ElementTree
+
     found = {}
     for clock in ElementTree.fromstring(description).iterfind("ModelVariables/Clock"):
         interval, shift = _number(clock.get("intervalDecimal")), _number(clock.get("shiftDecimal"), 0.0)
@@ -250,6 +252,8 @@ def _negated(description: bytes) -> frozenset[str]:
     """Variables of FMI 1.0 whose values come, and are sent, with the other sign; fmpy does not tell."""
     if b"negatedAlias" not in description:
         return frozenset()
+    from xml.etree import ElementTree
+
     variables = ElementTree.fromstring(description).iterfind("ModelVariables/ScalarVariable")
     return frozenset(v.get("name", "") for v in variables if v.get("alias") == "negatedAlias")
 

@@ -24,7 +24,6 @@ from typing import Any, ClassVar, get_args
 import numpy as np
 
 from ..errors import EnvironmentProblem, SimulationError, SimulationStopped, StepDiscarded
-from ..fork_server import foreign_code_loads
 from . import cache
 from .description import Description, first_line
 from .element import Connector
@@ -178,6 +177,8 @@ class FmiInstance:
         self.log = Log(component.name)
         self._floating = FloatingPoint() if is_foreign(component.fmu, component.sha256) else None
         if self._floating is not None:
+            from ..fork_server import foreign_code_loads
+
             foreign_code_loads()
         if self._floating is None and not component.resources:
             folder = _unpacked_once(component.fmu, component.sha256, cache.cache_folder())

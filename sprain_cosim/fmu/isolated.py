@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from time import monotonic
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -48,6 +48,7 @@ DOING = {
 class Isolated(Component):
     """A component whose instances run in processes of their own. `limits` of those."""
 
+    own_process: ClassVar[bool] = True
     limits: Limits = field(default_factory=Limits)
 
     def open(self) -> Instance:

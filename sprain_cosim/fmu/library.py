@@ -6,7 +6,9 @@ from __future__ import annotations
 import platform
 import struct
 import sys
+import threading
 from collections.abc import Collection
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,21 @@ OWN_PE = {"AMD64": 0x8664, "ARM64": 0xAA64, "x86": 0x14C}  # Machine of the PE f
 SYSTEMS = {"win": "Windows", "x86-win": "Windows", "x86_64-win": "Windows", "darwin": "macOS", "linux": "Linux"}
 SOURCES = (".c", ".cc", ".cpp", ".cxx")
 FROM_SOURCES = "docs/exporting.md, From C sources"
+
+
+@lru_cache(maxsize=1)
+def load_fmpy() -> None:
+    """Imports it. It asks where the C library lies, and Python starts a program to find out; on Linux it takes the one
+    of this process instead, unless another thread could miss an answer meanwhile."""
+    import ctypes.util
+
+    asked = ctypes.util.find_library
+    if sys.platform == "linux" and threading.active_count() == 1:
+        ctypes.util.find_library = lambda name: None
+    try:
+        import fmpy  # noqa: F401
+    finally:
+        ctypes.util.find_library = asked
 
 
 def find(fmu: Path, identifier: str, version: str, names: Collection[str], sources_listed: bool) -> str:

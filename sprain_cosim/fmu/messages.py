@@ -17,7 +17,6 @@ from functools import lru_cache
 from typing import Any
 
 from ..errors import visible
-from ..process import tell_parent
 from ..records import Record
 
 WARNING, ERROR = 1, 3  # of FMI's statuses
@@ -98,6 +97,8 @@ class Log:
             self._grave, self._first_grave = True, line(text)
         self._first = self._first or line(text)
         if status >= ERROR:
+            from ..process import tell_parent
+
             tell_parent(line(text))
 
     def warned(self, calls: int = 1) -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from ..machine.here import SYSTEM
 from .description import Description
 from .instance import Instance
+from .library import load_fmpy
 
 
 def import_libraries() -> None:
     """What opening an FMU imports, and what it finds out once."""
+    load_fmpy()
     import fmpy.fmi1
     import fmpy.fmi2
     import fmpy.fmi3
@@ -22,7 +25,7 @@ def import_libraries() -> None:
 
     for kind in (fmpy.fmi2.FMU2Slave, fmpy.fmi3.FMU3Slave):
         signatures(kind)
-    for find_out in (offered, python_folders, library_folders):
+    for find_out in (offered, python_folders, library_folders, SYSTEM.resident):
         find_out()
 
 

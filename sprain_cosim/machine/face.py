@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-import subprocess
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+if TYPE_CHECKING:
+    import subprocess
+
+PARENTS_TEMPORARY = "SPRAIN_COSIM_TEMPORARY"  # where a child finds what its parent keeps among temporary files
 
 
 class Ending(NamedTuple):

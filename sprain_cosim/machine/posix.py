@@ -7,16 +7,17 @@ import math
 import os
 import select
 import shlex
-import shutil
 import signal
-import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .face import Ending, Pipe
+
+if TYPE_CHECKING:
+    import subprocess
 
 SET_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG
 
@@ -116,6 +117,8 @@ class Posix:
         file.unlink(missing_ok=True)
 
     def remove_tree(self, folder: Path | str) -> None:
+        import shutil
+
         shutil.rmtree(folder, ignore_errors=True)
 
     def caches(self) -> Path:

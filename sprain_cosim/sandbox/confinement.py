@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
-import re
 import socket
 import struct
 import sys
@@ -194,9 +193,8 @@ def _drop_capabilities() -> None:
 
 
 def _capabilities() -> int:
-    text = Path("/proc/self/status").read_text()
-    found = re.search(r"^CapEff:\s*([0-9a-f]+)", text, re.MULTILINE)
-    return int(found[1], 16) if found else 0
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next((int(line.removeprefix("CapEff:"), 16) for line in lines if line.startswith("CapEff:")), 0)
 
 
 def _own_network(offer: Offer) -> None:

@@ -4,7 +4,7 @@ arch/x86/entry/syscalls/syscall_64.tbl and include/uapi/asm-generic/unistd.h (64
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 NEWEST = 469
 """The newest system call that the table below was made with; the kernel's answer to later ones is that it has none."""
@@ -61,8 +61,7 @@ WATCHED = (*OPENING, "clone", "fork", "vfork", "umask", "chdir", "fchdir", "exec
 """Calls that a watched process announces, whether they are refused or not."""
 
 
-@dataclass(frozen=True)
-class Condition:
+class Condition(NamedTuple):
     """On the low 32 bits of an argument, counted from 0: it is `among` the values, `not among` them, or has `any bit`
     or `no bit` of the values."""
 
@@ -77,8 +76,7 @@ class Condition:
         return (value in self.values) == (self.test == "among")
 
 
-@dataclass(frozen=True)
-class Refusal:
+class Refusal(NamedTuple):
     """A call is let through when all conditions hold (none: never); otherwise it fails with `error`. `topic` is what
     the call is about, in the words of a note to the user."""
 

@@ -11,16 +11,24 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from ..cosim import native_members
 from ..cosim.result import HALVED_WITHIN, Result
 from ..cosim.transport import encoded, packed, pieces, unpacked
 from ..errors import SimulationError, SprainError
-from ..fmu.opener import import_libraries  # noqa: F401 - before the process is copied
+from ..fmu import opener
 from ..fmu.surroundings import Surroundings
 from ..process import FIRST_RUN, Child, Handlers, Limits, Overrun, ProcessEnded, serve
 
 if TYPE_CHECKING:
     from ..cosim.system import System
     from .scenario import Scenario
+
+
+def import_libraries() -> None:
+    """Before the process is copied for a child: what the FMUs need, and what steps them."""
+    opener.import_libraries()
+    native_members.loaded()
+
 
 HINT = "it ran in a sandbox: `sprain-cosim check FMU` says what it needs, --in-process runs it without"
 
@@ -124,7 +132,7 @@ def served(run: Callable[..., Result]) -> Handlers:
     def answer(*arguments: Any) -> dict[str, Any]:
         result = run(*arguments)
         waiting[:] = pieces(result)
-        return packed(result)
+        return packed(result, len(waiting))
 
     return {"run": answer, "piece": lambda k: encoded(waiting[k])}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .. import keys
 from ..cosim.coupling import SCHEMES, check_scheme
@@ -12,14 +12,24 @@ from ..cosim.master import Master
 from ..errors import InputError, nearest, problems_to_error
 from ..files import read_toml
 from ..machine.here import SYSTEM
-from ..shipped import fmu_path, is_file, names_a_place, scenario_folder, shipped_scenarios, shipped_studies
-from ..ssp.flat import Flat, flattened
+from ..shipped import (
+    PACKAGES,
+    fmu_path,
+    is_file,
+    is_package,
+    names_a_place,
+    scenario_folder,
+    shipped_scenarios,
+    shipped_studies,
+)
 from ..subject.words import SUBJECT, subject_of
 from ..units import SECOND
 from .body import without_person
-from .package import SUFFIXES, is_package, package_content
 from .scenario import Scenario, Value, share
 from .title import RAN
+
+if TYPE_CHECKING:
+    from ..ssp.flat import Flat
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
@@ -169,6 +179,8 @@ def load_scenario(name: str | Path) -> Scenario:
 
 def packaged_scenario(flat: Flat) -> Scenario:
     """The scenario that an SSP package is. Raises InputError."""
+    from .package import package_content
+
     return _scenario(flat.path, "", package_content(flat))
 
 
@@ -200,7 +212,7 @@ def _find(name: str, beside: Path | None = None) -> Path:
         inside = scenario_folder() / f"{name}.toml"
         if is_file(inside):
             return inside
-    if name.endswith((".toml", *SUFFIXES)) or names_a_place(name):
+    if name.endswith((".toml", *PACKAGES)) or names_a_place(name):
         raise InputError(f"{name}: no such scenario file")
     if name in shipped_studies():
         raise InputError(f"{name}: is a study, many landings; `sprain-cosim study {name}` runs it")
@@ -213,6 +225,9 @@ def _find(name: str, beside: Path | None = None) -> Path:
 def _with_bases(path: Path, heirs: tuple[Path, ...]) -> dict[str, Any]:
     """The content of a file on top of its base's; `heirs` are the files whose base it is. Raises InputError."""
     if is_package(path):
+        from ..ssp.flat import flattened
+        from .package import package_content
+
         return package_content(flattened(path))
     content = _resolve(_read(path), path)
     if "base" not in content:

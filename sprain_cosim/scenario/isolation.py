@@ -6,11 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from ..fmu.component import Component
-from ..fmu.confine import granted_to
 from ..fmu.foreign import is_foreign
-from ..fmu.isolated import Isolated
-from ..sandbox.confinement import Confinement
-from ..sandbox.kernel import offered
 
 
 @dataclass(frozen=True)
@@ -33,8 +29,12 @@ def isolation(components: Iterable[Component], in_process: bool, of_trials: bool
     strangers = [c for c in components if is_foreign(c.fmu, c.sha256)]
     if in_process or not strangers:
         concerned = strangers or components
-        apart = of_trials or all(isinstance(c, Isolated) for c in concerned)
+        apart = of_trials or all(c.own_process for c in concerned)
         return Isolation("process" if apart else "none", {}, ())
+    from ..fmu.confine import granted_to
+    from ..sandbox.confinement import Confinement
+    from ..sandbox.kernel import offered
+
     offer = offered()
     granted = {c.name: tuple(c.allowed.words()) for c in strangers if c.allowed}
     gaps = Confinement((), "", granted_to(strangers)).gaps(offer)

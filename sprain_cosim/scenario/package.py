@@ -20,7 +20,6 @@ from ..ssp.values import finite_number, parameter_set, set_name
 from ..units import SECOND, Unit, quantity
 from .wiring import Wiring
 
-SUFFIXES = (".ssp", ".ssd")  # the second is answered with what it lacks
 BRACE = "brace"
 MOTION = {"subtalar_angle", "talocrural_angle"}  # what a plant gives and no device does
 FLAGS = ("active", "continuous", "reset")  # of a mapping file, which a package carries; never what it would allow
@@ -30,10 +29,6 @@ MASTER_KEYS = {
     "identify": "identify",
     "adaptive": "adaptive",
 }
-
-
-def is_package(name: Path | str) -> bool:
-    return str(name).lower().endswith(SUFFIXES)
 
 
 def package_content(flat: Flat) -> dict[str, Any]:

@@ -17,21 +17,14 @@ from ..cosim.result import HALVED_WITHIN, PEAK, Result, unconverged
 from ..cosim.system import System, coupled
 from ..errors import InputError, SimulationError, nearest, problems_to_error
 from ..fmu.component import Component
-from ..fmu.confine import confinement
 from ..fmu.element import Element
 from ..fmu.foreign import is_foreign
-from ..fmu.isolated import Isolated, isolated
 from ..mapping import carried, read_component
 from ..metrics import doubtful_peaks
 from ..notebook import Card, Rows
-from ..process import Limits
-from ..sandbox.confinement import Confinement
-from ..shipped import fmu_path
-from ..ssp.flat import Flat, flattened
+from ..shipped import fmu_path, is_package
 from ..subject.person import Subject
-from ..subject.words import parse_subject
 from ..units import plain_number, proportion, seconds, stated
-from .apart import Apart
 from .body import (
     OWNER,
     is_of_subject,
@@ -43,13 +36,16 @@ from .body import (
     without_person,
 )
 from .isolation import Isolation, isolation
-from .package import device, is_package, parameter_set_values
-from .settable import settable_table, settables
 from .title import Ran, heading
 from .wiring import Wiring
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from ..process import Limits
+    from ..sandbox.confinement import Confinement
+    from ..ssp.flat import Flat
+    from .apart import Apart
 
 TRIED = {  # SI
     "plant.drop_height": (0.0, 0.8, "0 to 0.8 m"),
@@ -197,6 +193,8 @@ class Scenario(Card):
         """All that may be set, a row for each "component.parameter": its `unit`, in which are `minimum`, `maximum` and
         `default`; the scenario's `value`, as it was written; `meaning`; the `choices` of an enumeration; `kind`;
         `input`, whether it is an input that nothing feeds, and no parameter."""
+        from .settable import settable_table, settables
+
         return settable_table(settables(self.system(), self.values()))
 
     def in_words(
@@ -212,6 +210,8 @@ class Scenario(Card):
 
     def with_subject(self, subject: Subject | str) -> Self:
         """The same landing of another person, such as "female, 1.63 m, 62 kg". Raises InputError."""
+        from ..subject.words import parse_subject
+
         person = parse_subject(subject) if isinstance(subject, str) else subject.checked("subject")
         return self.landing(person).noted(f"subject = {person.words}")
 
@@ -235,6 +235,8 @@ class Scenario(Card):
                 raise InputError(
                     f"{name} = {fmu}: a mapping file belongs to one FMU; a package has its own connections"
                 )
+            from ..ssp.flat import flattened
+
             return self.with_device(name, flattened(Path(fmu)))
         path = fmu_path(str(fmu), Path.cwd(), f"{name} = {fmu}")
         maps = {k: v for k, v in self.maps.items() if k != name} | (
@@ -266,6 +268,8 @@ class Scenario(Card):
 
     def with_device(self, name: str, flat: Flat) -> Self:
         """A device of several FMUs, from a package, in a component's place. Raises InputError."""
+        from .package import device
+
         bare = self.without(name)
         plant = next((c for c in bare.components() if c.name == PLANT), None)
         if plant is None:
@@ -341,6 +345,8 @@ class Scenario(Card):
 
     def values_of_set(self, name: str, chosen: str) -> dict[str, Value]:
         """{"component.parameter": value} of a parameter set that a component's FMU carries. Raises InputError."""
+        from .package import parameter_set_values
+
         if name not in self.fmus:
             raise InputError(f"{name}=@{chosen}: no component {name!r}{nearest(name, self.fmus)}")
         component = read_component(name, self.fmus[name], self.maps.get(name))
@@ -392,6 +398,10 @@ class Scenario(Card):
         if any(c.name in apart and is_foreign(c.fmu, c.sha256) for c in components):
             # a process that starts others runs no foreign code: its sandbox would forbid the one or allow the other
             apart |= {c.name for c in components if is_foreign(c.fmu, c.sha256)}
+        if not apart:
+            return tuple(components)
+        from ..fmu.isolated import isolated
+
         return tuple(isolated(c) if c.name in apart else c for c in components)
 
     def confinement(self) -> Confinement | None:
@@ -400,7 +410,9 @@ class Scenario(Card):
         EnvironmentProblem."""
         if self.in_process:
             return None
-        inside = [component for component in self.components() if not isinstance(component, Isolated)]
+        from ..fmu.confine import confinement
+
+        inside = [component for component in self.components() if not component.own_process]
         return confinement(inside, (*self.fmus.values(), *self.maps.values()))
 
     def foreign(self) -> tuple[str, ...]:
@@ -537,6 +549,8 @@ class Scenario(Card):
             return Session(self, system, limits)
         components = self.components()
         if _foreign(components):
+            from .apart import Apart
+
             return Apart(self, limits)
         return Session(self, system or self._checked(components), limits)
 
@@ -607,7 +621,9 @@ class Session:
         scenario.master.steps  # noqa: B018 - raises for times that do not fit
         self.scenario, self.system = scenario, system or scenario.system()
         parts = self.system.components
-        if limits and any(isinstance(c, Isolated) for c in parts):
+        if limits and any(isinstance(c, Component) and c.own_process for c in parts):
+            from ..fmu.isolated import Isolated
+
             limited = (replace(c, limits=limits) if isinstance(c, Isolated) else c for c in parts)
             self.system = replace(self.system, components=tuple(limited))
         self._assembly: Assembly | None = self.system.open()
@@ -671,7 +687,7 @@ def _finer_plant(system: System, values: Mapping[str, float]) -> dict[str, float
 
 
 def _foreign(components: Iterable[Component]) -> tuple[str, ...]:
-    return tuple(c.name for c in components if is_foreign(c.fmu, c.sha256) and not isinstance(c, Isolated))
+    return tuple(c.name for c in components if is_foreign(c.fmu, c.sha256) and not c.own_process)
 
 
 def _constants(components: Iterable[Element]) -> dict[str, Value]:

@@ -13,7 +13,7 @@ import pytest
 from sprain_cosim.animate.film import animate
 from sprain_cosim.cli import _run
 from sprain_cosim.errors import InputError
-from sprain_cosim.figures.gallery import leave_run
+from sprain_cosim.figures.landings import leave_run
 from sprain_cosim.fmu.cache import cache_folder
 from sprain_cosim.folders.landing import choose_common_trial, load_landing, load_landings
 from sprain_cosim.folders.run import RunSummary

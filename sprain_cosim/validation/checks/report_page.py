@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from ...errors import EnvironmentProblem
-from ...figures.gallery import leave_run
+from ...figures.landings import leave_run
 from ...folders.read import read_folders
 from ...folders.run import RunSummary
 from ...process import run_program
