@@ -513,6 +513,9 @@ class Plan(Card):
             yield f"questions: method {self.method} draws no sample that could answer them; leave them out"
         if self.method not in ("grid", "table") and not self.marginals:
             yield "no marginals: nothing would vary"
+        for name, m in self.marginals.items():
+            if not m.is_fixed and m.mean + 0.01 * m.sd == m.mean:
+                yield f"marginals.{name}: its sd is lost in rounding beside the mean {m.mean:g}; write fixed = ..."
         steps = [name for name, m in self.marginals.items() if m.is_discrete]
         if steps and self.method in SEARCHES and self.method != "sobol-indices":
             yield f"marginals.{steps[0]}: choices have no slope that method {self.method} could follow; take a sample"

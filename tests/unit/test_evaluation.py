@@ -408,6 +408,7 @@ def test_amv_is_judged_by_the_records_monte_carlo() -> None:
             '"brace.angle_scale, plant.drop_height" = 0.2\n[study]',
             "is stated twice, also as 'plant.drop_height, brace.angle_scale'; remove one",
         ),
+        ('mean = "-34 deg", sd = "5 deg"', 'mean = "-34 deg", sd = "1e-15 deg"', "its sd is lost in rounding"),
         ('method = "monte-carlo"', 'method = "form"\nthreshold = "35 m"', "expected rad"),
         ('method = "monte-carlo"', 'method = "form"', "needs study.threshold"),
         ("trials = 1000", "trials = 99999999999999999999", "at most 10000000"),
