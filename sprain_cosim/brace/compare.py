@@ -371,7 +371,7 @@ def _write(comparison: Comparison) -> None:
         write_json(folder / FILE, summary.to_json(), parents=True)
         (folder / "figures").mkdir(exist_ok=True)
         save(drawn, folder / "figures" / "compare")
-        if summary.persons is not None:
+        if summary.persons is not None and summary.persons.bands:
             save(persons_figure(summary), folder / "figures" / "persons")
     except OSError as problem:
         raise EnvironmentProblem(f"{folder}: cannot be written: {problem.strerror or problem}") from None

@@ -21,7 +21,7 @@ def mean_estimate(values: NDArray[np.float64], random: bool, error: float = 0.05
     y = values[np.isfinite(values)]
     if len(y) < 2 or not random:
         return MeanEstimate(float(np.mean(y)) if len(y) else None, n=len(y))
-    return _estimate(statistics.mean(y, 1.0 - error, skewed=True), len(y))
+    return estimate(statistics.mean(y, 1.0 - error, skewed=True), len(y))
 
 
 def injury_estimate(inversion: NDArray[np.float64], random: bool, error: float = 0.05, failed: int = 0) -> MeanEstimate:
@@ -30,7 +30,7 @@ def injury_estimate(inversion: NDArray[np.float64], random: bool, error: float =
     y = inversion[np.isfinite(inversion)]
     if len(y) < 2 or not random:
         return MeanEstimate(float(np.mean(THRESHOLD.cdf(y))) if len(y) else None, n=len(y))
-    return _estimate(statistics.exceedance(y, THRESHOLD, 1.0 - error, failed), len(y))
+    return estimate(statistics.exceedance(y, THRESHOLD, 1.0 - error, failed), len(y))
 
 
 def injury_change(
@@ -55,5 +55,7 @@ def injury_of_other_shapes(inversion: NDArray[np.float64]) -> dict[str, float] |
     return of_shapes(y, THRESHOLD) if len(y) else None
 
 
-def _estimate(found: statistics.Estimate, n: int) -> MeanEstimate:
-    return MeanEstimate(finite(found.value), finite(found.low), finite(found.high), n)
+def estimate(found: statistics.Estimate, n: int, random: bool = True) -> MeanEstimate:
+    """As it is written; the interval of `random` draws alone."""
+    ends = (finite(found.low), finite(found.high)) if random else (None, None)
+    return MeanEstimate(finite(found.value), *ends, n)

@@ -7,11 +7,13 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..folders.comparison import INJURY, INVERSION, Estimates, MeanEstimate, PersonBand, Persons, WorstInput, WorstTenth
 from ..scenario.body import OWNER, SEX, is_of_subject
 from ..subject.anthropometry import MASS, STATURE
-from .estimates import injury_estimate, mean_estimate
+from ..uq import statistics
+from .estimates import estimate, injury_estimate, injury_of_other_shapes, mean_estimate
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,7 +24,6 @@ SHOWN = (STATURE, MASS, "foot_length", "foot_breadth")
 BANDS = 5
 FEWEST = 20  # landings a band
 TENTH = 0.1
-NORMAL_95 = 1.959963984540054
 
 
 def persons_of(
@@ -47,19 +48,36 @@ def persons_of(
     units: dict[str, str] = {}
     for heading in headings:
         name, unit = _name_and_unit(heading)
-        if name.removeprefix(OWNER) in SHOWN and is_of_subject(name) and np.ptp(inputs[heading]) > 0:
-            units[name] = unit
-            bands[name] = _bands(inputs[heading].to_numpy(float), tables, keys, random)
+        if name.removeprefix(OWNER) in SHOWN and is_of_subject(name):
+            parts = _parts(inputs[heading].to_numpy(float))
+            if len(parts) > 1:
+                units[name] = unit
+                bands[name] = _bands(inputs[heading].to_numpy(float), parts, tables, keys, random)
     worst = {name: _worst(rows, headings, keys, response, random) for name, rows in tables.items()}
     return Persons(response, units, bands, worst)
 
 
+def _parts(measure: Array) -> list[NDArray[np.intp]]:
+    """The rows of each part of the measure's range: equal numbers of landings, but those of one value stay together, so
+    that no person is among the small and among the tall."""
+    order = np.argsort(measure, kind="stable")
+    ordered, n = measure[order], len(measure)
+    borders = np.flatnonzero(np.diff(ordered)) + 1
+    cuts = [0]
+    for part in np.array_split(np.arange(n), min(BANDS, n // FEWEST))[1:]:
+        near = borders[np.argmin(np.abs(borders - part[0]))] if len(borders) else n
+        if min(near - cuts[-1], n - near) >= FEWEST:
+            cuts.append(int(near))
+    return np.split(order, cuts[1:])
+
+
 def _bands(
-    measure: Array, tables: Mapping[str, pd.DataFrame], keys: Sequence[str], random: bool
+    measure: Array,
+    parts: Sequence[NDArray[np.intp]],
+    tables: Mapping[str, pd.DataFrame],
+    keys: Sequence[str],
+    random: bool,
 ) -> tuple[PersonBand, ...]:
-    """Parts of the measure's range with equal numbers of landings."""
-    count = min(BANDS, len(measure) // FEWEST)
-    parts = np.array_split(np.argsort(measure, kind="stable"), count)
     return tuple(
         PersonBand(
             float(measure[rows].min()),
@@ -67,6 +85,7 @@ def _bands(
             len(rows),
             {name: _means(table.iloc[rows], keys, random) for name, table in tables.items()},
             float(measure[rows].mean()),
+            {name: _of_other_shapes(table.iloc[rows], keys) or {} for name, table in tables.items()},
         )
         for rows in parts
     )
@@ -79,6 +98,10 @@ def _means(rows: pd.DataFrame, keys: Sequence[str], random: bool) -> Estimates:
     return found
 
 
+def _of_other_shapes(rows: pd.DataFrame, keys: Sequence[str]) -> dict[str, float] | None:
+    return injury_of_other_shapes(rows[INVERSION].to_numpy(float)) if INJURY in keys and INJURY in rows else None
+
+
 def _worst(rows: pd.DataFrame, headings: Sequence[str], keys: Sequence[str], response: str, random: bool) -> WorstTenth:
     n = max(2, math.ceil(TENTH * len(rows)))
     order = np.argsort(-rows[response].to_numpy(float), kind="stable")
@@ -89,13 +112,23 @@ def _worst(rows: pd.DataFrame, headings: Sequence[str], keys: Sequence[str], res
         one, other = worst[heading].to_numpy(float), rest[heading].to_numpy(float)
         sd = float(np.std(rows[heading].to_numpy(float), ddof=1))
         if sd > 0:
-            shift = (one.mean() - other.mean()) / sd
-            half = NORMAL_95 * math.sqrt(one.var(ddof=1) / len(one) + other.var(ddof=1) / len(other)) / sd
-            ends = (float(shift - half), float(shift + half)) if random else (None, None)
-            estimate = MeanEstimate(float(shift), ends[0], ends[1], n)
-            found[name] = WorstInput(unit, float(one.mean()), float(other.mean()), estimate)
+            shift = estimate(statistics.difference_of_means(one / sd, other / sd), n, random)
+            found[name] = WorstInput(unit, float(one.mean()), float(other.mean()), shift)
     ordered = sorted(found.items(), key=lambda item: -abs(item[1].shift.value or 0.0))
-    return WorstTenth(n, float(worst[response].min()), _means(worst, keys, random), dict(ordered))
+    means = {key: _mean_of_worst(key, rows, response, n, random) for key in keys if key in rows}
+    shapes = _of_other_shapes(worst, keys)
+    return WorstTenth(n, float(worst[response].min()), means, dict(ordered), shapes)
+
+
+def _mean_of_worst(key: str, rows: pd.DataFrame, response: str, n: int, random: bool) -> MeanEstimate:
+    values, by = (rows[name].to_numpy(float) for name in (key, response))
+    known = np.isfinite(values)
+    if known.sum() < len(rows):  # the border lies elsewhere among those that are known
+        return MeanEstimate(float(np.nanmean(values[np.argsort(-by, kind="stable")[:n]])), n=n)
+    found = statistics.mean_of_largest(values, by, n)
+    if key == INJURY:
+        found = statistics.Estimate(found.value, max(found.low, 0.0), min(found.high, 1.0))
+    return estimate(found, n, random)
 
 
 def _name_and_unit(heading: str) -> tuple[str, str]:
@@ -117,16 +150,18 @@ def persons_listing(persons: Persons, metric: str, label: str, factor: float) ->
             row = f"  {' ... '.join(band.ends)}"
             lines.append(f"{row:44}" + "".join(f"{c:>{width}}" for c in cells))
     for brace, worst in persons.worst.items():
-        told = ", ".join(_shifted(name, i.shift.value or 0.0) for name, i in list(worst.inputs.items())[:4])
+        told = ", ".join(_shifted(name, i.shift) for name, i in list(worst.inputs.items())[:4])
         lines += [""] if brace == next(iter(persons.worst)) else []
         lines.append(f"worst tenth with {brace} ({label} from {factor * worst.above:.1f}): {told}")
     return lines
 
 
-def _shifted(name: str, shift: float) -> str:
+def _shifted(name: str, shift: MeanEstimate) -> str:
+    value = shift.value or 0.0
+    text = f"{value:+.1f}" + (f" ± {shift.half_width:.1f}" if shift.half_width else "") + " SD"
     if name == SEX:
-        return f"more {'men' if shift > 0 else 'women'} ({shift:+.1f} SD)"
-    return f"{name.partition('.')[2].replace('_', ' ')} {shift:+.1f} SD"
+        return f"more {'men' if value > 0 else 'women'} ({text})"
+    return f"{name.partition('.')[2].replace('_', ' ')} {text}"
 
 
 def _cell(e: MeanEstimate | None, factor: float) -> str:

@@ -97,10 +97,11 @@ def draw(folders: Sequence[Folder]) -> Iterator[Drawn]:
         compared = {id(m) for f in folders if isinstance(f, ComparisonFolder) for m in f.members.values()}
         yield from _pairs([(name, study) for name, study in studies if id(study) not in compared])
     for folder in folders:
-        if isinstance(folder, ComparisonFolder) and folder.summary.persons is not None:
+        persons = folder.summary.persons if isinstance(folder, ComparisonFolder) else None
+        if isinstance(folder, ComparisonFolder) and persons is not None and persons.bands:
             caption = (
-                "Means over parts of the persons with equal numbers, with 95 % intervals; the same landings with every "
-                "brace."
+                "Means over parts of the persons with equal numbers, the same landings with every brace, and their "
+                "95 % intervals. Pale: the probability for thresholds of another shape; more landings do not narrow it."
             )
             yield Drawn("persons", "For whom does each brace work?", caption, partial(persons_figure, folder.summary))
             break

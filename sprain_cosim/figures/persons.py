@@ -11,20 +11,23 @@ from matplotlib.figure import Figure
 
 from ..folders.comparison import INJURY, NONE, ComparisonSummary, Persons
 from ..literature import INJURY_INVERSION_TEXT
+from ..records import ends_of
 from .style import SeriesLook, label, legend_above, palette, sheet, styled
 
 HEIGHT = 3.4  # cm of a panel
+PALE, WIDE = 0.25, 4.0  # of what the shape of the threshold leaves open, points
 
 
 @styled
 def persons_figure(summary: ComparisonSummary) -> Figure:
     """One row a measure: the mean of the response left, the probability right, over parts of the measure's range with
-    equal numbers of landings, each with its 95 % interval. `summary` has persons."""
+    equal numbers of landings, each with its 95 % interval, and pale what the shape of the threshold leaves open of
+    the probability. `summary` has persons, and parts of them."""
     persons = summary.persons
     assert persons is not None
     parts = ", ".join(str(n) for n in sorted({len(bands) for bands in persons.bands.values()}))
     note = f"{summary.source}: {summary.count}, the same for every brace. Means over {parts} parts of the persons with "
-    note += "equal numbers, with their 95\u00a0% intervals."
+    note += "equal numbers, with their 95\u00a0% intervals; pale, of the probability: a threshold of another shape."
     drawn, axes = sheet([HEIGHT] * len(persons.bands), note, columns=2)
     braces = list(next(iter(persons.bands.values()))[0].metrics)
     shown = palette(list(summary.braces), [NONE])
@@ -53,6 +56,11 @@ def _by_measure(
             continue
         offset = 0.004 * (bands[-1].high - bands[0].low) * (shift - 0.5 * (len(look) - 1))
         x = np.array([at + offset for at, _ in points])
+        shapes = [ends_of(band.injury_shapes.get(brace)) if metric == INJURY else None for band in bands]
+        for at, doubt in zip(middles, shapes, strict=True):
+            if doubt:
+                low_end, high_end = (factor * end for end in doubt)
+                axis.vlines(at + offset, low_end, high_end, color=one.colour, alpha=PALE, linewidth=WIDE)
         y = factor * np.array([e.value for _, e in points], float)
         ends = [[e.value if end is None else end for end in (e.ci_low, e.ci_high)] for _, e in points]
         low, high = factor * np.array(ends, float).T

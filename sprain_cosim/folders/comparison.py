@@ -153,10 +153,11 @@ class Decisions(Record):
 class PersonBand(Record):
     """The landings of persons within a part of the range of a measure.
 
-    low, high  ends of the part, in the measure's unit
-    n          landings that completed with every brace
-    metrics    {brace: {metric: mean over them}}
-    mean       of the measure over them; None in a file that does not have it
+    low, high      ends of the part, in the measure's unit
+    n              landings that completed with every brace
+    metrics        {brace: {metric: mean over them}}
+    mean           of the measure over them; None in a file that does not have it
+    injury_shapes  {brace: {law: ...}}, the metric probability_of_injury as in BraceSummary
     """
 
     low: float
@@ -164,6 +165,7 @@ class PersonBand(Record):
     n: int
     metrics: Mapping[str, Estimates] = field(default_factory=dict)
     mean: float | None = None
+    injury_shapes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def ends(self) -> tuple[str, str]:
@@ -178,7 +180,7 @@ class WorstInput(Record):
 
     unit         "" where it has no dimension
     worst, rest  its mean there, and over the other landings, in the unit
-    shift        their difference in standard deviations of the input, with its 95 % interval
+    shift        their difference in standard deviations of the input, with Welch's 95 % interval
     """
 
     unit: str
@@ -191,16 +193,18 @@ class WorstInput(Record):
 class WorstTenth(Record):
     """The tenth of a brace's landings in which the foot rolled farthest.
 
-    n        landings in it
-    above    all of them lie at or above this value of the metric that `Persons` names
-    metrics  means over them
-    inputs   {"component.parameter": ...}, the largest shift first
+    n              landings in it
+    above          all of them lie at or above this value of the metric that `Persons` names
+    metrics        means over them, as estimates of those over the worst tenth of all landings there may be
+    inputs         {"component.parameter": ...}, the largest shift first
+    injury_shapes  {law: ...}, the metric probability_of_injury as in BraceSummary; None in a file that does not have it
     """
 
     n: int
     above: float
     metrics: Estimates = field(default_factory=dict)
     inputs: Mapping[str, WorstInput] = field(default_factory=dict)
+    injury_shapes: Mapping[str, float] | None = optional()
 
 
 @dataclass(frozen=True)
@@ -209,7 +213,8 @@ class Persons(Record):
 
     response  by which landings are worst
     units     {measure: unit}
-    bands     {measure: parts of its range with equal numbers of landings, ascending}
+    bands     {measure: parts of its range with equal numbers of landings as far as those of one value stay together,
+              ascending}; none of a measure that has no two such parts
     worst     {brace: ...}
     """
 

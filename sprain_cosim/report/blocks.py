@@ -9,6 +9,9 @@ from typing import Any, ClassVar
 
 from markupsafe import Markup
 
+from ..folders.comparison import MeanEstimate
+from .words import fine_ends, percentage
+
 
 def rich(text: str, **values: Any) -> Markup:
     """The text, whose tags are ours, with `values` in it, which are escaped."""
@@ -32,6 +35,15 @@ class Cell:
 
 
 Row = Sequence[str | Cell]
+
+
+def probability_cell(e: MeanEstimate | None, shapes: tuple[float, float] | None) -> str | Cell:
+    """A probability in percent, with what the landings leave open and what the shape of its threshold does."""
+    if e is None or e.value is None:
+        return ""
+    doubts = [f"landings {line}" for line in fine_ends(e.ci_low, e.ci_high)]
+    doubts += [f"threshold's shape {line}" for line in fine_ends(*(shapes or (None, None)))]
+    return Cell(percentage(e.value), tuple(doubts))
 
 
 @dataclass(frozen=True)

@@ -7,21 +7,23 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..figures.style import PARAMETERS, label
-from ..folders.comparison import INJURY, NONE, MeanEstimate, Persons, WorstInput
+from ..folders.comparison import INJURY, NONE, MeanEstimate, PersonBand, Persons, WorstInput
 from ..folders.run import RunFolder, RunSummary
 from ..folders.study import StudyFolder
+from ..records import ends_of
 from ..scenario.body import is_of_subject
 from ..study.summary import VarianceShare
 from ..subject.anthropometry import SEXES
 from ..subject.person import Subject
 from ..units import shown_unit, unit
-from .blocks import Block, Cell, Heading, PageTable, Paragraph, Row
-from .words import ends, percent, percentage, percentage_ends, rounded, signed
+from .blocks import Block, Cell, Heading, PageTable, Paragraph, Row, probability_cell
+from .words import ends, fine_ends, percent, rounded, signed
 
 WORST_INPUTS = 6  # rows of each brace
 OF_WORST = (
     "Worst tenth: the landings in which the foot inverted farthest. Shift: by how many standard deviations of the "
-    "input their mean lies from that of the other landings. Small: 95 % intervals."
+    "input their mean lies from that of the other landings. Small: 95 % intervals, each for its input alone: of twenty "
+    "inputs that do nothing one leaves zero by chance."
 )
 OF_GROUPS = (
     "What each group of inputs explains of the response's variance by itself, by a polynomial of degree 1 or 2; the "
@@ -31,7 +33,7 @@ OF_GROUPS = (
 
 
 def persons_tables(persons: Persons) -> list[Block]:
-    blocks: list[Block] = [Heading("For whom does each brace work?"), _bands(persons)]
+    blocks: list[Block] = [Heading("For whom does each brace work?"), _bands(persons)] if persons.bands else []
     for brace in persons.worst:
         blocks += [Heading(f"The worst tenth: {_named(brace)}"), _worst(persons, brace)]
     return [*blocks, Paragraph(OF_WORST, "about")]
@@ -39,7 +41,7 @@ def persons_tables(persons: Persons) -> list[Block]:
 
 def persons_sentence(persons: Persons | None, brace: str) -> str:
     """The probability in the lowest and in the highest fifth of the measure that moves it most, where their intervals
-    are apart; empty where nothing was estimated."""
+    are apart, with its doubts; empty where nothing was estimated."""
     known = []
     for name, bands in persons.bands.items() if persons else ():
         found = [(b.metrics.get(brace, {}).get(INJURY), b) for b in (bands[0], bands[-1])]
@@ -58,8 +60,20 @@ def persons_sentence(persons: Persons | None, brace: str) -> str:
             "who have least and most of it."
         )
     unit = persons.units[name]
-    high, low = (f"{percent(p)} for {' to '.join(b.ends)} {unit}" for p, b in ((most, many), (least, few)))
+    high, low = (
+        f"{percent(p)} for {' to '.join(b.ends)} {unit}{_open(b, brace)}" for p, b in ((most, many), (least, few))
+    )
     return f" With {brace} that probability depends on the {label(name)}: {high}, {low}."
+
+
+def _open(band: PersonBand, brace: str) -> str:
+    """What leaves the probability in a part of the persons open."""
+    e = band.metrics[brace][INJURY]
+    found = [f"landings {line}" for line in fine_ends(e.ci_low, e.ci_high)]
+    found += [
+        f"threshold's shape {line}" for line in fine_ends(*(ends_of(band.injury_shapes.get(brace)) or (None, None)))
+    ]
+    return f" ({'; '.join(found)} %)" if found else ""
 
 
 def _landed(summary: RunSummary) -> list[Row]:
@@ -106,7 +120,8 @@ def _bands(persons: Persons) -> PageTable:
             row: list[str | Cell] = [f"{label(name)} {' to '.join(band.ends)} {persons.units[name]}"]
             for brace in braces:
                 found = band.metrics.get(brace, {})
-                row += [_mean(found.get(persons.response)), _risk(found.get(INJURY))]
+                shapes = ends_of(band.injury_shapes.get(brace))
+                row += [_mean(found.get(persons.response)), probability_cell(found.get(INJURY), shapes)]
             rows.append(row)
     heads = [f"{_named(b)}: {what}" for b in braces for what in ("peak inversion [°]", "P(injury) [%]")]
     return PageTable(["persons", *heads], rows)
@@ -165,7 +180,3 @@ def _named(brace: str) -> str:
 
 def _mean(e: MeanEstimate | None) -> str | Cell:
     return "" if e is None or e.value is None else Cell(rounded(e.value), ends(e.ci_low, e.ci_high))
-
-
-def _risk(e: MeanEstimate | None) -> str | Cell:
-    return "" if e is None or e.value is None else Cell(percentage(e.value), percentage_ends(e.ci_low, e.ci_high))

@@ -20,7 +20,7 @@ from ..metrics import pose_artefacts, table, unit_of
 from ..records import ends_of
 from ..study.manifest import FmuFile
 from ..study.summary import FormSearch, LevelSearch, Percentile, Probability, Response, SobolSearch
-from .blocks import Block, Cell, Folded, Heading, PageTable, Paragraph, Row
+from .blocks import Block, Cell, Folded, Heading, PageTable, Paragraph, Row, probability_cell
 from .design import design_blocks
 from .persons import groups_table, persons_tables, who_landed
 from .words import ends, fine_ends, percent, percentage, rounded, signed
@@ -126,7 +126,7 @@ def _comparison(folder: ComparisonFolder) -> PageTable:
         found = [b.metrics.get(key) for b in braces.values()]
         if any(e and e.value is not None for e in found):
             cells = (
-                _share(e, b.injury_doubt)
+                probability_cell(e, b.injury_doubt)
                 if key == INJURY
                 else _estimate(e, factor, step=b.coupling_doubt_deg if key == PEAKS[0] else None)
                 for e, b in zip(found, braces.values(), strict=True)
@@ -156,15 +156,6 @@ def _estimate(e: MeanEstimate | None, factor: float, sign: bool = False, step: f
     value = factor * e.value
     by_the_step = () if step is None else (f"step ± {step:.2g}",)
     return Cell(signed(value, 2) if sign else rounded(value), (*ends(e.ci_low, e.ci_high, factor), *by_the_step))
-
-
-def _share(e: MeanEstimate | None, shapes: tuple[float, float] | None) -> str | Cell:
-    """A probability in percent, with what the landings leave open and what the shape of its threshold does."""
-    if e is None or e.value is None:
-        return ""
-    doubts = [f"landings {line}" for line in fine_ends(e.ci_low, e.ci_high)]
-    doubts += [f"threshold's shape {line}" for line in fine_ends(*(shapes or (None, None)))]
-    return Cell(percentage(e.value), tuple(doubts))
 
 
 def _share_changed(e: MeanEstimate | None, shapes: tuple[float, float] | None) -> str | Cell:

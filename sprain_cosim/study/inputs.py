@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from array import array
 from collections.abc import Callable, Mapping, Sequence
@@ -14,7 +15,8 @@ from ..cosim.system import System
 from ..errors import InputError, nearest, problems_to_error
 from ..files import read_csv
 from ..fmu.element import Connector
-from ..scenario.body import is_of_subject, plant_values, with_measures
+from ..scenario.body import OWNER, SEX, is_of_subject, plant_values, with_measures
+from ..subject.anthropometry import SEXES, USUAL, Anthropometry, anthropometry
 from ..subject.person import Subject
 from ..units import Unit
 from ..uq.distributions import Array
@@ -24,6 +26,7 @@ DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 OPTIONAL = ("plant", "controller", "brace")  # a column of one that the scenario lacks is dropped, with a warning
 OUTCOMES = ("status", "message")  # columns of trials.csv that are no inputs
 ENOUGH = 5  # problems after which the rest of the rows is not read
+OUTSIDE = 4.0 * USUAL[0]  # of all persons, by one measure: below or above, alone or beside the others
 
 
 @dataclass(frozen=True)
@@ -105,6 +108,31 @@ def persons_problems(rows: InputTable, subject: Subject, system: System) -> list
             if len(found) > ENOUGH:
                 break
     return found
+
+
+def unusual_persons(rows: InputTable, subject: Subject) -> list[str]:
+    """A line where more rows than chance explains hold persons with unusual measures; none where nobody varies."""
+    columns = {name.removeprefix(OWNER): values for name, values in rows.columns.items() if is_of_subject(name)}
+    if not columns:
+        return []
+    n = len(rows.numbers)
+    sexes = columns.pop(SEX.removeprefix(OWNER), np.full(n, float(SEXES.index(subject.sex))))
+    given = {name: np.full(n, value) for name, value in subject.measures.items()} | columns
+    found: dict[int, Anthropometry] = {}
+    for number, sex in enumerate(SEXES):
+        at = np.flatnonzero(sexes == number)
+        law = anthropometry(sex)
+        if given and len(at):
+            found |= dict.fromkeys(at[law.unusual_rows({name: v[at] for name, v in given.items()})].tolist(), law)
+    expected = n * len(given) * OUTSIDE
+    if len(found) <= expected + 3.0 * math.sqrt(expected):
+        return []
+    first = min(found)
+    why = found[first].unusual({name: float(values[first]) for name, values in given.items()})
+    return [
+        f"{len(found)} of {n} persons have measures outside what is usual; trial {rows.numbers[first]}: {why[0]}; "
+        "factors follow the measures all the same, and the estimates extrapolate"
+    ]
 
 
 @dataclass

@@ -31,7 +31,7 @@ from ..uq.measured import Measured
 from .goal import GRAMMAR, LANDINGS, Goal, goal_problems, parse_goal, parse_vary
 from .identity import digest_of, identity
 from .inputs import parameter as varied_parameter
-from .inputs import persons_problems, read_table
+from .inputs import persons_problems, read_table, unusual_persons
 from .marginals import Fitted
 from .methods import METHODS, SEARCHES, USED_BY
 from .population import Population
@@ -586,7 +586,7 @@ class Plan(Card):
         one, but those `kept`. `subject`: whose rules hold for all. Raises InputError for a plant that cannot be other
         persons."""
         subject = subject or Subject(SEXES[0])
-        sex = subject.sex if subject.sex in population.shares else next(iter(population.shares))
+        sex = subject.sex if subject.sex in population.drawn else next(iter(population.drawn))
         one = replace(subject, sex=sex, measures=dict(population.fixed))
         parameters, gone = without_person(
             self.scenario.parameters, one, self.scenario.parameters if self.population else kept
@@ -604,7 +604,7 @@ class Plan(Card):
             marginals=marginals,
             units={**population.units, **{name: unit for name, unit in self.units.items() if not is_of_subject(name)}},
             correlation=population.correlations(list(marginals), rest),
-            warnings=(*self.warnings, *gone),
+            warnings=tuple(dict.fromkeys((*self.warnings, *gone, *population.warnings))),
         )
 
     def replace_fmu(self, name: str, fmu: Path | str, mapping: Path | str | None = None) -> Self:
@@ -699,12 +699,15 @@ class Plan(Card):
             for name, m in own.items()
             if name not in rows.columns and not m.is_fixed
         )
-        left = (f"{path}: has no column for {held}; held at that, its mean, in all rows",) if held else ()
+        left: tuple[str, ...] = (
+            (f"{path}: has no column for {held}; held at that, its mean, in all rows",) if held else ()
+        )
         scenario = self.scenario
         if self.population is not None and scenario.subject is not None:
             scenario = replace(scenario, subject=replace(scenario.subject, measures=self.population.fixed))
         if scenario.subject is not None:
             problems_to_error(str(path), persons_problems(rows, scenario.subject, system))
+            left += tuple(f"{path}: {line}" for line in unusual_persons(rows, scenario.subject))
         return replace(
             self,
             scenario=scenario,

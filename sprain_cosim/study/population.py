@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -60,6 +61,8 @@ POPULATION = keys.Table(
     )
 )
 
+NOBODY, FEW = 1e-6, 0.01  # shares of a sex that is not drawn, and that is worth no word
+
 
 @dataclass(frozen=True)
 class Population:
@@ -67,35 +70,52 @@ class Population:
 
     shares    {sex: its share}, sum 1
     measures  that vary
-    fixed     {measure that all of them share: its value [m, kg]}
+    fixed     {measure that all of those who land share: its value [m, kg]}
     """
 
     shares: Mapping[str, float]
     measures: tuple[str, ...] = SCALING
     fixed: Mapping[str, float] = field(default_factory=dict)
 
+    @cached_property
+    def drawn(self) -> dict[str, float]:
+        """{sex: its share of those who have the fixed measures}, sum 1: of a mixed population hardly one of the tall is
+        a woman."""
+        density = {sex: anthropometry(sex).log_density(self.fixed) for sex in self.shares}
+        weight = {sex: share * math.exp(density[sex] - max(density.values())) for sex, share in self.shares.items()}
+        some = {sex: w for sex, w in weight.items() if w > NOBODY * sum(weight.values())}
+        return {sex: w / sum(some.values()) for sex, w in some.items()} if self.fixed else {**self.shares}
+
     @property
     def words(self) -> str:
         """In a heading: "population of women and men (50 : 50 %)"."""
-        told = " and ".join(NOUNS_OF_MANY[sex] for sex in self.shares)
-        if len(self.shares) > 1:
-            told += f" ({' : '.join(f'{100 * share:.3g}' for share in self.shares.values())} %)"
+        told = " and ".join(NOUNS_OF_MANY[sex] for sex in self.drawn)
+        if len(self.drawn) > 1:
+            told += f" ({' : '.join(f'{100 * share:.3g}' for share in self.drawn.values())} %)"
         shared = (
             f", {name.replace('_', ' ')} {value:.4g} {unit_of_measure(name)}" for name, value in self.fixed.items()
         )
-        return f"population of {told}{''.join(shared)}"
+        varied = ", ".join(name.replace("_", " ") for name in self.measures if name not in self.fixed)
+        alone = varied and not {*SCALING} <= {*self.measures, *self.fixed}
+        return f"population of {told}{''.join(shared)}" + (f", drawn by {varied} alone" if alone else "")
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is unusual about the measures that all of them share, a line each."""
+        some = [sex for sex, share in self.drawn.items() if share > FEW]
+        lines = [line for sex in some for line in anthropometry(sex).unusual(self.fixed)]
+        return tuple(f"population: {line}; what else is drawn extrapolates" for line in lines)
 
     @property
     def marginals(self) -> dict[str, Marginal]:
         """{"subject.NAME": over the sexes}; the sex first where there are several."""
-        laws = [self.law(sex)[0] for sex in self.shares]
+        laws, shares = [self.law(sex)[0] for sex in self.drawn], tuple(self.drawn.values())
         if len(laws) == 1:
             return laws[0]
-        codes = tuple(float(SEXES.index(sex)) for sex in self.shares)
-        found: dict[str, Marginal] = {SEX: Choices(codes, tuple(self.shares.values()))}
+        found: dict[str, Marginal] = {SEX: Choices(tuple(float(SEXES.index(sex)) for sex in self.drawn), shares)}
         for name in laws[0]:
             parts = tuple(law[name] for law in laws)
-            found[name] = parts[0] if parts[0].is_fixed else Mixture(parts, tuple(self.shares.values()))
+            found[name] = parts[0] if parts[0].is_fixed else Mixture(parts, shares)
         return found
 
     @property
@@ -126,9 +146,9 @@ class Population:
 
     def correlations(self, names: list[str], others: Array | None) -> Array | None:
         """(d, d) of all inputs of a study of one sex; `others`: those of the inputs after its own. None: none."""
-        if len(self.shares) > 1:
+        if len(self.drawn) > 1:
             return None if others is None else _joined(np.eye(len(self.marginals)), others)
-        own = self.law(next(iter(self.shares)))[1]
+        own = self.law(next(iter(self.drawn)))[1]
         rest = np.eye(len(names) - len(own)) if others is None else others
         return _joined(own, rest)
 
@@ -138,7 +158,7 @@ class Population:
         if not isinstance(marginals.get(SEX), Choices):
             return JointDistribution(tuple(marginals.values()), correlation)
         parts = []
-        for sex in self.shares:
+        for sex in self.drawn:
             own, block = self.law(sex)
             laws = {**marginals, **own, SEX: Fixed(float(SEXES.index(sex)))}
             joined = np.eye(len(names)) if correlation is None else correlation.copy()

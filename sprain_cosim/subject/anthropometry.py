@@ -28,6 +28,7 @@ NOUNS = {"female": "woman", "male": "man"}
 NOUNS_OF_MANY = {"female": "women", "male": "men"}
 LIKELY = 4.5  # standard deviations from the mean
 USUAL = (0.001, 0.999)  # of a population; a measure outside is worth a word
+USUAL_SCORE = 3.090232306167813  # its ends in standard deviations
 SPREAD = (0.2, 4.0)  # of the smallest and the largest mean: beyond lies a mistake of units
 YOUNGEST, OLDEST = 17, 58  # years of those who were measured
 
@@ -62,6 +63,14 @@ class Anthropometry:
     def share_below(self, name: str, value: float) -> float:
         """Share of the sex whose measure is smaller."""
         return _below(self.score(name, value))
+
+    def log_density(self, given: Mapping[str, float]) -> float:
+        """Logarithm of the density of these measures together, but for a term that both sexes have alike."""
+        known = [self.names.index(name) for name in given]
+        correlation = self.correlation[np.ix_(known, known)]
+        z = np.array([self.score(name, value) for name, value in given.items()])
+        scales = sum(math.log(self._law(name)[1]) for name in given)
+        return float(-0.5 * (z @ np.linalg.solve(correlation, z) + np.linalg.slogdet(correlation)[1]) - scales)
 
     def conditional(self, given: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
         """{measure: mean} and {measure: standard deviation} of all, given some; those of a given measure are itself
@@ -112,6 +121,17 @@ class Anthropometry:
                 shared = " and ".join(self._measure(n, v) for n, v in others.items())
                 lines.append(f"{self._measure(name, value)} is {self._side(share)} with {shared}")
         return lines
+
+    def unusual_rows(self, given: Mapping[str, NDArray[np.float64]]) -> NDArray[np.bool_]:
+        """Which persons have a measure outside what is usual, alone or beside their other ones; {measure: (n,)}."""
+        names = list(given)
+        known = [self.names.index(name) for name in names]
+        location, scale = np.array([self._law(name) for name in names]).reshape(-1, 2).T
+        straight = np.column_stack([np.log(given[name]) if name == MASS else given[name] for name in names])
+        z = (straight - location) / scale
+        precision = np.linalg.inv(self.correlation[np.ix_(known, known)])
+        beside = z @ precision / np.sqrt(np.diag(precision))
+        return np.asarray((np.maximum(np.abs(z), np.abs(beside)) > USUAL_SCORE).any(axis=1))
 
     def _side(self, share: float) -> str:
         """Where a measure lies among those of the sex; beyond all of them the tail of a fitted law is no number."""

@@ -185,7 +185,8 @@ class Subject:
         """{parameter of the plant: value [kg, 1]}; `measures` go on top of the subject's own. The passive ankle's
         coefficients stand as factors of the model's."""
         given = {**self.measures, **(measures or {})}
-        person = Person.estimated(self.sex, given)
+        known = given.keys() >= set(SCALING)  # estimates of the rest move nothing
+        person = Person(self.sex, given, {}) if known else Person.estimated(self.sex, given)
         return {
             BODY_MASS: person.measures[MASS],
             **{

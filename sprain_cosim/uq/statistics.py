@@ -27,11 +27,13 @@ __all__ = [
     "agreement",
     "between_levels",
     "clopper_pearson",
+    "difference_of_means",
     "empirical_cdf",
     "exceedance",
     "exceedance_of_levels",
     "levels_as_sample",
     "mean",
+    "mean_of_largest",
     "order_statistic_ranks",
     "percentile",
     "percentile_bounds",
@@ -176,7 +178,7 @@ def replicated_exceedance(
     return Estimate(found.value, max(found.low, 0.0), min(high, 1.0))
 
 
-def _student(freedom: int, confidence: float) -> float:
+def _student(freedom: float, confidence: float) -> float:
     return float(stdtrit(freedom, 0.5 * (1.0 + _probability(confidence, "the confidence"))))
 
 
@@ -194,6 +196,35 @@ def mean(y: ArrayLike, confidence: float = 0.95, skewed: bool = False) -> Estima
 
 
 _SKEW_KNOWN = 20  # values whose skewness says something
+
+
+def difference_of_means(one: ArrayLike, other: ArrayLike, confidence: float = 0.95) -> Estimate:
+    """The mean of one sample minus that of another one of its own spread, with Welch's interval (B. L. Welch,
+    Biometrika 34 (1947) 28-35)."""
+    samples = _sample(one, 2), _sample(other, 2)
+    value = float(np.mean(samples[0]) - np.mean(samples[1]))
+    spread = [float(np.var(y, ddof=1)) / len(y) for y in samples]
+    if not sum(spread) > 0:
+        return Estimate(value, value, value)
+    freedom = sum(spread) ** 2 / sum(v**2 / (len(y) - 1) for v, y in zip(spread, samples, strict=True))
+    half = _student(freedom, confidence) * math.sqrt(sum(spread))
+    return Estimate(value, value - half, value + half)
+
+
+def mean_of_largest(values: ArrayLike, by: ArrayLike, count: int, confidence: float = 0.95) -> Estimate:
+    """The mean of `values` over the `count` rows whose `by` is largest, as an estimate of that over the same share of
+    all rows there may be. Where the border lies is estimated as well, so that the variance of the mean is that of
+    the values beyond it plus (1 - share) times the square of their mean's distance from the border, over `count`
+    (S. X. Chen, J. Financ. Econom. 6 (2008) 87-107, of the shortfall, whose values are `by` itself)."""
+    ordered = _sample(values, 4)[np.argsort(-np.asarray(by, dtype=float), kind="stable")]
+    if not 2 <= count < len(ordered):
+        raise ValueError(f"expected between 2 and {len(ordered) - 1} rows, got {count}")
+    largest, around = ordered[:count], max(1, count // 4)
+    value, share = float(np.mean(largest)), count / len(ordered)
+    distance = value - float(np.mean(ordered[count - around : count + around]))
+    variance = (float(np.var(largest, ddof=1)) + (1.0 - share) * distance**2) / count
+    half = _student(count - 1, confidence) * math.sqrt(variance)
+    return Estimate(value, value - half, value + half)
 
 
 def standard_deviation(y: ArrayLike, confidence: float = 0.95) -> Estimate:

@@ -21,12 +21,13 @@ from sprain_cosim.scenario.body import OWNER
 from sprain_cosim.study.manifest import read_manifest
 from sprain_cosim.study.replay import replay
 from sprain_cosim.study.study import Study
-from sprain_cosim.subject import anthropometry, parse_subject
+from sprain_cosim.subject import Subject, anthropometry, base_person, parse_subject
+from sprain_cosim.subject.person import BASE
 from sprain_cosim.uq.distributions import Normal
 
 PEAK = "peak_subtalar_angle_deg"
 WOMAN = "female, 1.63 m, 62 kg"
-SMALL = {"stop": "60 ms"}  # persons differ well before
+PAPER = ("_reflex", "_coactivation", "_brace", "_mixed")
 
 
 @pytest.fixture(scope="module")
@@ -34,9 +35,37 @@ def mixed() -> Scenario:
     return load_scenario("incline30_mixed").with_master(stop="60 ms")
 
 
-def test_the_base_person_lands_as_without_a_subject(mixed: Scenario) -> None:
-    base = mixed.with_subject("female, 1.80 m, 67.54377325440001 kg")
-    assert base.run().metrics == mixed.run().metrics
+@pytest.mark.parametrize("name", ["level", *(f"incline30{w}" for w in ("", *PAPER))])
+def test_the_base_person_said_in_any_way_lands_as_nobody_named(name: str) -> None:
+    """To the bit, in every signal: by stature and mass, by all measures, by the plant's mass and factors."""
+    plain = load_scenario(name).with_master(stop="60 ms")
+    factors = {f"plant.{key}": value for key, value in BASE.parameters().items()}
+    assert len(factors) == 16
+    assert {value for key, value in factors.items() if "_scale_" in key} == {1.0}
+    ways = {
+        "stature and mass": plain.with_subject("female, 1.80 m, 67.54377325440001 kg"),
+        "all measures": plain.with_subject(Subject("female", base_person().measures)),
+        "factors": plain.with_parameters(factors | {"plant.muscle_force_scale": 1.0}),
+    }
+    expected = plain.run()
+    assert expected.metrics
+    for way, scenario in ways.items():
+        found = scenario.run()
+        assert found.metrics == expected.metrics, way
+        for signal in expected.signals:
+            assert np.array_equal(found.signals[signal], expected.signals[signal]), f"{way}: {signal}"
+
+
+def test_another_person_between_two_landings_leaves_nothing(mixed: Scenario) -> None:
+    """In one session, as trials follow each other."""
+    woman = mixed.with_subject(WOMAN)
+    with woman.open() as session:
+        base = {f"{OWNER}{name}": value for name, value in base_person().measures.items()}
+        runs = [session.run(base if k % 2 else {}) for k in range(4)]
+    alone = mixed.run()
+    assert runs[0].metrics == runs[2].metrics != runs[1].metrics
+    for run in (runs[1], runs[3]):
+        assert all(np.array_equal(run.signals[name], alone.signals[name]) for name in alone.signals)
 
 
 def test_a_subject_is_its_parameters(mixed: Scenario) -> None:
@@ -192,6 +221,41 @@ def test_what_no_population_allows(population: Study, tmp_path: Path) -> None:
         sc.load_study(path)
 
 
+def test_those_who_share_a_measure_are_of_the_sexes_that_have_it(population: Study) -> None:
+    """By Bayes' rule: of the women and men of a large sample who are that tall, as many are women."""
+    shared = population.override("subject.stature", "1.70 m")
+    assert shared.population is not None
+    women = shared.population.drawn["female"]
+    x = pd.DataFrame(replace(population, trials=100_000).sample(), columns=list(population.names))
+    near = x[(x["subject.stature"] - 1.70).abs() < 0.005]
+    assert women == pytest.approx((near["subject.sex"] == 0).mean(), abs=3 * 0.5 / len(near) ** 0.5)
+    assert f"women and men ({100 * women:.3g} : {100 * (1 - women):.3g} %), stature 1.7 m" in shared.heading
+    assert shared.warnings == population.warnings
+    again = shared.override("subject.mass", "70 kg").override("subject.stature", "1.70 m")
+    other = population.override("subject.mass", "70 kg").override("subject.stature", "1.70 m")
+    assert again.population is not None
+    assert other.population is not None
+    assert again.population.drawn == pytest.approx(other.population.drawn, rel=1e-12)
+    giants = population.override("subject.stature", "2.30 m")
+    assert "population of men, stature 2.3 m" in giants.heading
+    assert giants.warnings[-1] == (
+        "population: stature 2.3 m is by their law above all 4082 men measured; what else is drawn extrapolates"
+    )
+
+
+def test_rows_of_unusual_persons_are_counted(population: Study, tmp_path: Path) -> None:
+    """More of them than a sample of the population has by chance."""
+    table = tmp_path / "team.csv"
+    table.write_text("subject.sex,subject.stature [m],subject.mass [kg]\nfemale,1.63,62\nmale,1.91,104\nmale,2.4,60\n")
+    said = population.with_inputs(table).warnings[-1]
+    assert "team.csv: 1 of 3 persons have measures outside what is usual; trial 2: stature 2.4 m is by their" in said
+    names = [name for name in population.names if name.startswith(OWNER)]
+    rows = replace(population, trials=500).sample()[:, : len(names)]
+    heads = [f"{n} [{population.units[n]}]" if population.units[n] else n for n in names]
+    table.write_text("\n".join([",".join(heads), *(",".join(map(repr, row)) for row in rows.tolist())]))
+    assert not any("outside what is usual" in line for line in population.with_inputs(table).warnings)
+
+
 def test_one_measure_of_a_subject_varies(tmp_path: Path) -> None:
     (tmp_path / "woman.toml").write_text('base = "incline30"\n[subject]\nsex = "female"\nstature = "1.63 m"\n')
     path = tmp_path / "mass.toml"
@@ -202,6 +266,25 @@ def test_one_measure_of_a_subject_varies(tmp_path: Path) -> None:
     path.write_text(text.replace("woman.toml", "incline30"))
     with pytest.raises(InputError, match="nobody is described"):
         sc.load_study(path)
+
+
+def test_a_comparison_over_persons_without_parts(population: Study, tmp_path: Path) -> None:
+    """Persons who differ in a measure by which none are shown: the worst tenth is told, nothing is drawn."""
+    from sprain_cosim.brace.compare import compare_braces
+
+    (tmp_path / "legs.toml").write_text(
+        'scenario = "incline30_mixed"\n[population]\nwomen = 1\nmeasures = ["trochanterion_height"]\n'
+    )
+    study = sc.load_study(tmp_path / "legs.toml").with_master(stop="20 ms")
+    assert "population of women, drawn by trochanterion height alone" in study.heading
+    compare_braces(study, {"linear": "brace_linear"}, trials=40, out=tmp_path / "compared")
+    persons = read_comparison_summary(tmp_path / "compared").persons
+    assert persons is not None
+    assert not persons.bands
+    assert set(persons.worst) == {"none", "linear"}
+    page = write_report(read_folders([tmp_path / "compared"]), tmp_path / "page.html").read_text("utf-8")
+    assert "The worst tenth: linear" in page
+    assert "For whom does each brace work?" not in page
 
 
 @pytest.mark.long

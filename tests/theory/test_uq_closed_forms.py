@@ -14,7 +14,13 @@ from sprain_cosim.uq.distributions import JointDistribution
 from sprain_cosim.uq.reliability import amv, amv_plus, form, hmv, mean_value, step_noise
 from sprain_cosim.uq.sampling import monte_carlo, sobol
 from sprain_cosim.uq.sensitivity import pearson, sensitivity_factors, sobol_indices, spearman
-from sprain_cosim.uq.statistics import order_statistic_ranks, replicated_percentile, standard_deviation
+from sprain_cosim.uq.statistics import (
+    difference_of_means,
+    mean_of_largest,
+    order_statistic_ranks,
+    replicated_percentile,
+    standard_deviation,
+)
 
 A = np.array([3, -2, 1, 4, -1, 2, -3, 1, 2, -1], dtype=float)
 TEN = [Normal(float(i), 0.1 * i) for i in range(1, 11)]
@@ -297,3 +303,27 @@ def test_one_sequence_gives_sobol_indices_of_less_error_and_intervals_that_hold(
     (alone, covered), (divided, _) = found(1), found(8)
     assert alone < 0.7 * divided
     assert covered >= 0.93
+
+
+def test_difference_of_means_is_welchs() -> None:
+    """Against SciPy's; few values are known badly."""
+    rng = np.random.default_rng(4)
+    one, other = rng.normal(2.0, 3.0, 4), rng.normal(0.0, 1.0, 36)
+    found = difference_of_means(one, other)
+    expected = stats.ttest_ind(one, other, equal_var=False).confidence_interval(0.95)
+    assert (found.low, found.high) == pytest.approx(tuple(expected), rel=1e-10)
+    assert found.value == one.mean() - other.mean()
+    assert difference_of_means([1.0, 1.0], [0.5, 0.5]).half_width == 0.0
+
+
+@pytest.mark.parametrize("n", [60, 400])
+def test_interval_of_the_mean_of_the_largest_tenth_covers(n: int) -> None:
+    """Of a normal variable: density over share at the border. That of a plain sample of the tenth covers 0.82."""
+    rng, true = np.random.default_rng(8), stats.norm.pdf(stats.norm.ppf(0.9)) / 0.1
+    samples = rng.standard_normal((1500, n))
+    found = [mean_of_largest(y, y, n // 10) for y in samples]
+    covered = np.mean([e.low <= true <= e.high for e in found])
+    assert 0.91 <= covered <= 0.97
+    assert found[0].value == np.sort(samples[0])[-(n // 10) :].mean()
+    with pytest.raises(ValueError, match="expected between 2 and"):
+        mean_of_largest(samples[0], samples[0], n)

@@ -10,12 +10,13 @@ from sprain_cosim.brace.persons import persons_listing, persons_of
 from sprain_cosim.figures.persons import persons_figure
 from sprain_cosim.folders.comparison import INJURY, INVERSION, BraceSummary, ComparisonSummary
 from sprain_cosim.literature import INJURY_INVERSION
-from sprain_cosim.report.blocks import PageTable
+from sprain_cosim.report.blocks import Cell, PageTable
 from sprain_cosim.report.persons import groups_table, persons_sentence, persons_tables
 from sprain_cosim.study.groups import group_of_input, groups_listing, input_groups
 from sprain_cosim.study.summary import VarianceShare
 from sprain_cosim.uq import statistics
 from sprain_cosim.uq.distributions import Normal
+from sprain_cosim.uq.exceedance import of_shapes
 from sprain_cosim.uq.groups import group_share
 
 HEADINGS = ["subject.sex", "subject.stature [m]", "subject.mass [kg]", "plant.subtalar_angle_at_contact [rad]"]
@@ -101,6 +102,55 @@ def test_the_figure_draws_the_intervals_of_the_table(summary: ComparisonSummary)
         drawn = [segment[:, 1] for segment in bars.lines[2][0].get_segments()]
         np.testing.assert_allclose(drawn, [[100 * (e.ci_low or 0), 100 * (e.ci_high or 0)] for e in found])
     assert found[0].value is not None and found[0].ci_high - found[0].value != found[0].value - found[0].ci_low
+
+
+def test_the_doubt_of_the_threshold_stands_beside_every_probability(summary: ComparisonSummary) -> None:
+    assert summary.persons is not None
+    heaviest = landings(0.3).nlargest(N // 5, "subject.mass [kg]")[INVERSION].to_numpy()
+    shapes = summary.persons.bands["subject.mass"][-1].injury_shapes["none"]
+    assert shapes == pytest.approx(of_shapes(heaviest, Normal(*INJURY_INVERSION)), rel=1e-12)
+    low, high = (f"{100 * end:.3g}" for end in (min(shapes.values()), max(shapes.values())))
+    table = next(block for block in persons_tables(summary.persons) if isinstance(block, PageTable))
+    cell = table.rows[-1][2]
+    assert isinstance(cell, Cell)
+    assert cell.notes[1] == f"threshold's shape {low} … {high}"
+    assert f"; threshold's shape {low} … {high} %)" in persons_sentence(summary.persons, "none")
+    pale = [c for c in persons_figure(summary).axes[3].collections if c.get_alpha() is not None]
+    assert len(pale) == 2 * 5
+    worst = summary.persons.worst["none"]
+    tenth = landings(0.3).nlargest(40, INVERSION)[INVERSION].to_numpy()
+    assert worst.injury_shapes == pytest.approx(of_shapes(tenth, Normal(*INJURY_INVERSION)), rel=1e-12)
+
+
+def test_persons_of_one_measure_stay_together() -> None:
+    """Three persons in 120 landings each, and one in few: no part begins within a person."""
+    rows = landings(0.3).iloc[:370].copy()
+    rows["subject.stature [m]"] = np.repeat([1.60, 1.70, 1.80, 1.90], [120, 120, 120, 10])
+    persons = persons_of({"none": rows}, HEADINGS, (INVERSION,), INVERSION)
+    assert persons is not None
+    assert [(b.low, b.high, b.n) for b in persons.bands["subject.stature"]] == [
+        (1.60, 1.60, 120),
+        (1.70, 1.70, 120),
+        (1.80, 1.90, 130),
+    ]
+    rows["subject.stature [m]"] = np.where(np.arange(370) < 5, 1.60, 1.70)
+    persons = persons_of({"none": rows}, HEADINGS, (INVERSION,), INVERSION)
+    assert persons is not None
+    assert list(persons.bands) == ["subject.mass"]
+
+
+def test_shifts_of_few_landings_are_known_as_badly_as_they_are() -> None:
+    """Of 40 landings four are the worst: inputs without effect shift by what chance gives, and the intervals say so."""
+    rng = np.random.default_rng(3)
+    names = [f"plant.x{k}" for k in range(2000)]
+    rows = pd.DataFrame(rng.standard_normal((40, len(names) + 1)), columns=[*names, INVERSION])
+    rows["subject.stature [m]"] = 1.6 + 0.1 * rng.standard_normal(40)
+    persons = persons_of({"none": rows}, [*names, "subject.stature [m]"], (INVERSION,), INVERSION)
+    assert persons is not None
+    found = [persons.worst["none"].inputs[name].shift for name in names]
+    held = np.mean([(e.ci_low or 0.0) < 0.0 < (e.ci_high or 0.0) for e in found])
+    assert 0.93 < held < 0.97
+    assert " ± " in persons_listing(persons, INVERSION, "peak", 1.0)[-1]
 
 
 def test_landings_that_are_no_random_sample_have_no_intervals() -> None:
