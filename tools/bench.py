@@ -30,6 +30,7 @@ from fmus.plant.constants import sole
 from fmus.plant.plant import Landing, Plant
 from sprain_cosim.scenario import load_scenario
 from sprain_cosim.study.evaluation import summarise
+from sprain_cosim.study.file import load_study
 from sprain_cosim.study.folder import load_study_plan, trial_tables
 from sprain_cosim.study.ledger import Ledger
 from sprain_cosim.study.worker import Worker
@@ -181,6 +182,33 @@ def worker() -> None:
         assert child.run([0.3]).status == "completed"
 
 
+def landings_in_turn(trials: int = 100, repeat: int = 5) -> None:
+    """Prints what a landing of a population costs beside one of `study6` and one of the population's own landings by
+    one person: each trial of each in turn in one process, least of `repeat` each, so that a busy machine slows all."""
+    many = load_study("population_mixed")
+    kinds = {name: (study.scenario.open(), study) for name, study in (("study6", load_study("study6")), ("many", many))}
+    of_persons = sum(name.startswith("subject.") for name in many.names)
+    spent = {name: np.full((repeat, trials), np.inf) for name in (*kinds, "one")}
+    rows = {name: study.sample()[:trials] for name, (_, study) in kinds.items()}
+    with kinds["study6"][0], kinds["many"][0], many.scenario.open() as alone:
+        kinds["one"], rows["one"] = (alone, many), rows["many"]
+        for k, i in np.ndindex(repeat, trials):
+            for name, (session, study) in kinds.items():
+                first = of_persons if name == "one" else 0
+                values = dict(zip(study.names[first:], rows[name][i][first:].tolist(), strict=True))
+                began = time.process_time()
+                session.run(values, judged=False)
+                spent[name][k, i] = time.process_time() - began
+    least = {name: float(times.min(axis=0).mean()) for name, times in spent.items()}
+    row("a landing of study6, many in turn", least["study6"], "processor time in an open session")
+    for name, label in (
+        ("one", "  of the mean woman, the population's start"),
+        ("many", "  of a population's persons"),
+    ):
+        ratios = f"{least[name] / least['study6']:.3f} of study6"
+        row(label, least[name], ratios + (f", {least[name] / least['one']:.3f} of one" if name == "many" else ""))
+
+
 def population(pairs: int = 5, trials: int = 300) -> None:
     """Prints what a study of a population costs beside that of one person, in processor time of pairs in turn, and what
     its summary costs of it."""
@@ -266,6 +294,7 @@ def main() -> None:
         row(label, seconds, "processor time, start to end")
     row("a study's worker", processor_time(worker, repeat), "processor time: its start, the FMUs, one braced landing")
     population()
+    landings_in_turn()
     print(
         "\nmicroseconds per communication step, incline30_brace (each call timed, so a little more than in the run "
         "above)"
