@@ -262,7 +262,8 @@ def load_study(name: str | Path) -> Study:
                 f"{name}: is a scenario, one landing; `sprain-cosim run {name}` runs it, a study varies it"
             )
         raise InputError(
-            f"study {str(name)!r}: no such file, and none of that name ships{nearest(str(name), shipped_studies())}"
+            f"study {str(name)!r}: no such file, and none of that name ships{nearest(str(name), shipped_studies())}; "
+            "`sprain-cosim list studies` shows them"
         )
     text = read_text(path)
     problems: list[str] = []
