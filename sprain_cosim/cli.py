@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 Command = TypeVar("Command", bound=Callable[..., Any])
 NOBODY_READS = 141  # as a shell has it of SIGPIPE
 NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)  # of what was typed
+# for NumPy, and for the allocator that pyarrow brings: of one thread, this process can be copied
+ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "JE_ARROW_MALLOC_CONF": "background_thread:false"}
 RENAMED = {"--output": "--out"}  # spellings of version 0.1, which this version still takes
 
 
@@ -1432,7 +1434,8 @@ def _pair(text: str, option: str, form: str) -> tuple[str, str]:
 
 def main(arguments: list[str] | None = None) -> None:
     """Runs the command line; errors become one line on stderr and the exit code of interface and README."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of one thread, this process can be copied for its children
+    for library, value in ONE_THREAD.items():
+        os.environ.setdefault(library, value)
     received = signals.interrupt()
     _keep_stdout()
     terminal.make_readable()

@@ -88,12 +88,45 @@ def copy_now(environment: Mapping[str, str], package: Path) -> None:
 
 def copied(environment: Mapping[str, str], package: Path) -> ForkServer | None:
     """A server that is a copy of this process; None where that might go wrong, or show a child what is not for it."""
-    if _foreign or not _is_command_line() or len(os.listdir("/proc/self/task")) != 1 or _imported_from_here():
+    if not can_be_copied() or not _is_command_line() or _imported_from_here():
         return None
     own, theirs = _at_start(os.environ), _at_start(environment)
     if any(own[name] != theirs[name] for name in own.keys() & theirs.keys()):
         return None
     return ForkServer.copy(environment, package)
+
+
+def can_be_copied() -> bool:
+    """This process is Linux's, has one thread, and no foreign code is in it."""
+    return _handles_processes() and not _foreign and len(os.listdir("/proc/self/task")) == 1
+
+
+def forked(life: Callable[[], NoReturn]) -> int:
+    """The number of a copy of this process that does nothing but live: no signal handler of this program works in it,
+    nothing that the program has left over is written or finalised."""
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError, AttributeError):
+            stream.flush()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
+    try:
+        process = os.fork()
+        if not process:
+            try:
+                gc.freeze()  # its descriptors are others' from now on
+                _usual_signals()
+                life()
+            finally:
+                os._exit(1)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    return process
+
+
+def end(process: int) -> None:
+    """Of a child of this process."""
+    with contextlib.suppress(ProcessLookupError, ChildProcessError):
+        os.kill(process, signal.SIGKILL)
+        os.waitpid(process, 0)
 
 
 def _is_command_line() -> bool:
@@ -176,16 +209,7 @@ class ForkServer:
         """A copy of this process, which has one thread."""
         near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         parent = os.getpid()
-        for stream in (sys.stdout, sys.stderr):
-            with contextlib.suppress(OSError, ValueError, AttributeError):
-                stream.flush()
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
-        try:
-            process = os.fork()
-            if not process:
-                _begin_as_copy(far, parent, package)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        process = forked(lambda: _begin_as_copy(far, parent, package))
         far.close()
         return cls(process, near, _at_start(environment))
 
@@ -233,9 +257,7 @@ class ForkServer:
             process, self.process = self.process, 0
             atexit.unregister(self.end)
             self._wire.close()
-            with contextlib.suppress(ProcessLookupError, ChildProcessError):
-                os.kill(process, signal.SIGKILL)
-                os.waitpid(process, 0)
+            end(process)
 
     def _ask(self, request: Mapping[str, Any], descriptors: Sequence[int]) -> Mapping[str, Any]:
         """An answer to an earlier question, whose asker was interrupted, is passed over."""
@@ -290,21 +312,15 @@ class Copy:
 
 
 def _begin_as_copy(wire: socket.socket, parent: int, package: Path) -> NoReturn:
-    """Nothing of the program that was copied goes on here: no signal handler, no descriptor, no text that it had still
-    to write, no current folder."""
-    try:
-        gc.freeze()  # what the program has left over is never finalised here: its descriptors are others' from now on
-        os.setsid()
-        _usual_signals()
-        _close_all_but([wire.fileno()])
-        null = os.open(os.devnull, os.O_RDWR)
-        for descriptor in (0, 1, 2):
-            os.dup2(null, descriptor)
-        sys.path[:] = _own_path(package)
-        os.chdir("/")
-        _serve(wire, parent)
-    except BaseException:
-        os._exit(1)
+    """Nothing of the program that was copied goes on here: no descriptor, no current folder."""
+    os.setsid()
+    _close_all_but([wire.fileno()])
+    null = os.open(os.devnull, os.O_RDWR)
+    for descriptor in (0, 1, 2):
+        os.dup2(null, descriptor)
+    sys.path[:] = _own_path(package)
+    os.chdir("/")
+    _serve(wire, parent)
 
 
 def _own_path(package: Path) -> list[str]:

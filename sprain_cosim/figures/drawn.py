@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 from matplotlib.figure import Figure
 
@@ -15,39 +18,63 @@ from ..files import write
 from ..folders.comparison import ComparisonFolder
 from ..folders.read import Folder
 from ..folders.run import RunFolder
+from ..twin import shared
 from .selection import Named, named_folders, pose_note
 from .style import save
 
 CAPTIONS = "captions.txt"
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class Drawn:
     """A figure with the name of its file, a title and a caption in words, what draws it once it is wanted, and what it
-    shows; None: all there is."""
+    shows; None: all there is. `reads`: a name of what is read for it and for others, where that takes long."""
 
     name: str
     title: str
     caption: str
     draw: Callable[[], Figure]
     shown: Sequence[Named] | None = None
+    reads: str = ""
+
+
+@contextmanager
+def shared_out(figures: Sequence[Drawn], make: Callable[[Drawn], T]) -> Iterator[Callable[[], list[T]]]:
+    """Yields what gives the results of `make` for each of the figures. A twin begins with them: with those that read
+    much, which one of the two processes makes, so that it is read once."""
+    groups: dict[str | int, list[int]] = {}
+    for n, drawn in enumerate(figures):
+        groups.setdefault(drawn.reads or n, []).append(n)
+    order = sorted(groups.values(), key=lambda group: not figures[group[0]].reads)
+
+    def made(group: list[int]) -> dict[int, T]:
+        return {n: make(figures[n]) for n in group}
+
+    with shared([partial(made, group) for group in order]) as results:
+
+        def found() -> list[T]:
+            by_number = {n: result for group in results() for n, result in group.items()}
+            return [by_number[n] for n in range(len(figures))]
+
+        yield found
 
 
 def write_drawn(figures: Iterable[Drawn], folders: Sequence[Folder], target: Path, kinds: Sequence[str]) -> list[Path]:
     """Each of the `figures` of these folders as files of the `kinds` in `target`, captions.txt beside them. Raises
     EnvironmentProblem."""
-    written, captions = list[Path](), list[str]()
+    figures = list(figures)
+    if not figures:
+        return []
     try:
-        for drawn in figures:
-            target.mkdir(parents=True, exist_ok=True)
-            written += save(drawn.draw(), target / drawn.name, kinds)
-            captions.append(_caption(drawn, folders))
-        if captions:
-            write(target / CAPTIONS, "\n\n".join(captions) + "\n")
-            written.append(target / CAPTIONS)
+        target.mkdir(parents=True, exist_ok=True)
+        with shared_out(figures, lambda drawn: save(drawn.draw(), target / drawn.name, kinds)) as saved:
+            captions = [_caption(drawn, folders) for drawn in figures]
+            written = [path for paths in saved() for path in paths]
+        write(target / CAPTIONS, "\n\n".join(captions) + "\n")
     except OSError as problem:
         raise EnvironmentProblem(f"{target}: cannot be written: {problem.strerror or problem}") from None
-    return written
+    return [*written, target / CAPTIONS]
 
 
 def _caption(drawn: Drawn, folders: Sequence[Folder]) -> str:

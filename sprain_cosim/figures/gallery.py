@@ -583,7 +583,7 @@ def _fans(studies: Studies) -> Iterator[Drawn]:
         )
         drawn = partial(lambda k: plots.fan(fans()[k : k + 3], note, fans()), k)
         shown = [(name, study) for name, study, _ in found[k : k + 3]]
-        yield Drawn(f"fan{k // 3 or ''}", "Many landings over time", caption, drawn, shown)
+        yield Drawn(f"fan{k // 3 or ''}", "Many landings over time", caption, drawn, shown, reads="trajectories")
 
 
 def _fan(name: str, records: Sequence[Result]) -> tuple[str, Values, dict[str, Values]]:

@@ -83,6 +83,7 @@ JOURNAL: Any = {
     "legend.columnspacing": 1.2,
     "axes.titlelocation": "left",
     "axes.titlepad": 3.0,
+    "axes.titley": 1.0,  # right above the panel: to find a place, matplotlib measures every label again and again
     "axes.labelpad": 2.0,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -233,9 +234,8 @@ def drawn_as(form: Form) -> Iterator[None]:
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     """Draws in this style, whatever matplotlib's settings are outside."""
 
-    @wraps(draw)
-    def inside(*args: P.args, **kwargs: P.kwargs) -> Figure:
-        with rc_context(_style()):
+    def laid_out(style: Any, *args: P.args, **kwargs: P.kwargs) -> Figure:
+        with rc_context(style):
             figure = draw(*args, **kwargs)
             if FORM.get().panels and figure.get_label() != MATRIX:
                 _letter_panels(figure)
@@ -246,6 +246,13 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
                     text.set_text(shown)
             if (layout := figure.get_layout_engine()) is not None:
                 layout.execute(figure)
+        return figure
+
+    @wraps(draw)
+    def inside(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        figure = laid_out(_style(), *args, **kwargs)
+        if any(axis.yaxis.get_offset_text().get_text() for axis in figure.axes):  # "1e−6", where the title stands
+            figure = laid_out(_style() | {"axes.titley": None}, *args, **kwargs)
         figure.set_layout_engine(
             "none"
         )  # laid out once, and rounded, so that every file of the figure is the same to the byte

@@ -13,6 +13,7 @@ from .. import __version__, files
 from .. import figures as plots
 from ..errors import InputError
 from ..figures import gallery
+from ..figures.drawn import Drawn, shared_out
 from ..figures.selection import Named, named_folders, palette_of
 from ..folders.comparison import ComparisonFolder
 from ..folders.read import Folder
@@ -75,9 +76,12 @@ def report_page(folders: Sequence[Folder], trial: str | None = None) -> str:
     no landing."""
     items, looks = named_folders(folders), palette_of(folders)
     content = charts(items, looks)
-    scene = landing_scene(folders, items, looks, trial)
-    with plots.drawn_as(plots.Form(palette=looks)):
-        drawn = _drawn(folders)
+    with (
+        plots.drawn_as(plots.Form(palette=looks)),
+        shared_out(list(gallery.draw(folders)), _picture) as pictures,
+    ):
+        scene = landing_scene(folders, items, looks, trial)
+        drawn = pictures()
     missing = "" if trial == NOTHING else _missing(folders, items, scene)
     hero = Hero(verdicts(folders, items), drawn[0] if drawn else None, scene.frame, scene.alt, missing)
     sections = [
@@ -154,11 +158,9 @@ def _about(folders: Sequence[Folder], items: Sequence[Named]) -> str:
     return " · ".join([*parts, f"sprain-cosim {__version__}"])
 
 
-def _drawn(folders: Sequence[Folder]) -> list[Picture]:
-    return [
-        Picture(d.title, d.caption, "image/svg+xml", _base64(plots.picture(d.draw(), "svg")), d.name)
-        for d in gallery.draw(folders)
-    ]
+def _picture(drawn: Drawn) -> Picture:
+    content = _base64(plots.picture(drawn.draw(), "svg"))
+    return Picture(drawn.title, drawn.caption, "image/svg+xml", content, drawn.name)
 
 
 def _pictures(drawn: Sequence[Picture], folders: Sequence[Folder], items: Sequence[Named]) -> list[Block]:

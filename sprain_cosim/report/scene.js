@@ -284,9 +284,9 @@
   tick.addEventListener("change", () => { state.glass = tick.checked; draw(); });
   const key = html("p", place, undefined, "key");
   [["force on the foot", scene.colours.force], ["moment of the anatomy", scene.colours.anatomy]].forEach(([text, rgb]) => {
-    const s = html("span", key, undefined, "swatch");
+    const entry = html("span", key), s = html("span", entry, undefined, "swatch");
     s.style.borderTopColor = `rgb(${rgb.map((c) => Math.round(255 * c)).join(",")})`;
-    html("span", key, text);
+    entry.append(` ${text}`);
   });
   if (landings.some((l) => l.braced)) html("span", key, "moment of the brace: arc in its own colour");
   html("span", key, "Drag to turn, Ctrl and wheel or two fingers to zoom.");
