@@ -15,20 +15,13 @@ from ..cosim import native_members
 from ..cosim.result import HALVED_WITHIN, Result
 from ..cosim.transport import encoded, packed, pieces, unpacked
 from ..errors import SimulationError, SprainError
-from ..fmu import opener
+from ..fmu.opener import import_libraries  # noqa: F401 - before the process is copied
 from ..fmu.surroundings import Surroundings
 from ..process import FIRST_RUN, Child, Handlers, Limits, Overrun, ProcessEnded, serve
 
 if TYPE_CHECKING:
     from ..cosim.system import System
     from .scenario import Scenario
-
-
-def import_libraries() -> None:
-    """Before the process is copied for a child: what the FMUs need, and what steps them."""
-    opener.import_libraries()
-    native_members.loaded()
-
 
 HINT = "it ran in a sandbox: `sprain-cosim check FMU` says what it needs, --in-process runs it without"
 
@@ -148,4 +141,5 @@ def _handlers(subject: tuple[Scenario, System]) -> Iterator[Handlers]:
 
 
 if __name__ == "__main__":
+    native_members.loaded()  # before the process is copied
     serve(_handlers)
