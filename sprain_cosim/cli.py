@@ -23,6 +23,7 @@ from .machine.here import SYSTEM
 
 if TYPE_CHECKING:
     from .cosim.result import Result
+    from .scenario import Scenario
     from .study.campaign import Campaign
     from .study.study import Study
 
@@ -194,15 +195,19 @@ def run_command(
     if as_json:
         _show(json.dumps(summary.to_json(), allow_nan=False))
     elif completed:
-        _print_table(chosen.heading, chosen.initial_pose(), result)
-        for key, change in (finer or {}).items():
-            _show(f"{'at half the step:' if key == 'peak_subtalar_angle_deg' else '':18}{key:44}{change:+.4g}")
-        if out is not None:
-            from .folders.run import FILES
-
-            _show(f"\nwritten: {', '.join(str(out / name) for name in FILES)}")
+        _show_run(chosen, result, finer or {}, out)
     if not completed:
         raise (InputError if chosen.refused(result) else SimulationError)(result.message)
+
+
+def _show_run(scenario: Scenario, result: Result, finer: Mapping[str, float], out: Path | None) -> None:
+    _print_table(scenario.heading, scenario.initial_pose(), result)
+    for key, change in finer.items():
+        _show(f"{'at half the step:' if key == 'peak_subtalar_angle_deg' else '':18}{key:44}{change:+.4g}")
+    if out is not None:
+        from .folders.run import FILES
+
+        _show(f"\nwritten: {', '.join(str(out / name) for name in FILES)}")
 
 
 def _warn_of_run(out: Path, force: bool) -> None:

@@ -60,9 +60,12 @@ CORES = 4.0  # s of processor time per s of wall time
 ROOT = Path(__file__).parent.parent  # of the package
 STRANGE = "something else than the process wrote into the line to its parent"
 START = (  # packages that lie beside this one, in a clone that is not installed, come last
-    "import runpy, sys; root, module = sys.argv.pop(1), sys.argv.pop(1); "
+    "import runpy, sys; from importlib import machinery, util; root, module = sys.argv.pop(1), sys.argv.pop(1); "
+    "spec = machinery.PathFinder.find_spec('sprain_cosim', [root]); own = util.module_from_spec(spec); "
+    "sys.modules['sprain_cosim'] = own; spec.loader.exec_module(own); "  # this package, whichever else is installed
     "root in sys.path or sys.path.append(root); runpy.run_module(module, run_name='__main__', alter_sys=True)"
 )
+BINARY = b"\0"  # begins a reply that is bytes, as JSON never does
 SINGLE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONFAULTHANDLER": ""}
 
 Handlers = Mapping[str, Callable[..., Any]]
@@ -312,6 +315,8 @@ class Child:
                 raise ProcessEnded("crashed", f"another process ({frame.process}) answered in its place")
             if (frame.trial, frame.number) != (trial, self._number):
                 raise ProcessEnded("crashed", f"answered request {frame.number} of trial {frame.trial}")
+            if frame.content.startswith(BINARY):
+                return frame.content[len(BINARY) :]
             reply = json.loads(frame.content)
         except TimeoutError:
             raise Overrun(limit) from None
@@ -449,7 +454,7 @@ def _only(process: int) -> None:
 
 
 def _answer(value: Any) -> bytes:
-    return json.dumps({"value": value}).encode()
+    return BINARY + value if isinstance(value, bytes) else json.dumps({"value": value}).encode()
 
 
 def _refusal(problem: SprainError) -> bytes:

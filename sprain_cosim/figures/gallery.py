@@ -96,31 +96,9 @@ def draw(folders: Sequence[Folder]) -> Iterator[Drawn]:
         yield from _of_studies(studies)
         compared = {id(m) for f in folders if isinstance(f, ComparisonFolder) for m in f.members.values()}
         yield from _pairs([(name, study) for name, study in studies if id(study) not in compared])
-    for folder in folders:
-        persons = folder.summary.persons if isinstance(folder, ComparisonFolder) else None
-        if isinstance(folder, ComparisonFolder) and persons is not None and persons.bands:
-            caption = (
-                "Means over parts of the persons with equal numbers, the same landings with every brace, and their "
-                "95 % intervals. Pale: the probability for thresholds of another shape; more landings do not narrow it."
-            )
-            yield Drawn("persons", "For whom does each brace work?", caption, partial(persons_figure, folder.summary))
-            break
+    yield from _persons(folders)
     yield from _phase(runs, studies)
-    moments = [(name, _moments(item)) for name, item in items]
-    rows = [(name, *pair) for name, pair in moments if pair is not None]
-    if rows:
-        caption = (
-            "Resisting moment about the subtalar axis at the time of its peak angle: what the passive tissue "
-            "bears, and what the brace takes."
-        )
-        if any(len(anatomy) > 1 for _, anatomy, _ in rows):
-            caption += (
-                " Of studies: means, with their 95 % intervals behind ±, the mean of the brace's shares, and below the "
-                "bars the 5 … 95 % of the landings."
-            )
-        drawn = partial(plots.sharing, rows, pose_note(items), _doubts_of_moments(studies))
-        shown = [(name, item) for (name, item), (_, pair) in zip(items, moments, strict=True) if pair is not None]
-        yield Drawn("sharing", "Who bears the load", caption, drawn, shown)
+    yield from _sharing(items, studies)
     caption = (
         "A brace is the law of the passive ankle with its angle scaled, about the three body-fixed axes. For "
         "comparison with Figures 1C and 2 of Yoder et al. 2021."
@@ -633,6 +611,38 @@ def _phase(runs: Runs, studies: Studies) -> Iterator[Drawn]:
             caption,
             partial(plots.phase, tracks, points, pose_note([*runs, *studies])),
         )
+
+
+def _persons(folders: Sequence[Folder]) -> Iterator[Drawn]:
+    """Of the first comparison over persons."""
+    for folder in folders:
+        persons = folder.summary.persons if isinstance(folder, ComparisonFolder) else None
+        if isinstance(folder, ComparisonFolder) and persons is not None and persons.bands:
+            caption = (
+                "Means over parts of the persons with equal numbers, the same landings with every brace, and their "
+                "95 % intervals. Pale: the probability for thresholds of another shape; more landings do not narrow it."
+            )
+            yield Drawn("persons", "For whom does each brace work?", caption, partial(persons_figure, folder.summary))
+            return
+
+
+def _sharing(items: Sequence[tuple[str, RunFolder | StudyFolder]], studies: Studies) -> Iterator[Drawn]:
+    moments = [(name, _moments(item)) for name, item in items]
+    rows = [(name, *pair) for name, pair in moments if pair is not None]
+    if not rows:
+        return
+    caption = (
+        "Resisting moment about the subtalar axis at the time of its peak angle: what the passive tissue bears, and "
+        "what the brace takes."
+    )
+    if any(len(anatomy) > 1 for _, anatomy, _ in rows):
+        caption += (
+            " Of studies: means, with their 95 % intervals behind ±, the mean of the brace's shares, and below the "
+            "bars the 5 … 95 % of the landings."
+        )
+    drawn = partial(plots.sharing, rows, pose_note(items), _doubts_of_moments(studies))
+    shown = [(name, item) for (name, item), (_, pair) in zip(items, moments, strict=True) if pair is not None]
+    yield Drawn("sharing", "Who bears the load", caption, drawn, shown)
 
 
 def _moments(item: RunFolder | StudyFolder) -> tuple[Values, Values] | None:

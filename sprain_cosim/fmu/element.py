@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from numbers import Real
+from typing import Any
 
 from ..errors import InputError, nearest
 from ..notebook import Card, Rows
@@ -87,6 +88,12 @@ class Connector:
     element: int = 0
     parts: tuple[Connector, ...] = ()
 
+    def __reduce__(self) -> tuple[type[Connector], tuple[Any, ...]]:
+        """Without the defaults at the end: a child process is sent hundreds, and most say little."""
+        values = tuple(vars(self).values())
+        last = max((k for k in range(4, len(values)) if values[k] != _USUAL[k]), default=3)
+        return Connector, values[: last + 1]
+
     @property
     def scalar_number(self) -> bool:
         """Whether it can be connected or set: not text, not an array, not a clock."""
@@ -144,6 +151,9 @@ class Connector:
         unit = f" {self.unit.name}" if self.unit and not self.unit.dimensionless else ""
         shown = f"{entry:.6g}{unit}" if isinstance(entry, float) else entry
         raise InputError(f"{what} = {shown}: outside its range {self.minimum:.6g} ... {self.maximum:.6g}{unit}")
+
+
+_USUAL = tuple(vars(Connector("", 0, "", "")).values())
 
 
 @dataclass(frozen=True)

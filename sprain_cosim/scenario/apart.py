@@ -13,7 +13,7 @@ import numpy as np
 
 from ..cosim import native_members
 from ..cosim.result import HALVED_WITHIN, Result
-from ..cosim.transport import encoded, packed, pieces, unpacked
+from ..cosim.transport import packed, pieces, unpacked
 from ..errors import SimulationError, SprainError
 from ..fmu.opener import import_libraries  # noqa: F401 - before the process is copied
 from ..fmu.surroundings import Surroundings
@@ -127,7 +127,7 @@ def served(run: Callable[..., Result]) -> Handlers:
         waiting[:] = pieces(result)
         return packed(result, len(waiting))
 
-    return {"run": answer, "piece": lambda k: encoded(waiting[k])}
+    return {"run": answer, "piece": waiting.__getitem__}
 
 
 @contextlib.contextmanager

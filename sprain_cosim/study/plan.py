@@ -475,7 +475,10 @@ class Plan(Card):
         return re.sub(r"inputs (\d+) and (\d+)", lambda m: f"{names[int(m[1])]} and {names[int(m[2])]}", problem)
 
     def _range_problems(self, system: System) -> Iterator[str]:
-        """Names that are no parameters, marginals and levels outside a parameter's range."""
+        """Names that are no parameters, marginals and levels outside a parameter's range, marginals of no width."""
+        for name, m in self.marginals.items():
+            if not m.is_fixed and m.mean + 0.01 * m.sd == m.mean:
+                yield f"marginals.{name}: its sd is lost in rounding beside the mean {m.mean:g}; write fixed = ..."
         for name in (*self.marginals, *self.grid):
             try:
                 marginal = self.marginals.get(name)
@@ -513,9 +516,6 @@ class Plan(Card):
             yield f"questions: method {self.method} draws no sample that could answer them; leave them out"
         if self.method not in ("grid", "table") and not self.marginals:
             yield "no marginals: nothing would vary"
-        for name, m in self.marginals.items():
-            if not m.is_fixed and m.mean + 0.01 * m.sd == m.mean:
-                yield f"marginals.{name}: its sd is lost in rounding beside the mean {m.mean:g}; write fixed = ..."
         steps = [name for name, m in self.marginals.items() if m.is_discrete]
         if steps and self.method in SEARCHES and self.method != "sobol-indices":
             yield f"marginals.{steps[0]}: choices have no slope that method {self.method} could follow; take a sample"

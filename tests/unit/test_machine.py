@@ -19,6 +19,7 @@ from unittest.mock import MagicMock
 
 import pytest
 
+import sprain_cosim
 from sprain_cosim import files
 from sprain_cosim.brace import new
 from sprain_cosim.brace.compare import compare_braces
@@ -138,6 +139,22 @@ def test_an_exit_code_is_put_into_words(code: int, status: str, words: str) -> N
 
 def test_a_child_does_not_import_from_the_current_folder() -> None:
     assert "-P" in python_command("sprain_cosim.fmu.isolated")
+
+
+def test_a_child_imports_this_package_whichever_else_is_installed(tmp_path: Path) -> None:
+    """Else parent and child are of two versions: a clone's landing is run by another release."""
+    (tmp_path / "sprain_cosim").mkdir()
+    (tmp_path / "sprain_cosim" / "__init__.py").write_text("raise SystemExit('another version')")
+    command = [*python_command("sprain_cosim"), "--version"]
+    said = subprocess.run(
+        command,
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert sprain_cosim.__version__ in said.stdout
 
 
 def test_a_name_that_the_system_does_not_have_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from dataclasses import replace
@@ -11,6 +12,7 @@ import pytest
 
 from sprain_cosim.cosim.master import Master
 from sprain_cosim.cosim.system import System
+from sprain_cosim.cosim.transport import packed, pieces, unpacked
 from sprain_cosim.errors import InputError, SimulationError
 from tests.fake import FakeComponent, connector
 
@@ -63,6 +65,20 @@ def test_steps_that_suit_the_plant_and_the_stop_are_proposed() -> None:
     (problem,) = System((plant,), {}).check(5e-3, 0.15)
     assert "use 2 ms or 6 ms" in problem
     assert System((plant,), {}).check(6e-3, 0.15) == []
+
+
+def test_a_result_passes_between_processes_to_the_bit_and_damage_is_no_result() -> None:
+    result = Master(communication_step=1e-3, stop=0.01).run(System((ramp(),), {}).open(), {})
+    content, numbers = json.loads(json.dumps(packed(result, 1))), pieces(result)
+    arrived = unpacked(content, numbers)
+    assert arrived.time.tobytes() == result.time.tobytes()
+    assert arrived.values.tobytes() == result.values.tobytes()
+    assert (arrived.names, arrived.units, arrived.held) == (result.names, result.units, result.held)
+    for damaged in ([], [numbers[0][:-8]], [numbers[0][:-1]], [*numbers, *numbers], ["AAAA"], [None]):
+        with pytest.raises(ValueError):  # noqa: PT011 - whatever NumPy says
+            unpacked(content, damaged)
+    with pytest.raises(ValueError, match="finished"):
+        unpacked(content | {"status": "finished"}, numbers)
 
 
 def test_a_value_that_is_not_finite_ends_the_run() -> None:

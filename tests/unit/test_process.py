@@ -35,6 +35,7 @@ def handlers(subject: Any) -> Iterator[Handlers]:
     yield {
         "subject": lambda: subject,
         "same": lambda *values: list(values),
+        "bytes": lambda count: count * bytes(range(256)),
         "fail": fail,
         "bug": lambda: 1 / 0,
         "exit": os._exit,
@@ -96,6 +97,8 @@ def test_values_come_back_as_they_are(child: Child) -> None:
     assert child.call("subject", limit=ENOUGH) == {"plant": 0.3}
     for values in ([0.1 + 0.2, 5e-324, -1.7976931348623157e308], [float("inf")], ["a", None, {"b": [1]}], []):
         assert child.call("same", *values, limit=ENOUGH) == values
+    for count in (0, 1, 4000):
+        assert child.call("bytes", count, limit=ENOUGH) == count * bytes(range(256))
 
 
 @pytest.mark.parametrize("kind", ["InputError", "SimulationError", "SimulationStopped", "StepDiscarded"])
