@@ -14,6 +14,7 @@ import gzip
 import io
 import json
 import math
+import os
 import re
 import tomllib
 from collections.abc import Collection, Iterable, Iterator
@@ -83,9 +84,7 @@ def whole_file(path: Path, advice: str = "", parents: bool = False) -> Iterator[
 
     `advice` follows the cause in the message of an EnvironmentProblem ("; continue with --resume"); with `parents`
     missing folders are made. Any OSError of the block is taken for one of writing."""
-    import secrets
-
-    partial = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.partial{path.suffix}")
+    partial = path.with_name(f".{path.stem}.{os.urandom(4).hex()}.partial{path.suffix}")
     check_path(path)
     check_path(partial)
     partial = partial.absolute()  # pandas takes a leading ~ for somebody's home

@@ -249,9 +249,7 @@ def _unpack(checked: Archive, target: Path) -> Path:
         raise EnvironmentProblem(
             f"{target.parent}: cannot be written ({problem.strerror}); free some space or set SPRAIN_COSIM_CACHE"
         ) from None
-    except (InputError, EnvironmentProblem):
-        raise
-    except MemoryError:
+    except (InputError, EnvironmentProblem, MemoryError, ImportError):
         raise
     except Exception as problem:
         raise InputError(
