@@ -122,6 +122,8 @@ def _best_first(folder: ComparisonFolder, rows: Sequence[Change]) -> tuple[Marku
         others = [f"{n} {signed(v)}°{_within(e, False, ' (', ')')}" for v, n, e in rows[1:]]
         text += f" Peak of supination against no brace, the others: {', '.join(others)}."
     text += f" Every brace made the same {summary.count if summary.is_study else 'landing'}."
+    if summary.has_intervals and summary.decisions is None and len(rows) > 2:
+        text += f" Each interval holds by itself: the best of {len(rows)} was chosen by these same landings."
     alike = [] if summary.decisions is not None else _not_apart(folder, best, [name for _, name, _ in rows[1:]])
     if alike:
         text += rich(" These landings cannot tell {best} from {alike}.", best=best, alike=" and ".join(alike))

@@ -147,3 +147,15 @@ def test_the_thresholds_have_one_source() -> None:
         if path.name != "literature.py":
             code = re.sub(r'""".*?"""|#[^\n]*', "", path.read_text("utf-8"), flags=re.DOTALL)
             assert not re.search(r"35(\.0)?\s*±\s*6|Normal\(35|2\.7 \.\.\. 4\.3", code), path
+
+
+def test_a_brace_that_was_chosen_as_the_best_of_several_is_said_to_be(tmp_path: Path) -> None:
+    """Its interval is that of any one brace; the choice by the same landings is not in it."""
+    two = comparison(tmp_path)
+    pairs = {f"stiff - {name}": two.summary.pairs["stiff - soft"] for name in ("soft", "firm")}
+    braces = {**two.summary.braces, "firm": two.summary.braces["soft"]}
+    three = replace(two, summary=replace(two.summary, braces=braces, pairs=pairs))
+    said_of_two, said_of_three = (verdicts([folder], [])[0] for folder in (two, three))
+    assert isinstance(said_of_two, Verdict) and isinstance(said_of_three, Verdict)
+    chosen = "the best of 3 was chosen by these same landings"
+    assert chosen in said_of_three.text and "was chosen" not in said_of_two.text
