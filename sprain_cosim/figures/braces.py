@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from functools import partial
 
-from ..folders.comparison import INJURY, INVERSION, NONE, ComparisonFolder
+from ..folders.comparison import INJURY, INVERSION, NONE, ComparisonFolder, called
 from ..folders.study import PEAK, StudyFolder
 from ..literature import INJURY_INVERSION_TEXT
 from ..records import ends_of, named_differences
@@ -43,7 +43,7 @@ def draw_comparison(folder: ComparisonFolder, several: bool) -> Iterator[Drawn]:
     yield Drawn(f"paired{suffix}", f"What the braces change{title}", caption, drawn)
     panels, reference = brace_differences(folder)
     if panels:
-        against = "no brace" if reference == NONE else reference
+        against = called(reference)
         caption = (
             f"Each brace minus {against}, paired over the same landings; left of the line is less. Thick: the 95 % "
             "interval of the mean, what the landings leave open. Thin, of the probability: the same threshold with "
@@ -58,7 +58,7 @@ def draw_comparison(folder: ComparisonFolder, several: bool) -> Iterator[Drawn]:
 
 def _names_of(folder: ComparisonFolder) -> dict[str, str]:
     """{brace: its name in the palette} of a comparison that is drawn alone."""
-    return {brace: "no brace" if brace == NONE else brace for brace in folder.members}
+    return {brace: called(brace) for brace in folder.members}
 
 
 def threshold_doubts(folder: ComparisonFolder) -> dict[str, tuple[float, float]]:

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 
-from ..folders.comparison import INJURY, NONE, BraceSummary, ComparisonSummary, MeanEstimate
+from ..folders.comparison import INJURY, NONE, BraceSummary, ComparisonSummary, MeanEstimate, called
 from ..literature import INJURY_INVERSION_TEXT
 from ..metrics import Signals
 from .selection import both_ends
@@ -76,7 +76,7 @@ def _curves(axis: Axes, runs: Mapping[str, Signals], look: Mapping[str, SeriesLo
     for name, run in runs.items():
         angle = math.degrees(1.0) * run["plant.subtalar_angle"]
         colour = look[name].colour
-        axis.plot(1e3 * run.time, angle, label=_called(name), **look[name].along(len(angle)))
+        axis.plot(1e3 * run.time, angle, label=called(name), **look[name].along(len(angle)))
         top = int(np.argmax(angle))
         axis.plot(
             1e3 * run.time[top],
@@ -261,13 +261,9 @@ def _squares(axis: Axes, entries: Mapping[str, Any]) -> None:
     axis.legend(handles=handles, ncols=len(handles), loc="lower right", handlelength=1.0, handletextpad=0.4)
 
 
-def _called(brace: str) -> str:
-    return "no brace" if brace == NONE else brace
-
-
 def _named(axis: Axes, names: Sequence[str], room: float) -> None:
     """One line a brace, from above, with `room` below for a legend."""
-    axis.set_yticks(range(len(names)), [shorten(_called(name), 16) for name in names])
+    axis.set_yticks(range(len(names)), [shorten(called(name), 16) for name in names])
     axis.set_ylim(len(names) - 0.5 + room, -0.55)
     axis.tick_params(axis="y", length=0)
     axis.locator_params(axis="x", nbins=6)

@@ -76,6 +76,7 @@ NEEDS = {  # figure: what it is drawn of
 Runs = Sequence[tuple[str, RunFolder]]
 Studies = Sequence[tuple[str, StudyFolder]]
 Values = NDArray[np.float64]
+MOMENTS = ("anatomy_subtalar_moment_Nm", "brace_subtalar_moment_Nm")  # of anatomy and brace
 K = TypeVar("K")
 
 
@@ -647,21 +648,20 @@ def _sharing(items: Sequence[tuple[str, RunFolder | StudyFolder]], studies: Stud
 
 def _moments(item: RunFolder | StudyFolder) -> tuple[Values, Values] | None:
     """(n,) moments [N·m] of anatomy and brace about the subtalar axis at its peak angle, one for each landing."""
-    names = ("anatomy_subtalar_moment_Nm", "brace_subtalar_moment_Nm")
     if isinstance(item, RunFolder):
-        anatomy, brace = (item.summary.metrics.get(name) for name in names)
+        anatomy, brace = (item.summary.metrics.get(name) for name in MOMENTS)
         return None if anatomy is None else (np.array([anatomy]), np.array([brace or 0.0]))
-    done = item.done
-    if not item.is_sample or names[0] not in done or len(done) < FEWEST:
+    done, (own, borne) = item.done, MOMENTS
+    if not item.is_sample or own not in done or len(done) < FEWEST:
         return None
-    return done[names[0]].to_numpy(float), done[names[1]].to_numpy(float) if names[1] in done else np.zeros(len(done))
+    return done[own].to_numpy(float), done[borne].to_numpy(float) if borne in done else np.zeros(len(done))
 
 
 def _doubts_of_moments(studies: Studies) -> dict[str, tuple[float, float]]:
     """{study: half widths [N·m] of the 95 % intervals of the means that `_moments` has}; where the sample has some."""
     found = {}
     for name, study in studies:
-        responses = [study.summary.responses.get(n) for n in ("anatomy_subtalar_moment_Nm", "brace_subtalar_moment_Nm")]
+        responses = [study.summary.responses.get(n) for n in MOMENTS]
         ends = [both_ends(response.mean_ci) for response in responses if response is not None]
         halves = [0.5 * (pair[1] - pair[0]) for pair in ends if pair is not None]
         if halves and len(halves) == len(ends):

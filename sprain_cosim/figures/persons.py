@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..folders.comparison import INJURY, NONE, ComparisonSummary, Persons
+from ..folders.comparison import INJURY, NONE, ComparisonSummary, Persons, called
 from ..literature import INJURY_INVERSION_TEXT
 from ..records import ends_of
 from .style import SeriesLook, label, legend_above, palette, sheet, styled
@@ -39,7 +39,7 @@ def persons_figure(summary: ComparisonSummary) -> Figure:
         if row == 0:
             left.set_title("peak inversion [deg]")
             right.set_title(f"P(> {INJURY_INVERSION_TEXT}°) [%]")
-    names = [(shown[b].key(marker=shown[b].dot, markersize=2.5), "no brace" if b == NONE else b) for b in braces]
+    names = [(shown[b].key(marker=shown[b].dot, markersize=2.5), called(b)) for b in braces]
     legend_above(drawn, names, columns=min(3, len(names)))
     return drawn
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, nearest
-from ..folders.comparison import NONE, ComparisonFolder
+from ..folders.comparison import NONE, ComparisonFolder, called
 from ..folders.read import Folder
 from ..folders.run import RunFolder
 from ..folders.study import PEAK, StudyFolder
@@ -32,7 +32,7 @@ def named_folders(folders: Sequence[Folder]) -> list[Named]:
     items: list[Named] = []
     for folder in folders:
         if isinstance(folder, ComparisonFolder):
-            items += [("no brace" if brace == NONE else brace, member) for brace, member in folder.members.items()]
+            items += [(called(brace), member) for brace, member in folder.members.items()]
         else:
             items.append((folder.title, folder))
     if len({item.pose for _, item in items}) > 1:

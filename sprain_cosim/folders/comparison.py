@@ -19,6 +19,11 @@ NONE = "none"  # the name under which the landings without a brace stand
 INVERSION, INJURY = "peak_inversion_from_neutral_deg", "probability_of_injury"  # metrics
 
 
+def called(brace: str) -> str:
+    """A brace as people read it; NONE is the landings without one."""
+    return "no brace" if brace == NONE else brace
+
+
 @dataclass(frozen=True)
 class MeanEstimate(Record):
     """The value of one landing, or the mean over several.

@@ -26,7 +26,7 @@ from ..study.plan import Plan
 from ..study.trajectories import read_trajectory, trajectory_path
 from ..units import quantity
 from .comparison import FILE as COMPARISON
-from .comparison import NONE, member_path, read_comparison_summary
+from .comparison import NONE, called, member_path, read_comparison_summary
 from .run import RunSummary, read_run
 
 if TYPE_CHECKING:
@@ -87,19 +87,15 @@ def load_landings(folder: Path, trial: str | None = None) -> list[Landing]:
     places = {name: member_path(folder, brace.folder or name) for name, brace in braces.items()}
     tables = {name: read_trials(place) for name, place in places.items() if (place / TRIALS).is_file()}
     if not tables:
-        return [replace(load_landing(place, trial), title=_called(name)) for name, place in places.items()]
+        return [replace(load_landing(place, trial), title=called(name)) for name, place in places.items()]
     first = places[next(iter(tables))]
     with Ledger.read(first) as ledger:
         response = load_study_plan(first, ledger).responses[0]
     number, how = choose_common_trial(tables, response, MEDIAN if trial is None else trial, str(folder))
     return [
-        replace(load_landing(place, str(number)), title=_called(name), label=f"{place}, {how}")
+        replace(load_landing(place, str(number)), title=called(name), label=f"{place}, {how}")
         for name, place in places.items()
     ]
-
-
-def _called(brace: str) -> str:
-    return "no brace" if brace == NONE else brace
 
 
 def load_landing(folder: Path, trial: str | None = None) -> Landing:

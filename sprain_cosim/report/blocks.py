@@ -41,9 +41,14 @@ def probability_cell(e: MeanEstimate | None, shapes: tuple[float, float] | None)
     """A probability in percent, with what the landings leave open and what the shape of its threshold does."""
     if e is None or e.value is None:
         return ""
+    return Cell(percentage(e.value), tuple(probability_doubts(e, shapes)))
+
+
+def probability_doubts(e: MeanEstimate, shapes: tuple[float, float] | None) -> list[str]:
+    """In percent, a text each: what the landings leave open of a probability, and what the shape of its threshold
+    does."""
     doubts = [f"landings {line}" for line in fine_ends(e.ci_low, e.ci_high)]
-    doubts += [f"threshold's shape {line}" for line in fine_ends(*(shapes or (None, None)))]
-    return Cell(percentage(e.value), tuple(doubts))
+    return doubts + [f"threshold's shape {line}" for line in fine_ends(*(shapes or (None, None)))]
 
 
 @dataclass(frozen=True)

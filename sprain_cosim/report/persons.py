@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..figures.style import PARAMETERS, label
-from ..folders.comparison import INJURY, NONE, MeanEstimate, PersonBand, Persons, WorstInput
+from ..folders.comparison import INJURY, MeanEstimate, PersonBand, Persons, WorstInput, called
 from ..folders.run import RunFolder, RunSummary
 from ..folders.study import StudyFolder
 from ..records import ends_of
@@ -16,8 +16,8 @@ from ..study.summary import VarianceShare
 from ..subject.anthropometry import SEXES
 from ..subject.person import Subject
 from ..units import shown_unit, unit
-from .blocks import Block, Cell, Heading, PageTable, Paragraph, Row, probability_cell
-from .words import ends, fine_ends, percent, rounded, signed
+from .blocks import Block, Cell, Heading, PageTable, Paragraph, Row, probability_cell, probability_doubts
+from .words import ends, percent, rounded, signed
 
 WORST_INPUTS = 6  # rows of each brace
 OF_WORST = (
@@ -35,7 +35,7 @@ OF_GROUPS = (
 def persons_tables(persons: Persons) -> list[Block]:
     blocks: list[Block] = [Heading("For whom does each brace work?"), _bands(persons)] if persons.bands else []
     for brace in persons.worst:
-        blocks += [Heading(f"The worst tenth: {_named(brace)}"), _worst(persons, brace)]
+        blocks += [Heading(f"The worst tenth: {called(brace)}"), _worst(persons, brace)]
     return [*blocks, Paragraph(OF_WORST, "about")]
 
 
@@ -68,11 +68,7 @@ def persons_sentence(persons: Persons | None, brace: str) -> str:
 
 def _open(band: PersonBand, brace: str) -> str:
     """What leaves the probability in a part of the persons open."""
-    e = band.metrics[brace][INJURY]
-    found = [f"landings {line}" for line in fine_ends(e.ci_low, e.ci_high)]
-    found += [
-        f"threshold's shape {line}" for line in fine_ends(*(ends_of(band.injury_shapes.get(brace)) or (None, None)))
-    ]
+    found = probability_doubts(band.metrics[brace][INJURY], ends_of(band.injury_shapes.get(brace)))
     return f" ({'; '.join(found)} %)" if found else ""
 
 
@@ -123,7 +119,7 @@ def _bands(persons: Persons) -> PageTable:
                 shapes = ends_of(band.injury_shapes.get(brace))
                 row += [_mean(found.get(persons.response)), probability_cell(found.get(INJURY), shapes)]
             rows.append(row)
-    heads = [f"{_named(b)}: {what}" for b in braces for what in ("peak inversion [°]", "P(injury) [%]")]
+    heads = [f"{called(b)}: {what}" for b in braces for what in ("peak inversion [°]", "P(injury) [%]")]
     return PageTable(["persons", *heads], rows)
 
 
@@ -172,10 +168,6 @@ def _whole(share: float | None) -> str:
 
 def _whole_ends(low: float | None, high: float | None) -> list[str]:
     return [] if low is None or high is None else [f"{100 * low:.0f} … {100 * high:.0f} %"]
-
-
-def _named(brace: str) -> str:
-    return "no brace" if brace == NONE else brace
 
 
 def _mean(e: MeanEstimate | None) -> str | Cell:

@@ -12,7 +12,7 @@ from .. import figures as plots
 from ..brace.comparison import CHANGED, LINES, PEAKS, postures
 from ..figures.selection import Named, response_label
 from ..figures.style import PARAMETERS
-from ..folders.comparison import INJURY, NONE, BraceSummary, ComparisonFolder, MeanEstimate
+from ..folders.comparison import INJURY, NONE, BraceSummary, ComparisonFolder, MeanEstimate, called
 from ..folders.read import Folder
 from ..folders.run import RunFolder, RunSummary
 from ..folders.study import StudyFolder
@@ -146,7 +146,7 @@ def _comparison(folder: ComparisonFolder) -> PageTable:
         if any(held):
             rows.append([f"resists {motion} of 5 / 10° [N·m]", *held])
     rows.append(["landings completed", *map(folder.summary.completion, braces.values())])
-    return PageTable(["", *("no brace" if name == NONE else name for name in braces)], rows)
+    return PageTable(["", *map(called, braces)], rows)
 
 
 def _estimate(e: MeanEstimate | None, factor: float, sign: bool = False, step: float | None = None) -> str | Cell:
