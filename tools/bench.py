@@ -28,6 +28,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from fmus.plant import kernels
 from fmus.plant.constants import sole
 from fmus.plant.plant import Landing, Plant
+from sprain_cosim.process import python_command
 from sprain_cosim.scenario import load_scenario
 from sprain_cosim.study.evaluation import summarise
 from sprain_cosim.study.file import load_study
@@ -217,7 +218,7 @@ def population(pairs: int = 5, trials: int = 300) -> None:
 
         def spent(name: str, k: int) -> float:
             out = ["--out", f"{scratch}/{name}-{k}", "--progress", "none"]
-            command = [sys.executable, "-m", "sprain_cosim", "study", name, "--trials", str(trials), *out]
+            command = [*python_command("sprain_cosim"), "study", name, "--trials", str(trials), *out]
             return processor_time(lambda: subprocess.run(command, check=True, stdout=subprocess.DEVNULL), 1)
 
         found = [{name: spent(name, k) for name in (names if k % 2 else names[::-1])} for k in range(pairs)]
@@ -289,7 +290,7 @@ def main() -> None:
         ("sprain-cosim --help", ["--help"]),
         ("sprain-cosim run incline30", ["run", "incline30"]),
     ):
-        command = [sys.executable, "-m", "sprain_cosim", *arguments_of]
+        command = [*python_command("sprain_cosim"), *arguments_of]
         seconds = processor_time(lambda: subprocess.run(command, check=True, stdout=subprocess.DEVNULL), repeat)  # noqa: B023
         row(label, seconds, "processor time, start to end")
     row("a study's worker", processor_time(worker, repeat), "processor time: its start, the FMUs, one braced landing")

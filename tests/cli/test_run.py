@@ -24,7 +24,7 @@ def call(*arguments: str, cwd: Path | None = None, **environment: str) -> subpro
 
     env = {**os.environ, "PYTHONPATH": str(ROOT), **environment}
     return subprocess.run(
-        [sys.executable, "-m", "sprain_cosim", *arguments],
+        [sys.executable, "-P", "-m", "sprain_cosim", *arguments],
         capture_output=True,
         text=True,
         cwd=cwd,

@@ -184,6 +184,26 @@ def test_the_same_bytes_from_every_folder_and_process(tmp_path: Path) -> None:
     assert build_fmu(tmp_path / "a", tmp_path / "c.fmu") != build_fmu(tmp_path / "b" / "deeper", tmp_path / "d.fmu")
 
 
+def test_the_package_that_builds_compiles_whatever_lies_where_it_is_called(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Called with `python -m` or from a script in another clone's folder, that clone would compile."""
+    caller = tmp_path / "clone"
+    for other in ("sprain_cosim", "numba", "numpy"):
+        (caller / other).mkdir(parents=True)
+        (caller / other / "__init__.py").write_text(f"raise SystemExit('the {other} beside the caller')")
+    device = project(tmp_path / "probe", "def refresh(values):\n    values.subtalar_torque = values.k")
+    build_fmu(device, tmp_path / "here.fmu")
+    monkeypatch.chdir(caller)
+    monkeypatch.setattr(sys, "path", [str(caller), *sys.path])
+    build_fmu(device, tmp_path / "there.fmu")
+    assert (tmp_path / "there.fmu").read_bytes() == (tmp_path / "here.fmu").read_bytes()
+    shutil.rmtree(caller / "numba"), shutil.rmtree(caller / "numpy")
+    monkeypatch.setenv("PYTHONPATH", str(caller))  # of a clone's user; what it names beside the package is meant
+    build_fmu(device, tmp_path / "path.fmu")
+    assert (tmp_path / "path.fmu").read_bytes() == (tmp_path / "here.fmu").read_bytes()
+
+
 def test_what_the_compiler_uses_of_numba_that_is_no_api(tmp_path: Path) -> None:
     """Pinned in pyproject.toml; where a new version changes it, this says what."""
     assert numba.__version__.startswith("0.68."), "read this test, then pyproject.toml, before another version"
@@ -260,8 +280,9 @@ def test_a_build_without_a_change_compiles_nothing(tmp_path: Path, monkeypatch: 
     assert [(b.file, b.guid) for b in models.build_all()] == [(b.file, b.guid) for b in first]
     assert asked == [], "current: what compiles is not asked"
     (two / "device.py").write_text("def refresh(values):\n    values.subtalar_torque = 5.0\n")
-    assert [b.new for b in models.build_all()] == [False, False, True, True]
-    assert asked == [two]
+    told: list[str] = []
+    assert [b.new for b in models.build_all(tell=told.append)] == [False, False, True, True]
+    assert asked == [two] and told[0] == "compiling two for linux64", "the plant is not among them"
     record = BuildRecord.read(tmp_path / "built")
     assert record.current(one, ["linux64"])
     assert not record.current(one, ["linux64", "win64"])
@@ -284,7 +305,7 @@ def test_a_quick_build_makes_what_landings_on_this_machine_need(
         project(tmp_path / "fmus" / name, "def refresh(values):\n    values.subtalar_torque = 1.0")
     outcome = CliRunner().invoke(cli, ["build", "--quick"])
     assert outcome.exit_code == 0, outcome.output
-    assert outcome.stderr.splitlines()[0].startswith("compiling one for linux64;"), "a minute is not silent"
+    assert outcome.stderr.splitlines()[0] == "compiling one for linux64", "a minute is not silent"
     assert outcome.stderr.splitlines()[1].startswith("one: done after ")
     assert "win64" not in outcome.output
     assert sorted(p.name for p in (tmp_path / "built").iterdir()) == ["built.json", "one.fmu", "one_fmi3.fmu"]

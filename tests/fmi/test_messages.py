@@ -153,7 +153,7 @@ def test_a_sum_keeps_the_order() -> None:
 
 def command(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "sprain_cosim", *arguments], cwd=cwd, capture_output=True, text=True, check=False
+        [sys.executable, "-P", "-m", "sprain_cosim", *arguments], cwd=cwd, capture_output=True, text=True, check=False
     )
 
 

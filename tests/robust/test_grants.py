@@ -123,7 +123,7 @@ for number in map(int, sys.argv[1].split(",")):
     program += [(seccomp.EQUAL, 0, 1, number), (seccomp.RETURN, 0, 0, seccomp.ERRNO | 38)]
 program.append((seccomp.RETURN, 0, 0, seccomp.ALLOW))
 seccomp.install(b"".join(struct.pack("<HBBI", *one) for one in program))
-os.execv(sys.executable, [sys.executable, "-m", "sprain_cosim", *sys.argv[2:]])
+os.execv(sys.executable, [sys.executable, "-P", "-m", "sprain_cosim", *sys.argv[2:]])
 """
 LANDLOCK = (444, 445, 446)
 

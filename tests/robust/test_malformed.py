@@ -441,7 +441,7 @@ def test_through_the_command(fenced: Path) -> None:
         Path("x.fmu").write_bytes(dict(cases(family))[name])
         clock = Clock()
         told = subprocess.run(
-            [sys.executable, "-m", "sprain_cosim", "check", "x.fmu"], capture_output=True, text=True, timeout=30
+            [sys.executable, "-P", "-m", "sprain_cosim", "check", "x.fmu"], capture_output=True, text=True, timeout=30
         )
         assert (told.returncode, told.stdout) == (2, ""), (name, told)
         assert re.fullmatch(r"error: [^\n]+\n", told.stderr), (name, told.stderr)

@@ -1,6 +1,6 @@
 """Devices compiled ahead of time: Python functions -> numba's types and LLVM IR -> one object file for each target.
 
-Runs in processes of its own (`python -m sprain_cosim.fmu.build`), so that a device's code, numba's settings and
+Runs in processes of its own (`sprain_cosim.fmu.build`), so that a device's code, numba's settings and
 its memory stay out of the caller's, and hashes are the same in every build. numba and llvmlite are imported here alone;
 what is used of them that is no API is pinned by the build's requirements and watched by tests/fmi/test_compile.py.
 
@@ -16,7 +16,6 @@ import json
 import os
 import pickle
 import re
-import sys
 import tempfile
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -29,7 +28,7 @@ import numpy as np
 
 from ...errors import EnvironmentProblem, InputError, SprainError
 from ...files import read_json
-from ...process import run_program
+from ...process import python_command, run_program
 from . import subset
 from .device import Device, Reason, arguments, read_device
 from .experiment import experiment
@@ -125,9 +124,7 @@ def compile_devices(folders: Sequence[Path], platforms: Sequence[str]) -> list[C
 
 def _apart(task: str, work: Path, *arguments: str) -> Any:
     """What a task of TASKS returns, run in a process of its own. Raises what it raises."""
-    path = os.pathsep.join(p for p in sys.path if p)
-    command = [sys.executable, "-m", __package__, task, str(work), *arguments]
-    ended = run_program(command, environment=ENVIRONMENT | {"PYTHONPATH": path})
+    ended = run_program([*python_command(__package__), task, str(work), *arguments], environment=ENVIRONMENT)
     outcome = work / OUTCOME
     if not outcome.is_file():
         last = (ended.stderr.strip().splitlines() or [f"exit code {ended.returncode}"])[-1]

@@ -85,7 +85,7 @@ def compiler_for(platform: str) -> list[str]:
     if platform in ZIG:
         if importlib.util.find_spec("ziglang") is None:
             raise EnvironmentProblem("no compiler for darwin64: ziglang is not installed; pip install ziglang")
-        return [sys.executable, "-m", "ziglang", "cc", "-target", ZIG[platform]]
+        return [sys.executable, "-P", "-m", "ziglang", "cc", "-target", ZIG[platform]]
     asked = os.environ.get("CC")
     if asked:
         found = shutil.which(asked)

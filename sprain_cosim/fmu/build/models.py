@@ -56,7 +56,9 @@ def build_all(
     stale = [folder for folder in chosen if not built[folder]]
     if stale:
         _check_compilers(places)
-        tell(f"compiling {', '.join(folder.name for folder in stale)} for {', '.join(places)}; the plant takes longest")
+        old = [folder.name for folder in stale]
+        longest = "; the plant takes longest" if "plant" in old and len(old) > 1 else ""
+        tell(f"compiling {', '.join(old)} for {', '.join(places)}{longest}")
         built |= _build([faces[folder] for folder in stale], places, record, tell)
     return [fmu for folder in chosen for fmu in built[folder]]
 
