@@ -345,14 +345,13 @@ def _labelled(name: str, unit: str) -> str:
 
 
 def _tornado(name: str, study: StudyFolder, end: str) -> Drawn:
-    caption = (
-        "What moves the response (Pearson's r) and what widens it (how its standard deviation follows the input's: "
-        "dSD/dSD, normalised), with 95 % intervals."
-    )
+    spread = spread_intervals(study, study.response)
+    widens = " and what widens it (how its standard deviation follows the input's: dSD/dSD, normalised)"
+    caption = f"What moves the response (Pearson's r){widens if spread else ''}, with 95 % intervals."
     drawn = partial(
         plots.tornado,
         pearson_intervals(study, study.response),
-        spread_intervals(study, study.response),
+        spread,
         name,
         response_label(study.response),
         study.published_peak.get("pearson", {}),

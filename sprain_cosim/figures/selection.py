@@ -128,14 +128,14 @@ def pearson_intervals(study: StudyFolder, response: str) -> dict[str, Interval]:
 
 
 def spread_intervals(study: StudyFolder, response: str) -> dict[str, Interval]:
-    """{parameter: dSD/dSD normalised, with the ends of its 95 % interval}."""
+    """{parameter: dSD/dSD normalised, with the ends of its 95 % interval}, where it has one."""
     if response not in study.summary.sensitivity:
         return {}
     inputs = study.summary.sensitivity[response].inputs
     return {
-        name: as_interval(s.dsd_dsd, *(s.ci.dsd_dsd or (None, None)))
+        name: (s.dsd_dsd, *known)
         for name, s in inputs.items()
-        if s.dsd_dsd is not None
+        if s.dsd_dsd is not None and (known := both_ends(s.ci.dsd_dsd)) is not None
     }
 
 

@@ -237,12 +237,12 @@ def _of_factors(study: StudyFolder) -> PageTable:
     sobol = any(v.sobol_total is not None for v in inputs.values())
     rows: list[Row] = []
     for parameter, v in sorted(inputs.items(), key=lambda kv: -abs(kv[1].pearson.value or 0.0)):
-        r, error = v.pearson, v.standard_error.dsd_dsd
+        r = v.pearson
         row: list[str | Cell] = [
             _parameter(parameter),
             Cell(signed(r.value, 2), (*ends(r.low, r.high), *_published(published.get(parameter)))),
-            signed(v.dsd_dmean, 2),
-            Cell(signed(v.dsd_dsd, 2), () if error is None else (f"± {error:.2f} SE",)),
+            Cell(signed(v.dsd_dmean, 2), ends(*(v.ci.dsd_dmean or (None, None)))),
+            Cell(signed(v.dsd_dsd, 2), ends(*(v.ci.dsd_dsd or (None, None)))),
         ]
         shares = ((v.sobol_first, v.sobol_first_ci), (v.sobol_total, v.sobol_total_ci), (v.shapley, v.shapley_ci))
         rows.append([*row, *([Cell(rounded(s), ends(*(ci or (None, None)))) for s, ci in shares] if sobol else [])])

@@ -241,6 +241,11 @@ def _with_sample(
     if study.method == "monte-carlo" and len(done) >= LEAST:
         x = done[study.headings].to_numpy(float)
         moved = {name: _sensitivity(study, x, values[name]) for name in study.responses}
+        if len(done) < sensitivity.FOURTH_ORDER:
+            notes.append(
+                f"{len(done)} completed trials: factors dSD/dSD without errors below {sensitivity.FOURTH_ORDER}, which "
+                "would be too small"
+            )
     questions, curves = dict[str, Probability](), dict[str, Curve]()
     notes += _apart(study, moved)
     if len(done) >= LEAST and study.method != "grid":

@@ -181,6 +181,10 @@ def _correlations(moved: Sensitivity, published: Mapping[str, Any], without: str
             f"  {key:{room}}{_number(s.pearson.value, '.2f'):>10}{_interval(s.pearson.low, s.pearson.high):>20}"
             f"{_number(published.get(key)):>12}{alpha:>18}{indices:>19}{shapley:>26}"
         )
+    if moved.linear is not None:
+        lines.append(
+            f"  importance from a linear fit, which explains {_number(moved.linear.r2, '.0%')} of the variance"
+        )
     if moved.chaos is not None:
         lines.append(
             f"  Sobol' indices and Shapley shares from polynomial chaos of degree {moved.chaos.degree}, "

@@ -27,9 +27,10 @@ from scipy.special import eval_hermitenorm, eval_legendre, ndtr, ndtri, stdtrit
 from .chaos import orthonormal, redrawn
 from .distributions import JointDistribution, Marginal, Normal, Uniform
 from .sampling import Stream, generator, sobol
-from .statistics import clopper_pearson
+from .statistics import clopper_pearson, skewed_interval
 
 __all__ = [
+    "FOURTH_ORDER",
     "Correlation",
     "GivenDataIndices",
     "Importance",
@@ -72,12 +73,19 @@ class Correlation:
 
 def pearson(x: ArrayLike, y: ArrayLike, confidence: float = 0.95) -> Correlation:
     """Pearson's r of each input with the response. The interval is on Fisher's z; its error is at least that of two
-    normal variables, and that of the sample's own fourth moments where a response is bent or has a long tail."""
+    normal variables, and that of rows left out one by one where a response is bent or has a long tail."""
     xs, ys = _paired(x, y)
-    r = _pearson(xs, ys)
+    r, n = _pearson(xs, ys), len(ys)
     dx, dy = _standard(xs), _standard(ys[:, np.newaxis])
-    influence = dx * dy - 0.5 * r * (dx**2 + dy**2)
-    return _fisher(r, np.full(len(r), 1.0 / math.sqrt(len(ys) - 3)), influence, confidence)
+    more = n / (n - 1)
+    norms = np.sqrt(np.maximum(n - more * dx**2, 0.0) * np.maximum(n - more * dy**2, 0.0))
+    left = np.where(norms > 1e-9 * n, (n * r - more * dx * dy) / np.maximum(norms, 1e-9 * n), 0.0)
+    z = np.arctanh(np.clip(left, -_NEARLY, _NEARLY))
+    own = np.sqrt((n - 1) / n * np.sum((z - z.mean(axis=0)) ** 2, axis=0))
+    return _fisher(r, np.full(len(r), 1.0 / math.sqrt(n - 3)), np.where(np.abs(r) < _NEARLY, own, 0.0), n, confidence)
+
+
+_NEARLY = 1.0 - 1e-12  # a correlation that is perfect but for rounding
 
 
 def spearman(x: ArrayLike, y: ArrayLike, confidence: float = 0.95) -> Correlation:
@@ -89,7 +97,8 @@ def spearman(x: ArrayLike, y: ArrayLike, confidence: float = 0.95) -> Correlatio
     r = _pearson(ranks, below)
     above = [_mean_above(column, below) + _mean_above(ys, rank) for column, rank in zip(xs.T, ranks.T, strict=True)]
     influence = 12.0 * (ranks * below[:, np.newaxis] + np.column_stack(above))
-    return _fisher(r, np.sqrt((1.0 + 0.5 * r**2) / (n - 3)), influence, confidence)
+    own = np.std(influence, axis=0, ddof=1) / math.sqrt(n) / np.where(np.abs(r) < 1.0, 1.0 - r**2, np.inf)
+    return _fisher(r, np.sqrt((1.0 + 0.5 * r**2) / (n - 3)), own, n, confidence)
 
 
 def _standard(xs: Array) -> Array:
@@ -117,12 +126,11 @@ def _ranks(values: Array) -> Array:
     return (np.cumsum(counts) - 0.5 * (counts - 1))[inverse]
 
 
-def _fisher(r: Array, of_normal: Array, influence: Array, confidence: float) -> Correlation:
-    """`of_normal` (d,) standard error of z for two normal variables, `influence` (n, d) of the rows on r."""
-    n, tail = len(influence), 0.5 * (1.0 + confidence)
+def _fisher(r: Array, of_normal: Array, own: Array, n: int, confidence: float) -> Correlation:
+    """`of_normal` (d,) standard error of z for two normal variables, `own` (d,) as the n rows show it."""
+    tail = 0.5 * (1.0 + confidence)
     with np.errstate(divide="ignore"):
         z = np.arctanh(r)
-    own = np.std(influence, axis=0, ddof=1) / math.sqrt(n) / np.where(np.abs(r) < 1.0, 1.0 - r**2, np.inf)
     half = np.maximum(float(ndtri(tail)) * of_normal, float(stdtrit(n - 1, tail)) * own)
     return Correlation(r, np.tanh(z - half), np.tanh(z + half))
 
@@ -131,8 +139,9 @@ def _fisher(r: Array, of_normal: Array, influence: Array, confidence: float) -> 
 class Importance:
     """Direction in the standard space in which the response grows, from a sample.
 
-    alpha (d,) unit vector, 0 for fixed inputs, standard_error (d,); r2 is the share of the variance that the
-    linear fit explains: the importance of a response that is not linear is only as good as that.
+    alpha (d,) unit vector, 0 for fixed inputs, standard_error (d,), at most 1: such a direction is not known; r2 is the
+    share of the variance that a linear response explains, adjusted for the slopes fitted (M. Ezekiel 1930): the
+    importance of a response that is not linear is only as good as that.
     """
 
     alpha: Array
@@ -150,21 +159,37 @@ def importance(
     design = np.column_stack([np.ones(len(ys)), joint.to_standard(xs)[:, active]])
     if len(ys) <= design.shape[1]:
         raise ValueError(f"{len(ys)} rows cannot determine the slopes of {len(active)} inputs")
-    slopes, *_ = np.linalg.lstsq(design, ys, rcond=None)
-    residual = ys - design @ slopes
-    inverse = np.linalg.inv(design.T @ design)
-    # White's covariance: the residual of a curved response grows with the distance from the centre.
-    meat = design.T @ (design * (residual**2)[:, np.newaxis])
-    covariance = (inverse @ meat @ inverse)[1:, 1:]
-    norm = float(np.linalg.norm(slopes[1:]))
-    variance = float(np.sum((ys - ys.mean()) ** 2))
     alpha, error = np.zeros(len(joint)), np.zeros(len(joint))
+    _, alpha[active], error[active], r2 = _direction(design, ys)
+    return Importance(alpha, error, r2)
+
+
+def _direction(design: Array, y: Array) -> tuple[Array, Array, Array, float]:
+    """Least-squares slopes (k,) of y by the columns of `design` (n, 1 + k), the first of which is 1; their unit vector,
+    its standard error and the adjusted r².
+
+    The covariance is White's with each residual over its row's own share (J. G. MacKinnon, H. White, J. Econom. 29
+    (1985) 305-325): the residual of a curved response grows with the distance from the centre, and a fit of many
+    slopes to few rows hides it. Slopes that are noise are too long in the mean, so that the direction's error is over
+    the length that is left without it.
+    """
+    n, k = design.shape[0], design.shape[1] - 1
+    q, r = np.linalg.qr(design)
+    slopes = np.linalg.solve(r, q.T @ y)
+    residual = y - design @ slopes
+    own = residual / np.maximum(1.0 - np.sum(q**2, axis=1), 1e-9)
+    moved = np.linalg.solve(r, (q * own[:, np.newaxis]).T)[1:]  # of the slopes by each row
+    covariance = moved @ moved.T
+    slopes, variance = slopes[1:], float(np.sum((y - y.mean()) ** 2))
+    norm, known = float(np.linalg.norm(slopes)), float(slopes @ slopes - np.trace(covariance))
+    unit, error = np.zeros(k), np.zeros(k)
     if norm > 0:
-        unit = slopes[1:] / norm
-        project = (np.eye(len(active)) - np.outer(unit, unit)) / norm
-        alpha[active] = unit
-        error[active] = np.sqrt(np.diag(project @ covariance @ project))
-    return Importance(alpha, error, 1.0 - float(residual @ residual) / variance if variance > 0 else math.nan)
+        unit = slopes / norm
+        across = np.eye(k) - np.outer(unit, unit)
+        spread = np.sqrt(np.maximum(np.diag(across @ covariance @ across), 0.0))
+        error = np.minimum(spread / math.sqrt(known), 1.0) if known > 0 else np.ones(k)
+    explained = 1.0 - float(residual @ residual) / variance * (n - 1) / (n - 1 - k) if variance > 0 else math.nan
+    return slopes, unit, error, max(explained, 0.0)
 
 
 @dataclass(frozen=True)
@@ -175,8 +200,8 @@ class SensitivityFactors:
     dmean_dmean ∂μy/∂μx · dmean_dsd ∂μy/∂σx · dsd_dmean ∂σy/∂μx · dsd_dsd ∂σy/∂σx
 
     NaN for inputs that have no such derivative (fixed; uniform, whose ends would move). `standard_error`
-    holds the same four by the influence function, `low` and `high` the ends of BCa bootstrap intervals (None
-    without resampling).
+    holds the same four by the jackknife, `low` and `high` the ends of intervals (None without resampling); of dsd_dsd
+    they are NaN below 100 rows, which seldom meet what it depends on.
     """
 
     dmean_dmean: Array
@@ -217,42 +242,49 @@ def sensitivity_factors(
 
     ∂μy/∂θ = E[(y − μy)κ], ∂σy/∂θ = E[((y − μy)² − σy²)κ]/(2σy), κ = ∂ ln f/∂θ. `resamples` > 0 adds BCa
     bootstrap intervals (a thousand for four digits of confidence; memory is resamples × n bytes at a time in
-    blocks).
+    blocks), widened where those of the jackknife are wider: of few rows BCa's alone hold too seldom.
     """
     xs, ys = _paired(x, y)
     joint = JointDistribution(marginals, correlation)
     if xs.shape[1] != len(joint):
         raise ValueError(f"x has {xs.shape[1]} columns for {len(joint)} marginals")
-    n, sigma_x = len(ys), joint.sds
-    y0 = ys - ys.mean()
-    variance = float(np.mean(y0**2))
-    if variance == 0.0:
+    n, y0, scale = len(ys), ys - ys.mean(), np.tile(joint.sds, 2)
+    if not np.any(y0):
         raise ValueError("the response does not vary: it has no sensitivity factors")
-    sigma_y = math.sqrt(variance)
     kappa = np.concatenate(_scores(xs, joint), axis=1)  # (n, 2d): means, then standard deviations
-    scale = np.tile(sigma_x, 2)
-
-    spread = (y0**2 - variance)[:, np.newaxis]
-    covariance = y0 @ kappa / n
-    on_mean = covariance * scale / sigma_y
-    on_sd = np.mean(spread * kappa, axis=0) * scale / (2.0 * variance)
-    influence_mean = y0[:, np.newaxis] * kappa * scale / sigma_y - on_mean - on_mean * spread / (2.0 * variance)
-    influence_sd = (
-        spread * kappa * scale / (2.0 * variance)
-        - on_sd
-        - y0[:, np.newaxis] * covariance * scale / variance
-        - on_sd * spread / variance
-    )
-    influence = np.concatenate([influence_mean, influence_sd], axis=1)
-    estimate = np.concatenate([on_mean, on_sd])
-    error = np.sqrt(np.mean(influence**2, axis=0) / n)
+    products = [kappa, y0[:, np.newaxis] * kappa, (y0**2)[:, np.newaxis] * kappa]
+    moments = np.column_stack([y0, y0**2, *products])
+    estimate = _factors_of(moments.mean(axis=0), scale)
+    influence = _influence(moments, scale)
+    error = np.std(influence, axis=0, ddof=1) / math.sqrt(n)
+    on_sd = slice(3 * len(joint), None)  # of the response by that of the inputs, whose rows are skewed most
+    if n < FOURTH_ORDER:
+        error[on_sd] = math.nan
     low = high = None
     if resamples:
-        products = [kappa, y0[:, np.newaxis] * kappa, (y0**2)[:, np.newaxis] * kappa]
-        moments = np.column_stack([y0, y0**2, *products])
         ends = _bca(moments, lambda m: _factors_of(m, scale), estimate, influence, resamples, confidence, seed)
-        low, high = (_split(end) for end in ends)
+        half = float(stdtrit(n - 1, 0.5 * (1.0 + confidence))) * error
+        lows, highs = np.minimum(ends[0], estimate - half), np.maximum(ends[1], estimate + half)
+        for k in range(len(error))[on_sd]:
+            if error[k] > 0:
+                straight = skewed_interval(influence[:, k] + estimate[k], confidence)
+                lows[k], highs[k] = min(lows[k], straight[0]), max(highs[k], straight[1])
+        low, high = _split(lows), _split(highs)
     return replace(_split(estimate), standard_error=_split(error), low=low, high=high)
+
+
+FOURTH_ORDER = 100  # rows that meet moments of fourth order well enough for an interval
+_AT_A_TIME = 65_536  # rows
+
+
+def _influence(moments: Array, scale: Array) -> Array:
+    """(n, 4d) of each row on the factors: what they lose when it is left out, times n - 1, less the mean of that."""
+    n, total = len(moments), moments.sum(axis=0)
+    left = [_factors_of((total - moments[k : k + _AT_A_TIME]) / (n - 1), scale) for k in range(0, n, _AT_A_TIME)]
+    influence = np.concatenate(left)
+    influence -= influence.mean(axis=0)
+    influence *= 1 - n
+    return influence
 
 
 def _factors_of(moments: Array, scale: Array) -> Array:
@@ -260,9 +292,10 @@ def _factors_of(moments: Array, scale: Array) -> Array:
     k = len(scale)
     y1, y2 = moments[..., 0:1], moments[..., 1:2]
     kappa, yk, yyk = (moments[..., 2 + j * k : 2 + (j + 1) * k] for j in range(3))
-    variance = y2 - y1**2
-    on_mean = (yk - y1 * kappa) * scale / np.sqrt(variance)
-    on_sd = (yyk - 2.0 * y1 * yk + (2.0 * y1**2 - y2) * kappa) * scale / (2.0 * variance)
+    variance = np.maximum(y2 - y1**2, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):  # rows alike have no factors: NaN
+        on_mean = (yk - y1 * kappa) * scale / np.sqrt(variance)
+        on_sd = (yyk - 2.0 * y1 * yk + (2.0 * y1**2 - y2) * kappa) * scale / (2.0 * variance)
     return np.concatenate([on_mean, on_sd], axis=-1)
 
 
@@ -566,10 +599,10 @@ class PhysicalImportance:
 
     alone           unit vector of the response's slopes along each input's own z (its standard score through its own
                     marginal), all other inputs held: what an input does by itself
-    alone_error     its standard error
+    alone_error     its standard error, at most 1
     with_companions correlation of each z with the linear response: what goes along when an input is seen to be large,
                     its correlated companions included; not a unit vector
-    r2              share of the variance that the linear fit explains
+    r2              share of the variance that a linear response explains, adjusted for the slopes fitted
     """
 
     alone: Array
@@ -594,18 +627,10 @@ def importance_x(
     active = joint.active
     if len(ys) <= len(active) + 1:
         raise ValueError(f"{len(ys)} rows cannot determine the slopes of {len(active)} inputs")
-    design = np.column_stack([np.ones(len(ys)), joint.to_normal(xs)[:, active]])
-    slopes, *_ = np.linalg.lstsq(design, ys, rcond=None)
-    residual, inverse = ys - design @ slopes, np.linalg.inv(design.T @ design)
-    covariance = (inverse @ (design.T @ (design * (residual**2)[:, np.newaxis])) @ inverse)[1:, 1:]
-    own, variance = slopes[1:], float(np.sum((ys - ys.mean()) ** 2))
     alone, error, companions = np.zeros(len(joint)), np.zeros(len(joint)), np.zeros(len(joint))
-    norm = float(np.linalg.norm(own))
-    if norm > 0:
+    design = np.column_stack([np.ones(len(ys)), joint.to_normal(xs)[:, active]])
+    slopes, alone[active], error[active], r2 = _direction(design, ys)
+    if np.any(slopes):
         normal = joint.normal_correlation[np.ix_(active, active)]
-        unit = own / norm
-        project = (np.eye(len(active)) - np.outer(unit, unit)) / norm
-        alone[active], error[active] = unit, np.sqrt(np.diag(project @ covariance @ project))
-        companions[active] = normal @ own / math.sqrt(float(own @ normal @ own))
-    explained = 1.0 - float(residual @ residual) / variance if variance > 0 else math.nan
-    return PhysicalImportance(alone, error, companions, explained)
+        companions[active] = normal @ slopes / math.sqrt(float(slopes @ normal @ slopes))
+    return PhysicalImportance(alone, error, companions, r2)

@@ -206,6 +206,15 @@ def test_sensitivities_have_errors_and_intervals(study6) -> None:
     assert sum(v.sobol_first for v in found.inputs.values()) == pytest.approx(1.0, abs=0.05)
 
 
+def test_factors_on_the_spread_have_no_error_from_few_trials_and_say_so(study6) -> None:
+    study = replace(study6, trials=60)
+    summary = summarise(study, landings(study), None)
+    drop = summary.sensitivity[PEAK].inputs["plant.drop_height"]
+    assert drop.dsd_dsd is not None
+    assert (drop.standard_error.dsd_dsd, drop.ci.dsd_dsd) == (None, (None, None))
+    assert any("dSD/dSD without errors below 100" in note for note in summary.notes)
+
+
 def test_a_grid_becomes_a_table_and_no_probability(study6) -> None:
     study = sc.load_study("demers2017")
     x = study.sample()
