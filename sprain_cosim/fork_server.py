@@ -20,7 +20,6 @@ import gc
 import importlib
 import json
 import os
-import runpy
 import select
 import signal
 import socket
@@ -30,9 +29,8 @@ import tempfile
 import threading
 import time
 import traceback
-import warnings
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import IO, Any, NoReturn
 
@@ -47,7 +45,6 @@ AT_START = (  # of variables that a process reads when it starts, or a library w
 )
 
 _foreign = False  # foreign code has been loaded into this process
-_preparing = False  # a module is run for what its children do
 _server: ForkServer | None = None
 _choosing = threading.Lock()
 _streams: tuple[Any, ...] = ()  # of the process that was copied
@@ -372,36 +369,14 @@ def _start(request: Mapping[str, Any], descriptors: list[int]) -> dict[str, Any]
 
 @cache
 def _life_of(name: str) -> Callable[[], NoReturn]:
-    """What a child does that runs the module of that name. Raises what the module raises."""
-    global _preparing
+    """What a child does that runs the module of that name, which ends in `serve(_handlers)`; what it imports is
+    imported here. Raises what that raises."""
     module = importlib.import_module(name)
     getattr(module, "import_libraries", lambda: None)()
-    _preparing = True
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # it is imported already
-            runpy.run_module(name, run_name="__main__", alter_sys=True)
-    except _Begins as child:
-        return child.life
-    finally:
-        _preparing = False
-        gc.collect()
-        gc.freeze()  # a collection in a child would write to what it shares with the others
-        gc.set_threshold(SELDOM)
-    raise ImportError(f"{name} does not begin the life of a child")
-
-
-def live_as_child(life: Callable[[], NoReturn]) -> NoReturn:
-    """What a module does when it is run as a child; in a server its children do it."""
-    if _preparing:
-        raise _Begins(life)
-    life()
-
-
-class _Begins(BaseException):
-    def __init__(self, life: Callable[[], NoReturn]) -> None:
-        super().__init__()
-        self.life = life
+    gc.collect()
+    gc.freeze()  # a collection in a child would write to what it shares with the others
+    gc.set_threshold(SELDOM)
+    return partial(module.serve, module._handlers)
 
 
 def _begin_as_child(life: Callable[[], NoReturn], request: Mapping[str, Any], descriptors: list[int]) -> NoReturn:

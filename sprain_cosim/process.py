@@ -34,13 +34,12 @@ import zlib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from time import monotonic
 from typing import IO, Any, NoReturn, cast
 
 from .errors import EnvironmentProblem, SprainError, visible
-from .fork_server import Copy, ForkServer, ServerGone, copy_now, drop_server, live_as_child, server_for
+from .fork_server import Copy, ForkServer, ServerGone, copy_now, drop_server, server_for
 from .machine.face import PARENTS_TEMPORARY
 from .machine.here import SYSTEM
 from .sandbox.confinement import Confinement, enter
@@ -405,10 +404,6 @@ def serve(handlers: Callable[[Any], AbstractContextManager[Handlers]]) -> NoRetu
 
     `handlers(subject)` opens the subject and gives the functions that can be called, by name. A SprainError, also of
     opening, becomes a reply; any other exception ends the process."""
-    live_as_child(partial(_live, handlers))
-
-
-def _live(handlers: Callable[[Any], AbstractContextManager[Handlers]]) -> NoReturn:
     global _serving
     _serving = True
     requests, replies, memory, parent, report = (int(argument) for argument in sys.argv[1:6])

@@ -98,13 +98,13 @@ def signatures(kind: Any) -> list[tuple[str, str, list[str], list[Any], Any]]:
     for name, method in inspect.getmembers(kind, inspect.isfunction):
         if not name.startswith(prefix):
             continue
-        signature = inspect.signature(method)
-        _, *arguments = signature.parameters.values()
-        types = [get_args(a.annotation)[0] if isinstance(a.annotation, UnionType) else a.annotation for a in arguments]
-        result = signature.return_annotation
+        annotations, code = method.__annotations__, method.__code__  # inspect.signature takes 2 ms for all of them
+        arguments = list(code.co_varnames[1 : code.co_argcount])
+        types = [get_args(hint)[0] if isinstance(hint, UnionType) else hint for hint in map(annotations.get, arguments)]
+        result = annotations.get("return")
         result = ctypes.c_char_p if result is bytes else ctypes.c_int if result is int else result
         of_library = "{}_" + name.replace("fmi1", "fmi") if prefix == "fmi1" else name
-        found.append((name, of_library, [a.name for a in arguments], types, result))
+        found.append((name, of_library, arguments, types, result))
     return found
 
 

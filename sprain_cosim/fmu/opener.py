@@ -9,18 +9,14 @@ from .library import load_fmpy
 
 
 def import_libraries() -> None:
-    """What opening an FMU imports, and what it finds out once."""
+    """What opening an FMU for co-simulation imports, and what it finds out once."""
     load_fmpy()
-    import fmpy.fmi1
     import fmpy.fmi2
     import fmpy.fmi3
-    import fmpy.logging
-    import fmpy.validation
-    import lxml.etree  # noqa: F401
 
     from ..sandbox.confinement import library_folders, python_folders
     from ..sandbox.kernel import offered
-    from . import fmi1, fmi2, fmi3, model_exchange  # noqa: F401
+    from . import fmi2, fmi3  # noqa: F401
     from .fmi_instance import signatures
 
     for kind in (fmpy.fmi2.FMU2Slave, fmpy.fmi3.FMU3Slave):
@@ -34,6 +30,8 @@ def preload() -> None:
     from .messages import logger3, loggers
 
     import_libraries()
+    from . import fmi1, model_exchange  # noqa: F401
+
     loggers()
     logger3()
 

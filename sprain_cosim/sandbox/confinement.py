@@ -13,7 +13,6 @@ import os
 import socket
 import struct
 import sys
-import sysconfig
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -25,6 +24,7 @@ from .kernel import SIGNAL_ABI, TRUNCATE_ABI, Offer, checked, libc, offered, prc
 from .syscalls import WATCHED, Refusal, refusals
 
 LIBRARIES = ("/lib", "/lib64", "/usr/lib", "/usr/lib64", "/usr/libexec", "/usr/local/lib", "/usr/local/lib64")
+LINKER = "/etc/ld.so.conf.d"
 STORES = ("/nix/store", "/gnu/store")  # where distributions without /usr/lib keep theirs
 SYSTEM = (
     "/etc/ld.so.cache",
@@ -96,8 +96,8 @@ class Confinement:
 @lru_cache(maxsize=1)
 def python_folders() -> tuple[str, ...]:
     """This Python, its packages and this one; not the other folders of its search path."""
-    places = {sys.prefix, sys.base_prefix, sys.exec_prefix, sys.base_exec_prefix, str(Path(__file__).parent.parent)}
-    places |= {path for key, path in sysconfig.get_paths().items() if key in ("stdlib", "platstdlib", "purelib")}
+    places = {sys.prefix, sys.base_prefix, sys.exec_prefix, sys.base_exec_prefix}
+    places |= {str(Path(__file__).parent.parent), os.path.dirname(os.__file__)}
     places |= {p for p in sys.path if Path(p).name in ("site-packages", "dist-packages", "lib-dynload")}
     return tuple(sorted(place for place in places if os.path.isdir(place)))
 
@@ -107,8 +107,10 @@ def library_folders() -> tuple[str, ...]:
     """Where the dynamic linker looks."""
     places = [*LIBRARIES, *STORES, *os.environ.get("LD_LIBRARY_PATH", "").split(":")]
     with contextlib.suppress(OSError):
-        for file in sorted(Path("/etc/ld.so.conf.d").glob("*.conf")):
-            places += [line.strip() for line in file.read_text("utf-8", "replace").splitlines()]
+        for name in sorted(os.listdir(LINKER)):
+            if name.endswith(".conf"):
+                with open(os.path.join(LINKER, name), encoding="utf-8", errors="replace") as file:
+                    places += [line.strip() for line in file]
     return tuple(dict.fromkeys(place for place in places if os.path.isabs(place) and os.path.isdir(place)))
 
 

@@ -15,7 +15,7 @@ from ..cosim import native_members
 from ..cosim.result import HALVED_WITHIN, Result
 from ..cosim.transport import packed, pieces, unpacked
 from ..errors import SimulationError, SprainError
-from ..fmu.opener import import_libraries  # noqa: F401 - before the process is copied
+from ..fmu import opener
 from ..fmu.surroundings import Surroundings
 from ..process import FIRST_RUN, Child, Handlers, Limits, Overrun, ProcessEnded, serve
 
@@ -130,6 +130,12 @@ def served(run: Callable[..., Result]) -> Handlers:
     return {"run": answer, "piece": waiting.__getitem__}
 
 
+def import_libraries() -> None:
+    """Before the process is copied."""
+    opener.import_libraries()
+    native_members.loaded()
+
+
 @contextlib.contextmanager
 def _handlers(subject: tuple[Scenario, System]) -> Iterator[Handlers]:
     """The child: runs the scenario."""
@@ -141,5 +147,4 @@ def _handlers(subject: tuple[Scenario, System]) -> Iterator[Handlers]:
 
 
 if __name__ == "__main__":
-    native_members.loaded()  # before the process is copied
     serve(_handlers)
