@@ -85,12 +85,49 @@ def copy_now(environment: Mapping[str, str], package: Path) -> None:
 
 def copied(environment: Mapping[str, str], package: Path) -> ForkServer | None:
     """A server that is a copy of this process; None where that might go wrong, or show a child what is not for it."""
+    return ForkServer.copy(environment, package) if _may_be_copied(environment) else None
+
+
+def _may_be_copied(environment: Mapping[str, str]) -> bool:
+    """For a child with that environment."""
     if not can_be_copied() or not _is_command_line() or _imported_from_here():
-        return None
+        return False
     own, theirs = _at_start(os.environ), _at_start(environment)
-    if any(own[name] != theirs[name] for name in own.keys() & theirs.keys()):
+    return all(own[name] == theirs[name] for name in own.keys() & theirs.keys())
+
+
+def copy_of_this(
+    module: str,
+    subject: Any,
+    arguments: Sequence[str],
+    descriptors: Sequence[int],
+    folder: str,
+    environment: Mapping[str, str],
+    package: Path,
+) -> Copy | None:
+    """A child that is a copy of this process as it is and has the `subject` already; the rest as in `ForkServer.start`.
+    For a process that has one child. None where it has a server, or can have no copy."""
+    if _server is not None or not _may_be_copied(environment):
         return None
-    return ForkServer.copy(environment, package)
+    found: Any = importlib.import_module(module)
+    request = _request(module, arguments, folder, environment)
+    source, output = os.pipe()
+
+    def begin() -> NoReturn:
+        sys.path[:] = _own_path(package)
+        _begin_as_child(partial(found.serve, found._handlers, subject), request, [output, *descriptors])
+
+    try:
+        return Copy(_leading(lambda: forked(begin)), source, _ending)
+    except BaseException:
+        os.close(source)
+        raise
+    finally:
+        os.close(output)
+
+
+def _request(module: str, arguments: Sequence[str], folder: str, environment: Mapping[str, str]) -> dict[str, Any]:
+    return {"module": module, "arguments": list(arguments), "folder": folder, "environment": dict(environment)}
 
 
 def can_be_copied() -> bool:
@@ -227,14 +264,9 @@ class ForkServer:
         the child has them. Raises ServerGone."""
         source, output = os.pipe()
         try:
-            request = {
-                "module": module,
-                "arguments": list(arguments),
-                "folder": folder,
-                "environment": dict(environment),
-            }
+            request = _request(module, arguments, folder, environment)
             process = int(self._ask(request, [output, *descriptors])["process"])
-            return Copy(self, process, source)
+            return Copy(process, source, self.ending)
         except BaseException:
             os.close(source)
             raise
@@ -279,8 +311,9 @@ class ForkServer:
 class Copy:
     """A child; what Popen offers, as far as it is needed. `stdout` gives what it prints."""
 
-    def __init__(self, server: ForkServer, process: int, output: int) -> None:
-        self.pid, self._server = process, server
+    def __init__(self, process: int, output: int, ending: Callable[[int], int]) -> None:
+        """`ending`: how a process that has ended did so, as Popen.returncode says it."""
+        self.pid, self._ending = process, ending
         self.returncode: int | None = None
         self._handle = os.pidfd_open(process)  # it is not buried before `wait`, so the number is still its own
         self.stdout: IO[bytes] = open(output, "rb")  # noqa: SIM115 - its reader closes it
@@ -294,7 +327,7 @@ class Copy:
                 poll.register(self._handle, select.POLLIN)
                 if not poll.poll(None if timeout is None else 1e3 * timeout):
                     raise subprocess.TimeoutExpired([], timeout or 0.0)
-                self.returncode = self._server.ending(self.pid)
+                self.returncode = self._ending(self.pid)
                 os.close(self._handle)
             return self.returncode
 
@@ -343,7 +376,7 @@ def _serve(wire: socket.socket, parent: int) -> NoReturn:
             os._exit(0)
         request = json.loads(content)
         try:
-            reply = _ended(request["ended"]) if "ended" in request else _start(request, descriptors)
+            reply = {"code": _ending(request["ended"])} if "ended" in request else _start(request, descriptors)
         except Exception as problem:
             reply = {"error": f"{type(problem).__name__}: {problem}"}
         for descriptor in descriptors:
@@ -351,20 +384,29 @@ def _serve(wire: socket.socket, parent: int) -> NoReturn:
         wire.send(json.dumps({"number": request["number"], **reply}).encode())
 
 
-def _ended(process: int) -> dict[str, Any]:
-    return {"code": os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])}
+def _ending(process: int) -> int:
+    return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
 
 
 def _start(request: Mapping[str, Any], descriptors: list[int]) -> dict[str, Any]:
     life = _life_of(request["module"])
-    leads, begins = os.pipe()  # the child closes it when it leads a group of its own, by which it can be ended
-    process = os.fork()
-    if process:
+
+    def fork() -> int:
+        return os.fork() or _begin_as_child(life, request, descriptors)
+
+    return {"process": _leading(fork)}
+
+
+def _leading(fork: Callable[[], int]) -> int:
+    """The number of the child that is forked, once it leads a group of its own, by which it can be ended."""
+    leads, begins = os.pipe()  # the child closes it with all that is not its own
+    try:
+        process = fork()
+    finally:
         os.close(begins)
-        os.read(leads, 1)
-        os.close(leads)
-        return {"process": process}
-    _begin_as_child(life, request, descriptors)
+    os.read(leads, 1)
+    os.close(leads)
+    return process
 
 
 @cache

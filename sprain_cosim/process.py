@@ -39,7 +39,7 @@ from time import monotonic
 from typing import IO, Any, NoReturn, cast
 
 from .errors import EnvironmentProblem, SprainError, visible
-from .fork_server import Copy, ForkServer, ServerGone, copy_now, drop_server, server_for
+from .fork_server import Copy, ForkServer, ServerGone, copy_now, copy_of_this, drop_server, server_for
 from .machine.face import PARENTS_TEMPORARY
 from .machine.here import SYSTEM
 from .sandbox.confinement import Confinement, enter
@@ -233,8 +233,9 @@ def _checksum(head: bytes, content: bytes) -> int:
 class Child:
     """One child process that runs `module`, whose end is `serve(...)`. May be closed from any thread."""
 
-    def __init__(self, module: str, limits: Limits, watch: Watch | None = None) -> None:
-        """A `watch` sees from outside what the child tries in its sandbox."""
+    def __init__(self, module: str, limits: Limits, watch: Watch | None = None, subject: Any = None) -> None:
+        """A `watch` sees from outside what the child tries in its sandbox. The `subject` of `open`, for the one child
+        of this process: where it may, it is a copy of this process, which has the subject already."""
         self.trials, self.memory, self.grown = 0, 0, 0
         self._number = 0
         self._scratch, self._watch = _Scratch(), watch
@@ -243,7 +244,8 @@ class Child:
         self._line = Line(source, sink)
         try:
             report = [] if watch is None or watch.far is None else [watch.far.fileno()]
-            self._process = _started(module, limits.memory, [requests, replies, *report], str(self._scratch))
+            descriptors = [requests, replies, *report]
+            self._process, self._knows = _started(module, limits.memory, descriptors, str(self._scratch), subject)
             self._end = SYSTEM.group(cast("subprocess.Popen[bytes]", self._process), limits.memory)
         except BaseException:
             self._line.close()
@@ -266,7 +268,7 @@ class Child:
             confinement = replace(confinement, scratch=str(self._scratch))
             if self._watch is not None:
                 self._watch.confinement = confinement
-        self._exchange(pickle.dumps((confinement, subject)), limit, NO_TRIAL)
+        self._exchange(pickle.dumps((confinement, None if self._knows else subject)), limit, NO_TRIAL)
 
     def call(self, name: str, *arguments: Any, limit: float, trial: int = NO_TRIAL) -> Any:
         """The value of a handler; arguments and value as JSON has them. `limit` [s] of wall time, `trial` that the call
@@ -344,25 +346,33 @@ class Child:
                 self._tail = (self._tail + piece)[-TAIL:]
 
 
-def _started(module: str, memory: int, descriptors: Sequence[int], folder: str) -> subprocess.Popen[bytes] | Copy:
-    """A process that runs `module` in `folder`: a copy of this process's server, else a Python of its own."""
+def _started(
+    module: str, memory: int, descriptors: Sequence[int], folder: str, subject: Any
+) -> tuple[subprocess.Popen[bytes] | Copy, bool]:
+    """A process that runs `module` in `folder`: a copy of this process where there is a `subject`, of this process's
+    server, else a Python of its own; and whether it knows the subject."""
     environment = _environment()
-    server = _server(environment)
     own = SYSTEM.variables(folder) | {"NUMBA_CACHE_DIR": folder, PARENTS_TEMPORARY: tempfile.gettempdir()}
 
     def arguments(places: Sequence[object], parent: int) -> list[str]:
         requests, replies, *report = places
         return [str(argument) for argument in (requests, replies, memory, parent, *(report or [-1]))]
 
-    if server is not None:
-        places = [f"{{{k}}}" for k in range(len(descriptors))]
+    places = [f"{{{k}}}" for k in range(len(descriptors))]
+    if subject is not None:
+        here = arguments(places, os.getpid())
+        copy = copy_of_this(module, subject, here, descriptors, folder, environment | own, ROOT)
+        if copy is not None:
+            return copy, True
+    if (server := _server(environment)) is not None:
+        there = arguments(places, server.process)
         try:
-            return server.start(module, arguments(places, server.process), descriptors, folder, environment | own)
+            return server.start(module, there, descriptors, folder, environment | own), False
         except ServerGone:
             drop_server(server)
     requests, replies, *report = descriptors
     names = [SYSTEM.name_of(requests), SYSTEM.name_of(replies), *report]
-    return subprocess.Popen(
+    python = subprocess.Popen(
         [*python_command(module), *arguments(names, os.getpid())],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
@@ -371,6 +381,7 @@ def _started(module: str, memory: int, descriptors: Sequence[int], folder: str) 
         env=environment | own,
         **SYSTEM.options(descriptors),
     )
+    return python, False
 
 
 def prepare_copies() -> None:
@@ -398,9 +409,9 @@ def _error(kind: str, message: str) -> SprainError:
 # ---- the child's side
 
 
-def serve(handlers: Callable[[Any], AbstractContextManager[Handlers]]) -> NoReturn:
+def serve(handlers: Callable[[Any], AbstractContextManager[Handlers]], known: Any = None) -> NoReturn:
     """The whole life of a child that `Child` started: enters its sandbox where it has one, opens the subject that it is
-    sent, answers calls until the line closes, ends the process.
+    sent, or knows, answers calls until the line closes, ends the process.
 
     `handlers(subject)` opens the subject and gives the functions that can be called, by name. A SprainError, also of
     opening, becomes a reply; any other exception ends the process."""
@@ -412,11 +423,11 @@ def serve(handlers: Callable[[Any], AbstractContextManager[Handlers]]) -> NoRetu
     line = Line(SYSTEM.opened(requests, writes=False), SYSTEM.opened(replies, writes=True))
     with contextlib.suppress(EOFError):
         first = line.receive()
-        confinement, subject = pickle.loads(first.content)
+        confinement, sent = pickle.loads(first.content)
         try:
             if confinement is not None:
                 enter(confinement, socket.socket(fileno=report) if report >= 0 else None)
-            _answer_all(line, first, handlers(subject))
+            _answer_all(line, first, handlers(sent if known is None else known))
         except SprainError as problem:
             line.send(replace(first, content=_refusal(problem)))
         except OSError as problem:

@@ -21,6 +21,7 @@ from ..process import FIRST_RUN, Child, Handlers, Limits, Overrun, ProcessEnded,
 
 if TYPE_CHECKING:
     from ..cosim.system import System
+    from ..sandbox.confinement import Confinement
     from .scenario import Scenario
 
 HINT = "it ran in a sandbox: `sprain-cosim check FMU` says what it needs, --in-process runs it without"
@@ -35,29 +36,22 @@ class Apart:
     def __init__(self, scenario: Scenario, limits: Limits | None = None) -> None:
         self.limits = limits or Limits()
         self._runs, self._starts = self.limits.of_trials(FIRST_RUN), self.limits.of_starts()
-        self._child: Child | None = Child(__name__, self.limits)  # it starts while the system is described here
-        try:
-            self.scenario, self.system = scenario, scenario.system()
-            self._open(self._child)
-        except BaseException:
-            self.close()
-            raise
+        self.scenario, self.system = scenario, scenario.system()
+        self._child: Child | None = self._fresh()
 
     def run(self, parameters: Mapping[str, float | str] | None = None) -> Result:
         """`parameters` as in Session.run."""
         values = self.system.in_own_units(parameters or {})
-        if self._child is None:
-            self._child = Child(__name__, self.limits)
-            self._open(self._child)
+        self._child = child = self._child or self._fresh()
         try:
-            result = fetched(partial(self._child.call, limit=self._runs.seconds), values)
+            result = fetched(partial(child.call, limit=self._runs.seconds), values)
         except Overrun as end:
             late = Overrun(end.limit, self._runs.origin)
             return self._failed(
-                f"the FMUs' process {late}{self._child.last_words()}; {late.cure}; --isolate tells which FMU it is"
+                f"the FMUs' process {late}{child.last_words()}; {late.cure}; --isolate tells which FMU it is"
             )
         except ProcessEnded as end:
-            return self._failed(f"the FMUs' process {end}{self._child.last_words()}; --isolate tells which FMU it is")
+            return self._failed(f"the FMUs' process {end}{child.last_words()}; --isolate tells which FMU it is")
         except SprainError:
             self.close()
             raise
@@ -84,12 +78,23 @@ class Apart:
         if child is not None:
             child.close()
 
-    def _open(self, child: Child) -> None:
-        confinement, placed = self.scenario.confinement(), self.scenario.absolute()
+    def _fresh(self) -> Child:
+        placed = self.scenario.absolute()
+        subject = placed, placed.system()
+        confinement = self.scenario.confinement()
         self._confined = confinement is not None
-        hint = f"; {HINT}" if confinement is not None else ""
+        child = Child(__name__, self.limits, subject=subject)
         try:
-            child.open((placed, placed.system()), self._starts.seconds, confinement)
+            self._open(child, subject, confinement)
+        except BaseException:
+            child.close()
+            raise
+        return child
+
+    def _open(self, child: Child, subject: tuple[Scenario, System], confinement: Confinement | None) -> None:
+        hint = f"; {HINT}" if self._confined else ""
+        try:
+            child.open(subject, self._starts.seconds, confinement)
         except ProcessEnded as end:
             hint = f"; {end.cure}" if isinstance(end, Overrun) else hint
             raise SimulationError(f"the system cannot be opened: its process {end}{child.last_words()}{hint}") from None

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import json
 import struct
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -52,6 +53,7 @@ from ..scenario import Scenario
 AGAIN = 16  # of so many trials one is made again at half its step
 EXCHANGE = 0.1  # s of landings that are asked for at once
 ALONE = 100  # trials that run one by one after a child has ended among several
+LENGTH = struct.Struct("<I")
 Trial = tuple[Sequence[float], bool]  # its values (d,), and whether its trajectory is asked for
 
 
@@ -150,8 +152,8 @@ class Worker:
         try:
             child = self._ready()
             most = child.memory + self.limits.growth
-            replies = child.call("several", several, self.limits.processor_time(limit), most, limit=limit)
-        except ProcessEnded:
+            replies = _unpacked(child.call("several", several, self.limits.processor_time(limit), most, limit=limit))
+        except (ProcessEnded, ValueError):
             self._drop()
             if self._stopped:
                 raise Stopped from None
@@ -336,7 +338,7 @@ def _handlers(subject: tuple[Openable, System | None, tuple[str, ...], str]) -> 
         surroundings.restore()
         return reply | {"wall": wall, "memory": resident()}
 
-    def several(trials: Sequence[Sequence[float]], cpu: float, memory: int) -> list[dict[str, Any]]:
+    def several(trials: Sequence[Sequence[float]], cpu: float, memory: int) -> bytes:
         """Until one is not completed, or has used more `memory` [B]; all of them may take the time of one."""
         replies: list[dict[str, Any]] = []
         allow_processor_time(cpu)
@@ -344,7 +346,7 @@ def _handlers(subject: tuple[Openable, System | None, tuple[str, ...], str]) -> 
             replies.append(landed(values, False))
             if replies[-1]["status"] != "completed" or replies[-1]["memory"] > memory:
                 break
-        return replies
+        return _packed(replies)
 
     def halved(values: Sequence[float], cpu: float) -> dict[str, float]:
         allow_processor_time(cpu)
@@ -357,6 +359,29 @@ def _handlers(subject: tuple[Openable, System | None, tuple[str, ...], str]) -> 
     ) as session:
         surroundings = Surroundings()
         yield {"run": run, "several": several, "halved": halved}
+
+
+def _packed(replies: list[dict[str, Any]]) -> bytes:
+    """Their metrics as doubles, for a float as text takes 0.5 us to write and to read."""
+    names = list(replies[0]["metrics"])
+    alike = bool(names) and all(list(reply["metrics"]) == names for reply in replies)
+    numbers = [tuple(reply.pop("metrics").values()) for reply in replies] if alike else []
+    about = json.dumps([names if alike else None, replies]).encode()
+    return b"".join([LENGTH.pack(len(about)), about, *(struct.pack(f"<{len(names)}d", *row) for row in numbers)])
+
+
+def _unpacked(content: bytes) -> list[dict[str, Any]]:
+    """Raises ValueError for what is nothing that was packed."""
+    try:
+        begin = LENGTH.size + LENGTH.unpack_from(content)[0]
+        names, replies = json.loads(content[LENGTH.size : begin])
+        if names is not None:
+            rows = struct.iter_unpack(f"<{len(names)}d", content[begin:])
+            for reply, row in zip(replies, rows, strict=True):
+                reply["metrics"] = dict(zip(names, row, strict=True))
+        return list(replies)
+    except (struct.error, TypeError, KeyError) as problem:
+        raise ValueError(str(problem)) from None
 
 
 def _record(result: Result) -> dict[str, Any]:

@@ -4,6 +4,7 @@ and where there can be no copy they start by themselves."""
 from __future__ import annotations
 
 import os
+import select
 import signal
 import socket
 import subprocess
@@ -23,12 +24,13 @@ ENOUGH = 60.0  # s
 
 
 @contextmanager
-def handlers(subject: object) -> Iterator[Handlers]:
+def _handlers(subject: object) -> Iterator[Handlers]:
     """The child that these tests start: this module."""
 
     def describe() -> dict[str, object]:
         own = [f"/proc/self/fd/{name}" for name in os.listdir("/proc/self/fd") if int(name) > 2]
         return {
+            "subject": repr(subject),
             "parent": os.getppid(),
             "session": os.getsid(0) == os.getpid(),
             "folder": os.getcwd(),
@@ -154,5 +156,48 @@ def test_the_command_line_is_copied_itself(tmp_path: Path) -> None:
     assert not list(tmp_path.glob("*.ran"))
 
 
+def test_the_one_child_of_the_command_line_is_a_copy_with_its_subject(tmp_path: Path) -> None:
+    """No server is made for it and nothing is sent; while it lives, and where foreign code is loaded, the next has a
+    server or a Python of its own. It ends with this process."""
+    code = (
+        "import os, sys\n"
+        "here = sys.path.pop(0)\n"
+        "from sprain_cosim import fork_server, process\n"
+        "from sprain_cosim.cli import main\n"
+        "sys.path.insert(0, here)\n"
+        "def child(subject):\n"
+        "    made = process.Child('tests.unit.test_fork_server', process.Limits(), subject=subject)\n"
+        "    made.open(subject, 60.0)\n"
+        "    return made, made.call('describe', limit=60.0)\n"
+        "unpicklable = lambda: 7\n"
+        "one, told = child(unpicklable)\n"
+        "print(told['subject'] == repr(unpicklable), told['parent'] == os.getpid(), fork_server._server is None)\n"
+        "print(told['session'], told['folder'] != os.getcwd(), here in told['path'], len(told['descriptors']))\n"
+        "other, told = child('sent')\n"
+        "print(told['subject'], fork_server._server is not None, told['parent'] == fork_server._server.process)\n"
+        "print(one._process.pid, flush=True)\n"
+        "sys.stdin.read()\n"
+    )
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p), "OPENBLAS_NUM_THREADS": "1"}
+    ran = subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=environment,
+        cwd=tmp_path,
+    )
+    with ran:
+        assert ran.stdout is not None
+        said = [ran.stdout.readline().strip() for _ in range(4)]
+        child = os.pidfd_open(int(said.pop()))
+        ran.kill()
+    assert said == ["True True True", "True True False 2", "'sent' True True"]
+    ended = select.poll()
+    ended.register(child, select.POLLIN)
+    assert ended.poll(1e3 * ENOUGH), "the copy outlives the program"
+    os.close(child)
+
+
 if __name__ == "__main__":
-    serve(handlers)
+    serve(_handlers)

@@ -21,7 +21,7 @@ ENOUGH = 60.0  # s
 
 
 @contextmanager
-def handlers(subject: Any) -> Iterator[Handlers]:
+def _handlers(subject: Any) -> Iterator[Handlers]:
     """The child that these tests start: this module."""
 
     def fail(kind: str, message: str) -> None:
@@ -193,4 +193,4 @@ def test_a_program_ends_with_its_group() -> None:
 
 
 if __name__ == "__main__":
-    serve(handlers)
+    serve(_handlers)
