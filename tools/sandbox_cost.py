@@ -1,5 +1,5 @@
 """What a process of its own and the sandbox cost, side by side in one run: processor time of a landing in a study's
-worker and of a whole `run`, and whether the numbers are the same to the bit.
+worker, of a run in a program and of the whole command `run`, and whether the numbers are the same to the bit.
 
     python tools/sandbox_cost.py [--landings 20] [--turns 15]
 
@@ -13,6 +13,7 @@ import argparse
 import os
 import resource
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -128,6 +129,26 @@ def run_costs(scenario: Scenario, turns: int, runs: int = 10) -> None:
         print(f"run {name:28}{1e3 * value:8.1f} ms of processor time  {1e3 * (value - first):+.1f} ms")
 
 
+def command_costs(device: Path, turns: int) -> None:
+    """Of the whole command, begun and ended `turns` times each way: what each turn adds, the median of them."""
+    command = [sys.executable, "-P", "-m", "sprain_cosim", "run", "incline30_brace", "--fmu", f"brace={device}"]
+    times = []
+    for _ in range(turns + 1):
+        turn = []
+        for more in (["--in-process"], []):
+            began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+            subprocess.run([*command, *more], check=True, stdout=subprocess.DEVNULL, cwd=device.parent)
+            ended = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+            turn.append(
+                [ended[0].ru_utime + ended[0].ru_stime - began[0].ru_utime - began[0].ru_stime, ended[1] - began[1]]
+            )
+        times.append(turn)
+    found = 1e3 * np.array(times[1:])  # the first fills caches
+    for k, kind in enumerate(("processor", "wall")):
+        here, apart = np.median(found[:, 0, k]), np.median(found[:, 1, k] - found[:, 0, k])
+        print(f"command {kind:9} in this process {here:8.1f} ms, in a process and a sandbox {apart:+.1f} ms")
+
+
 def main() -> None:
     arguments = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     arguments.add_argument("--landings", type=int, default=20)
@@ -135,10 +156,12 @@ def main() -> None:
     arguments.add_argument("--processes", type=int, default=8)
     chosen = arguments.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
-        scenario = load_scenario("incline30_brace").replace_fmu("brace", foreign(Path(scratch)))
+        device = foreign(Path(scratch))
+        scenario = load_scenario("incline30_brace").replace_fmu("brace", device)
         print(f"isolation: {scenario.isolation().kind}")
         study_costs(scenario, chosen.landings, chosen.turns, chosen.processes)
         run_costs(scenario, chosen.turns)
+        command_costs(device, chosen.turns)
 
 
 if __name__ == "__main__":
