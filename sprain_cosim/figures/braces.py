@@ -28,11 +28,19 @@ def draw_comparison(folder: ComparisonFolder, several: bool) -> Iterator[Drawn]:
     if not folder.summary.completed.keys() - {NONE}:
         return
     suffix = f"_{as_file_name(folder.path)}" if several else ""
+    sampled = folder.summary.has_intervals
+    silent = "Draws that are not independent" if folder.summary.is_study else "One landing: what others"
+    silent += " give no interval." if folder.summary.is_study else " would give is not known."
     caption = (
-        "What each brace changed against no brace over the same landings, and how likely inversion exceeds the range "
-        "in which ankles of cadavers failed. Thick: what the landings leave open (95 %); thin: the same threshold with "
-        "a law of another shape, or what its specimens leave open. More landings narrow the first alone. Beside the "
+        "What each brace changed against no brace over the same landings (in numbers: supination), and how likely "
+        "inversion exceeds the range in which ankles of cadavers failed. "
+    )
+    thin = "the same threshold with a law of another shape, or what its specimens leave open."
+    caption += (
+        f"Thick: what the landings leave open (95 %); thin: {thin} More landings narrow the first alone. Beside the "
         "probabilities: the value, then both pairs of ends."
+        if sampled
+        else f"Lines: {thin} {silent}"
     )
     looks: dict[str, SeriesLook | None] = {
         brace: FORM.get().palette.get(name) for brace, name in _names_of(folder).items()
@@ -44,12 +52,13 @@ def draw_comparison(folder: ComparisonFolder, several: bool) -> Iterator[Drawn]:
     panels, reference = brace_differences(folder)
     if panels:
         against = called(reference)
-        caption = (
-            f"Each brace minus {against}, paired over the same landings; left of the line is less. Thick: the 95 % "
-            "interval of the mean, what the landings leave open. Thin, of the probability: the same threshold with "
-            "laws of another shape, or the ends of what its specimens leave open, for both alike; more landings do "
-            "not narrow it."
+        caption = f"Each brace minus {against}, paired over the same landings; left of the line is less. "
+        caption += "Thick: the 95 % interval of the mean, what the landings leave open. " if sampled else ""
+        caption += (
+            "Thin, of the probability: the same threshold with laws of another shape, or the ends of what its "
+            "specimens leave open, for both alike; more landings do not narrow it."
         )
+        caption += "" if sampled else f" {silent}"
         note = f"{folder.summary.source}: {folder.summary.count}, the same for every brace. "
         note += f"Initial pose: {folder.summary.initial_pose}." if folder.summary.initial_pose else ""
         drawn = partial(forest, panels, against, {b: looks.get(b) or own[b] for b in own}, note.strip())

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from ..folders.comparison import INJURY, NONE, BraceSummary, ComparisonSummary, MeanEstimate, called
@@ -24,12 +24,12 @@ from .style import (
     FLOOR,
     INK,
     SeriesLook,
+    in_two,
     legend_line,
     letters,
     on_axis,
     palette,
     sheet,
-    shorten,
     small,
     styled,
 )
@@ -186,12 +186,15 @@ def _risks(
         share = e.value or 0.0
         at_axis, mark = on_axis(share, "o")
         axis.plot(100 * at_axis, place, mark, color=colour)
-        words = [f"{100 * share:.2g} %" if share >= FLOOR else f"< {100 * FLOOR:g} %"]
+        words = [f"{_percent(share)} %"]
         words += [_percents(pair) for pair in (both_ends((e.ci_low, e.ci_high)), doubts.get(name)) if pair]
         axis.text(1.02, place, "\n".join(words), color=letters(colour), linespacing=1.1, **at)
     _named(axis, list(risks), 0.75)
     axis.set_xscale("log")
     axis.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    low, high = axis.get_xlim()
+    if high < 30 * low:  # too narrow for the powers of ten alone
+        axis.xaxis.set_major_locator(LogLocator(10, (1.0, 2.0, 5.0)))
     axis.xaxis.set_minor_formatter(NullFormatter())
     axis.set_title("Inversion beyond the injury range", pad=PAD)
     axis.set_xlabel(f"probability [%], {INJURY_INVERSION_TEXT}° from neutral")
@@ -205,7 +208,14 @@ def _risks(
 
 
 def _percents(ends: Doubt) -> str:
-    return " … ".join(f"{100 * end:.2g}" if end >= FLOOR else f"< {100 * FLOOR:g}" for end in ends)
+    return " … ".join(map(_percent, ends))
+
+
+def _percent(share: float) -> str:
+    """Two figures, without the sign; 100 is no "1e+02"."""
+    if share < FLOOR:
+        return f"< {100 * FLOOR:g}"
+    return f"{100 * share:.0f}" if share >= 0.0995 else f"{100 * share:.2g}"
 
 
 def _moments(axis: Axes, braces: Mapping[str, BraceSummary], mean: str) -> None:
@@ -263,7 +273,7 @@ def _squares(axis: Axes, entries: Mapping[str, Any]) -> None:
 
 def _named(axis: Axes, names: Sequence[str], room: float) -> None:
     """One line a brace, from above, with `room` below for a legend."""
-    axis.set_yticks(range(len(names)), [shorten(called(name), 16) for name in names])
+    axis.set_yticks(range(len(names)), [in_two(called(name)) for name in names])
     axis.set_ylim(len(names) - 0.5 + room, -0.55)
     axis.tick_params(axis="y", length=0)
     axis.locator_params(axis="x", nbins=6)

@@ -10,10 +10,28 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .style import FORM, INK, SeriesLook, legend_above, legend_line, letters, sheet, shorten, small, styled
+from .style import (
+    FORM,
+    INK,
+    LINE,
+    SeriesLook,
+    grow,
+    in_two,
+    large,
+    legend_above,
+    legend_line,
+    letters,
+    lines_of,
+    sheet,
+    small,
+    styled,
+    text_width,
+    width_of,
+)
 
 ROW, OPEN = 0.72, 0.28  # height of a brace [cm], and of a line more of words
 BESIDE = 14.0  # cm of a journal's letters from which on panels stand side by side
+BESIDE_NAMES = 12.0  # points of ticks and gaps
 Doubt = tuple[float, float]
 
 
@@ -53,8 +71,12 @@ def forest(panels: Sequence[Changed], reference: str, look: Mapping[str, SeriesL
     tall = ROW + OPEN * any(d.threshold for panel in panels for d in panel.rows.values())
     rows = [panels[k : k + columns] for k in range(0, len(panels), columns)]
     figure, axes = sheet([1.5 + tall * len(braces)] * len(rows), note, columns)
-    for axis, panel in zip(axes, panels, strict=False):
-        _draw_panel(axis, panel, look, f"difference to {reference}")
+    names = [line for brace in braces for line in in_two(brace).split("\n")]
+    room = width_of(figure) / columns - max(text_width(line, small()) for line in names) - BESIDE_NAMES
+    titles = [lines_of(panel.quantity, room, large()) for panel in panels]
+    for axis, panel, title in zip(axes, panels, titles, strict=False):
+        _draw_panel(axis, panel, look, f"difference to {reference}", "\n".join(title))
+    grow(figure, LINE * sum(max(map(len, titles[k : k + columns])) - 1 for k in range(0, len(titles), columns)))
     for axis in axes[len(panels) :]:
         axis.remove()
     every = [d for panel in panels for d in panel.rows.values()]
@@ -68,7 +90,7 @@ def forest(panels: Sequence[Changed], reference: str, look: Mapping[str, SeriesL
     return figure
 
 
-def _draw_panel(axis: Axes, panel: Changed, look: Mapping[str, SeriesLook], against: str) -> None:
+def _draw_panel(axis: Axes, panel: Changed, look: Mapping[str, SeriesLook], against: str, title: str) -> None:
     beside: Any = dict(transform=axis.get_yaxis_transform(), ha="left", va="center", fontsize=small(), linespacing=1.1)
     axis.axvline(0, color=INK, linewidth=0.7, zorder=0)
     for place, (brace, found) in enumerate(panel.rows.items()):
@@ -79,13 +101,13 @@ def _draw_panel(axis: Axes, panel: Changed, look: Mapping[str, SeriesLook], agai
             axis.plot(found.sampling, [place] * 2, color=colour, linewidth=5.5, alpha=0.45, solid_capstyle="butt")
         axis.plot(found.value, place, look[brace].dot, color=colour)
         axis.text(1.02, place, _words(found), color=letters(colour), **beside)
-    axis.set_yticks(range(len(panel.rows)), [shorten(brace, 16) for brace in panel.rows])
+    axis.set_yticks(range(len(panel.rows)), [in_two(brace) for brace in panel.rows])
     axis.set_ylim(len(panel.rows) - 0.4, -0.6)
     axis.tick_params(axis="y", length=0)
     axis.margins(x=0.08)
     axis.locator_params(axis="x", nbins=5)
     axis.grid(axis="x")
-    axis.set_title(panel.quantity)
+    axis.set_title(title)
     axis.set_xlabel(f"{against} [{panel.unit}]")
 
 

@@ -28,7 +28,7 @@ from .drawn import Drawn, as_file_name, write_drawn
 from .pairs import Column, most_inputs, strongest
 from .persons import persons_figure
 from .records import published_records
-from .samples import Sample
+from .samples import Sample, open_end
 from .selection import (
     FEWEST,
     as_interval,
@@ -218,16 +218,33 @@ def _distributions(chosen: Studies, samples: Mapping[str, Sample], text: str, su
     caption = "Share of landings whose response stays below the value."
     if len(chosen) <= 2 and any(samples[n].low is not None for n, _ in chosen):
         caption += " Bands: 95 % bounds of each share by itself (Clopper-Pearson)."
+    elif len(chosen) > 2 and any(samples[n].low is not None for n, _ in chosen):
+        caption += " The 95 % bounds of the shares are left out: more than two of them hide each other."
     if any(samples[n].published for n, _ in chosen):
         caption += " Circles: the published levels, where the study is one of the paper's in its pose."
     drawn = partial(plots.cdf, [samples[n] for n, _ in chosen], text, pose_note(chosen))
     yield Drawn(f"cdf{suffix}", "Distribution", caption, drawn, chosen)
     with_levels = [(n, s) for n, s in chosen if samples[n].percentiles]
     if len(with_levels) > 1:
-        caption = "The 5, 50 and 95 % levels with their 95 % intervals."
+        caption = _of_levels([samples[n] for n, _ in with_levels])
         drawn = partial(plots.percentiles, [samples[n] for n, _ in with_levels], text, pose_note(with_levels))
         yield Drawn(f"percentiles{suffix}", "Levels side by side", caption, drawn, with_levels)
     yield from _poses(chosen, samples, text, suffix)
+
+
+def _of_levels(samples: Sequence[Sample]) -> str:
+    """What the figure of levels shows."""
+    ends = [interval[1:] for sample in samples for interval in sample.percentiles.values()]
+    caption = "The 5, 50 and 95 % levels with their 95 % intervals."
+    if any(open_end(*pair) is not None for pair in ends):
+        caption += (
+            " A tip in place of an end: too few landings to close the interval, the level may lie anywhere beyond."
+        )
+    if any(np.isnan(pair).all() for pair in ends):
+        caption += " Without a bar: draws that are not independent give no interval."
+    if any(sample.published for sample in samples):
+        caption += " Circles: the published levels."
+    return caption
 
 
 def _questions(studies: Studies) -> Iterator[Drawn]:
@@ -345,12 +362,16 @@ def _labelled(name: str, unit: str) -> str:
 
 
 def _tornado(name: str, study: StudyFolder, end: str) -> Drawn:
-    spread = spread_intervals(study, study.response)
+    moves, spread = pearson_intervals(study, study.response), spread_intervals(study, study.response)
     widens = " and what widens it (how its standard deviation follows the input's: dSD/dSD, normalised)"
     caption = f"What moves the response (Pearson's r){widens if spread else ''}, with 95 % intervals."
+    if spread and len(spread) < len(moves):
+        caption += (
+            " No second bar: this factor is not known of an input that depends on others, or of its distribution."
+        )
     drawn = partial(
         plots.tornado,
-        pearson_intervals(study, study.response),
+        moves,
         spread,
         name,
         response_label(study.response),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from .style import BLUE, FORM, GROUND, INK, MATRIX, MOST_DRAWN, sheet, small, styled
+from .style import BLUE, FORM, GROUND, INK, MATRIX, MOST_DRAWN, sheet, small, styled, text_width
 
 Array = NDArray[np.float64]
 CELL, MOST = 1.7, 5  # cm of a cell in a single column; inputs at most
@@ -56,7 +57,7 @@ def pairs(columns: Sequence[Column], intervals: bool, note: str = "") -> Figure:
     from ..uq.sensitivity import spearman
 
     m, every = len(columns), np.column_stack([c.values for c in columns])
-    signs = "; ".join(f"{c.title.partition(' [')[0]} + {c.sign}" for c in columns if c.sign)
+    signs = "; ".join(f"{c.title.partition(' [')[0]} +\u00a0{c.sign}" for c in columns if c.sign)
     figure, axes = sheet([1.05 * _cell(m)] * m, f"{note} Signs: {signs}." if signs else note, m)
     figure.set_label(MATRIX)
     ranks = [spearman(every, column.values) for column in columns]
@@ -105,12 +106,11 @@ def _scatter(axis: Axes, x: Array, y: Array, of_response: bool) -> None:
 
 def _label(axis: Axes, columns: Sequence[Column], row: int, at: int) -> None:
     """Names at the left and below; numbers there alone."""
-    last, wide = len(columns) - 1, int(LETTERS * _cell(len(columns)))
-    ends = _ends(columns[at].values)
-    axis.set(xlim=ends, xticks=_two_ticks(*ends))
+    last, cell = len(columns) - 1, _cell(len(columns))
+    wide, points = int(LETTERS * cell), 72 / 2.54 * cell * FORM.get().scale
+    axis.set(xlim=_ends(columns[at].values), xticks=_two_ticks(columns[at].values, points))
     if at != row:
-        ends = _ends(columns[row].values)
-        axis.set(ylim=ends, yticks=_two_ticks(*ends))
+        axis.set(ylim=_ends(columns[row].values), yticks=_two_ticks(columns[row].values, points))
     if row == last:
         axis.set_xlabel(textwrap.fill(columns[at].title, wide), fontsize=small())
     else:
@@ -126,9 +126,25 @@ def _ends(values: Array) -> tuple[float, float]:
     return float(values.min()) - room, float(values.max()) + room
 
 
-def _two_ticks(low: float, high: float) -> list[float]:
-    """Round values away from the ends, two at most: a cell is as wide as two numbers."""
-    room = 0.12 * (high - low)
-    ticks = MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(low, high)
-    inside = [float(tick) for tick in ticks if low + room <= tick <= high - room]
-    return inside if len(inside) < 3 else [inside[0], inside[-1]]
+def _two_ticks(values: Array, points: float) -> list[float]:
+    """Round values away from the ends, two at most, and one where two numbers would touch in a cell `points` wide; of
+    two values, such as those of a choice, both."""
+    if len(both := np.unique(values)) == 2:
+        return [float(value) for value in both]
+    low, high = _ends(values)
+    fit: list[list[float]] = []
+    for share, bins in product((0.12, 0.04), (6, 10, 4)):
+        room = share * (high - low)
+        ticks = MaxNLocator(bins, steps=[1, 2, 5, 10]).tick_values(low, high)
+        inside = [float(tick) for tick in ticks if low + room <= tick <= high - room]
+        fit.append(inside if len(inside) < 3 else [inside[0], inside[-1]])
+        if len(inside) > 1 and _apart(fit[-1], points / (high - low)):
+            return fit[-1]
+    return fit[0][:1]
+
+
+def _apart(ticks: Sequence[float], scale: float) -> bool:
+    """Whether the numbers at two ticks leave a gap between them, at `scale` points per unit."""
+    decimals = max(len(f"{tick:.6g}".partition(".")[2]) for tick in ticks)
+    wide = [text_width(f"{tick:.{decimals}f}", small()) for tick in ticks]
+    return scale * (ticks[-1] - ticks[0]) >= 0.5 * sum(wide) + 4.0 * FORM.get().scale

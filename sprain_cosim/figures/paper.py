@@ -46,7 +46,10 @@ class Repeated:
     def agreeing(self) -> int:
         """How many published levels lie within our 95 % intervals."""
         ours = self.sample.percentiles
-        return sum(ours[p][1] <= self.sample.published[p] <= ours[p][2] for p in self.gaps)
+        known = {p: ours[p][1:] for p in self.gaps if not np.isnan(ours[p][1:]).all()}  # an open end excludes nothing
+        return sum(
+            not (self.sample.published[p] < low or self.sample.published[p] > high) for p, (low, high) in known.items()
+        )
 
 
 def signed_gap(value: float, digits: int) -> str:

@@ -62,7 +62,7 @@ def _by_measure(
                 low_end, high_end = (factor * end for end in doubt)
                 axis.vlines(at + offset, low_end, high_end, color=one.colour, alpha=PALE, linewidth=WIDE)
         y = factor * np.array([e.value for _, e in points], float)
-        ends = [[e.value if end is None else end for end in (e.ci_low, e.ci_high)] for _, e in points]
+        ends = [[np.nan if end is None else end for end in (e.ci_low, e.ci_high)] for _, e in points]
         low, high = factor * np.array(ends, float).T
         half = np.array([y - low, high - y])  # an interval of a probability is not even about it
         drawn: Any = dict(color=one.colour, linestyle=one.line, marker=one.dot, markersize=2.5, capsize=1.5)

@@ -24,6 +24,7 @@ from .style import (
     INK,
     LINE,
     VERMILION,
+    grow,
     legend_above,
     legend_line,
     on_axis,
@@ -36,6 +37,7 @@ Array = NDArray[np.float64]
 Pair = tuple[float, float]
 MARKERS: Mapping[str, str] = {"normal": "o", "lognormal": "^", "Weibull": "s"}
 ROW = 0.6  # height of an answer's bars [cm]
+CURVE, AROUND = 1.9, 1.35  # height of a curve's panel, and of its title and axis [cm]
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,8 @@ def questions(answers: Sequence[Answer], curves: Sequence[Exceeded], note: str =
     exceeding any fixed threshold, with its band."""
     titles = [textwrap.wrap(answer.words, FORM.get().letters_in(58)) for answer in answers]
     heights = [ROW + LINE * len(lines) for lines in titles]
-    figure, axes = sheet([sum(heights) + 1.0, *(3.2 for _ in curves)], note)
+    figure, axes = sheet([sum(heights) + 0.15, *(CURVE for _ in curves)], note)
+    grow(figure, 0.85 + AROUND * len(curves))
     _draw_answers(axes[0], answers, titles, heights)
     for axis, curve in zip(axes[1:], curves, strict=True):
         _draw_curve(axis, curve)

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.markers import CARETLEFTBASE, CARETRIGHTBASE
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
@@ -32,17 +33,24 @@ from .style import (
     SKY,
     VERMILION,
     SeriesLook,
+    grow,
     label,
+    large,
     legend_above,
     legend_line,
     letters,
+    lines_of,
     looks,
     looks_of,
     sheet,
     small,
     styled,
+    text_width,
     title_lines,
+    width_of,
 )
+
+BETWEEN = 18.0  # points that ticks and gaps take beside the panels of a row
 
 Array = NDArray[np.float64]
 Interval = tuple[float, float, float]  # value, low and high end
@@ -56,7 +64,8 @@ class Sample:
     - title: of the study
     - values: (n,), empty for a search such as AMV
     - low, high: (n,) bounds of the distribution function at the sorted values
-    - percentiles: {level in %: (value, low, high)}
+    - percentiles: {level in %: (value, low, high)}; one end NaN where the sample is too small to close the interval,
+      both where it allows none
     - published: {level in %: value}
     - sensitivity: {parameter: (r, low, high)}
     """
@@ -217,19 +226,22 @@ def tornado(
     high)} with 95 % intervals, circles for `published` ones, and how the response's SD follows the parameter's SD,
     `spread` (dσ/dσ normalised, likewise)."""
     names = sorted(sensitivity, key=lambda n: abs(sensitivity[n][0]))
-    panels = [(sensitivity, "Pearson's r,\n+ raises it")] + (
-        [(spread, "its SD per input SD,\n+ widens it")] if spread else []
+    panels = [(sensitivity, ("Pearson's r,", "+ raises it"))] + (
+        [(spread, ("its SD per input SD,", "+ widens it"))] if spread else []
     )
     figure, axes = sheet([height_of(names)], note, len(panels), sharey=True)
-    for axis, (values, meaning) in zip(axes, panels, strict=True):
+    room = (width_of(figure) - max(map(_width_of_name, names), default=0.0) - BETWEEN) / len(panels)
+    below = [[line for part in meaning for line in lines_of(part, room, large())] for _, meaning in panels]
+    grow(figure, LINE * max(len(lines) - 2 for lines in below))
+    for axis, (values, _), lines in zip(axes, panels, below, strict=True):
         for k, name in enumerate(names):
             if name in values:
                 value, low, high = values[name]
                 axis.barh(k, value, 0.62, color=BLUE if value >= 0 else VERMILION, alpha=0.85)
                 axis.plot([low, high], [k, k], color=INK, linewidth=0.9, marker="|", markersize=4)
         name_inputs(axis, names)
-        axis.set_xlabel(meaning)
-        reach = 1.08 * max([1e-3, *(max(abs(low), abs(high)) for _, low, high in values.values())])
+        axis.set_xlabel("\n".join(lines))
+        reach = 1.08 * max([1e-3, *(float(np.nanmax(np.abs(interval))) for interval in values.values())])
         size = 10.0 ** np.floor(np.log10(reach))
         tick = size * max(step for step in (1, 2, 5) if step * size <= reach)
         axis.set(xlim=(-reach, reach), xticks=(-tick, 0.0, tick))
@@ -245,8 +257,8 @@ def tornado(
 
 @styled
 def percentiles(samples: Sequence[Sample], quantity: str, note: str = "") -> Figure:
-    """5, 50 and 95 % levels of each sample with their 95 % intervals (thick), the span between them (thin), and
-    published levels as circles."""
+    """5, 50 and 95 % levels of each sample with their 95 % intervals (thick, an open end as a tip), the span between
+    them (thin), and published levels as circles."""
     titles = [title_lines(sample.title, 44) for sample in samples]
     heights = [0.8 + LINE * len(lines) for lines in titles]
     figure, (axis,) = sheet([0.9 + sum(heights)], note)
@@ -256,7 +268,11 @@ def percentiles(samples: Sequence[Sample], quantity: str, note: str = "") -> Fig
         values = [v for v, _, _ in sample.percentiles.values()]
         axis.plot([min(values), max(values)], [place, place], color=color, linewidth=0.9)
         for value, low, high in sample.percentiles.values():
-            axis.plot([low, high], [place, place], color=color, linewidth=4.5, alpha=0.4, solid_capstyle="butt")
+            tip, pale = open_end(low, high), dict[str, Any](color=color, alpha=0.4)
+            ends = [value if tip is not None and np.isnan(end) else end for end in (low, high)]
+            axis.plot(ends, [place, place], linewidth=4.5, solid_capstyle="butt", **pale)
+            if tip is not None:
+                axis.plot(value, place, marker=tip, markersize=7, markeredgewidth=0, **pale)
             axis.plot(value, place, "|", color=color, markersize=8, markeredgewidth=1.4)
         for value in sample.published.values():
             published_circle(axis, value, place, 4.5)
@@ -269,6 +285,9 @@ def percentiles(samples: Sequence[Sample], quantity: str, note: str = "") -> Fig
     axis.grid(axis="x")
     axis.set_xlabel(quantity)
     entries = [(legend_line(FAINT, linewidth=4.5, alpha=0.7), "5, 50, 95 % level with 95 % interval")]
+    if any(open_end(low, high) is not None for s in samples for _, low, high in s.percentiles.values()):
+        key = legend_line(FAINT, "none", marker=CARETLEFTBASE, markersize=7, markeredgewidth=0)
+        entries.append((key, "open end: too few landings to close it"))
     if any(s.published for s in samples):
         entries.append((legend_line(INK, "none", marker="o", markerfacecolor="none"), "published (Yoder et al. 2021)"))
     legend_above(figure, entries)
@@ -357,6 +376,13 @@ def grid(levels: Array, rows: Sequence[tuple[str, Array]], parameter: str, quant
     return figure
 
 
+def open_end(low: float, high: float) -> int | None:
+    """The mark of an interval's open end, which lies anywhere beyond; None for an interval with both ends or none."""
+    if np.isnan(low) == np.isnan(high):
+        return None
+    return int(CARETLEFTBASE if np.isnan(low) else CARETRIGHTBASE)
+
+
 def step_curve(axis: Axes, sample: Sample, look: SeriesLook, bounds: bool = False) -> None:
     """The empirical distribution function of a sample, with its bounds as a band."""
     values = np.sort(sample.values)
@@ -397,8 +423,17 @@ def height_of(names: Sequence[str]) -> float:
     return 1.2 + (0.68 if any(a and b for a, b in pairwise(long)) else 0.6) * len(names)
 
 
+def _in_lines(name: str) -> str:
+    return label(name).replace(", ", "\n", 1)
+
+
+def _width_of_name(name: str) -> float:
+    """Of an input's name beside its row [points]."""
+    return max(text_width(line, small()) for line in _in_lines(name).split("\n"))
+
+
 def name_inputs(axis: Axes, names: Sequence[str]) -> None:
-    axis.set_yticks(range(len(names)), [label(n).replace(", ", "\n", 1) for n in names])
+    axis.set_yticks(range(len(names)), [_in_lines(n) for n in names])
     axis.set_ylim(-0.6, len(names) - 0.4)
     axis.tick_params(axis="y", length=0)
     axis.axvline(0, color=FAINT, linewidth=0.6)

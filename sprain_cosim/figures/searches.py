@@ -97,7 +97,8 @@ def variance_shares(
             axis.plot([low, high], [place + shift] * 2, color=INK, linewidth=0.9, marker="|", markersize=3)
         entries.append((Rectangle((0, 0), 1, 1, **look), words))
     name_inputs(axis, names)
-    axis.set_xlim(-0.12, 1.02)
+    ends = [end for values in (first, total) for interval in values.values() for end in interval if end == end]
+    axis.set_xlim(min(-0.12, 1.05 * min(ends)), max(1.02, 1.05 * max(ends)))
     axis.set_xticks([0, 0.25, 0.5, 0.75, 1.0], ["0", "25", "50", "75", "100"])
     axis.set_xlabel("share of the variance [%]")
     entries.append((legend_line(INK, linewidth=0.9, marker="|", markersize=3), "95 % interval"))

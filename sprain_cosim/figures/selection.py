@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -180,7 +181,8 @@ def pose_note(items: Sequence[tuple[str, RunFolder | StudyFolder]]) -> str:
 
 
 def as_interval(value: float, low: float | None, high: float | None) -> Interval:
-    return value, value if low is None else low, value if high is None else high
+    """An end that is not known is NaN: it is drawn nowhere, least of all at the value."""
+    return value, math.nan if low is None else low, math.nan if high is None else high
 
 
 def both_ends(pair: tuple[float | None, float | None] | None) -> tuple[float, float] | None:

@@ -213,6 +213,11 @@ def small() -> float:
     return SMALL * FORM.get().scale
 
 
+def large() -> float:
+    """Size of the letters of titles and axes [points]."""
+    return NORMAL * FORM.get().scale
+
+
 def _style() -> Any:
     """What matplotlib is told, in the present form."""
     scale, sizes = FORM.get().scale, (".size", "size", "linewidth", "width", "pad", "markersize")
@@ -388,10 +393,9 @@ def title_lines(title: str, single: int) -> list[str]:
 def lines_of(text: str, room: float, size: float, weight: str = "normal", most: int = 2) -> list[str]:
     """The text in lines no wider than `room` [points] at a font size, `most` of them, the last one ended with an
     ellipsis where that does not hold all."""
-    font, path = FontProperties(size=size, weight=weight), TextToPath()
 
     def fits(line: str) -> bool:
-        return bool(path.get_text_width_height_descent(line, font, False)[0] <= room)
+        return text_width(line, size, weight) <= room
 
     words, lines = text.split(), list[str]()
     while words and len(lines) < most:
@@ -404,6 +408,30 @@ def lines_of(text: str, room: float, size: float, weight: str = "normal", most: 
         lines.append(" ".join(words[:taken]))
         words = words[taken:]
     return lines
+
+
+def text_width(line: str, size: float, weight: str = "normal") -> float:
+    """Of a line of letters [points]."""
+    font = FontProperties(size=size, weight=weight)
+    return float(TextToPath().get_text_width_height_descent(line, font, False)[0])
+
+
+def width_of(figure: Figure) -> float:
+    """[points]"""
+    return 72.0 * float(figure.get_figwidth())
+
+
+def in_two(name: str, most: int = 16) -> str:
+    """A name beside its row, in two lines of `most` letters where one does not hold it, broken behind a blank or an
+    underscore where there is one. Of a longer one the beginning and the end: names of a series differ at their ends."""
+    if len(name) <= most:
+        return name
+    breaks = [place.end() for place in re.finditer(r"[\s_-]+", name)]
+    first = max((at for at in breaks if at <= most), default=most)
+    if len(name) - first <= most:
+        return f"{name[:first].rstrip()}\n{name[first:]}"
+    last = next((at for at in breaks if 0 < len(name) - at <= most), len(name) - most)
+    return f"{name[: most - 1].rstrip()}…\n{name[last:]}"
 
 
 def label(name: str) -> str:

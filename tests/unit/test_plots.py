@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.markers import CARETLEFTBASE, CARETRIGHTBASE
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 from scipy import stats
@@ -23,7 +24,8 @@ from sprain_cosim.figures.law import resisting
 from sprain_cosim.figures.pairs import strongest
 from sprain_cosim.figures.paper import LAWS, Repeated, figure_1c, figure_4, signed_gap
 from sprain_cosim.figures.samples import Authors, drawn_ranks
-from sprain_cosim.figures.style import palette
+from sprain_cosim.figures.selection import as_interval
+from sprain_cosim.figures.style import in_two, palette
 from sprain_cosim.folders.comparison import INJURY, BraceSummary, ComparisonSummary, MeanEstimate
 from sprain_cosim.literature import AUTHORS_IMPORTANCE, BRACES, LI_SAFE, LI_SPRAIN, LI_SPRAIN_VELOCITY, PASSIVE
 
@@ -62,7 +64,9 @@ def columns(n: int = 60) -> list[plots.Column]:
     ]
 
 
-BRACES_DRAWN = {f"brace {k} of a vendor": plots.Difference(-5.0 - k, (-6.3 - k, -4.0 - k)) for k in range(5)}
+BRACES_DRAWN = {
+    f"Acme_Sport_Pro_2000_rigid_size_4{k}": plots.Difference(-5.0 - k, (-6.3 - k, -4.0 - k)) for k in range(5)
+}
 DOUBTFUL = {name: plots.Difference(-0.05, (-0.08, -0.02), (-0.4, -0.01)) for name in BRACES_DRAWN}
 ANGLES = np.radians(np.linspace(-35, 35, 29))
 QUANTITY = "peak subtalar angle [deg], + supination"
@@ -74,6 +78,7 @@ POPULATION = (
     "subject.lateral_epicondyle_height",
     "plant.drop_height",
 )
+OPEN = Sample("few", percentiles={5.0: (20.1, np.nan, 21.9), 50.0: (27.4, 25.4, 28.9), 95.0: (32.2, 30.8, np.nan)})
 LONG = "30° slope, population of women and men (50 : 50 %), 150 % brace, co-activation 20 %, reflex gain 5, to the end"
 COMPARED = ("none", "a rather long name of a brace", "b")
 ESTIMATES = {
@@ -151,7 +156,11 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "tornado of a population": lambda: plots.tornado(
         dict.fromkeys(POPULATION, (0.4, 0.2, 0.6)), dict.fromkeys(POPULATION, (0.1, -0.2, 0.4)), "s", QUANTITY, {}, NOTE
     ),
+    "tornado of persons": lambda: plots.tornado(
+        dict.fromkeys(POPULATION[2:], (0.4, 0.2, 0.6)), {POPULATION[3]: (0.1, -1.2, 2.8)}, "s", QUANTITY, {}, NOTE
+    ),
     "percentiles": lambda: plots.percentiles([sample(1), sample(2)], QUANTITY, NOTE),
+    "percentiles of few landings": lambda: plots.percentiles([sample(1), OPEN], QUANTITY, NOTE),
     "percentiles of long titles": lambda: plots.percentiles([sample(1, LONG), sample(2, LONG)], QUANTITY, NOTE),
     "sharing of long titles": lambda: plots.sharing(
         [(LONG, np.arange(3.0, 9.0), np.arange(6.0)), ("no brace", np.array([31.0]), np.zeros(1))],
@@ -189,12 +198,22 @@ FIGURES: dict[str, Callable[[], Figure]] = {
         [
             plots.Changed("peak subtalar angle, + supination", "deg", BRACES_DRAWN),
             plots.Changed("probability of inversion beyond 35 ± 6°", "percentage points", DOUBTFUL),
+            plots.Changed("subtalar moment of the anatomy at the peak", "N·m", BRACES_DRAWN),
         ],
         "no brace",
         palette(list(BRACES_DRAWN)),
         NOTE,
     ),
     "pairs": lambda: plots.pairs(columns(), True, NOTE),
+    "pairs of persons": lambda: plots.pairs(
+        [
+            plots.Column("foot breadth [m]", np.linspace(0.0822, 0.111, 60)),
+            plots.Column("sex, 0 woman, 1 man", np.arange(60.0) % 2),
+            *columns()[::3],
+        ],
+        True,
+        NOTE,
+    ),
     "grid": lambda: plots.grid(
         np.arange(4.0), [(f"gain {k}", np.arange(4.0) + k) for k in range(6)], "co-activation", QUANTITY, NOTE
     ),
@@ -298,13 +317,13 @@ def test_axes_name_units_and_signs_and_the_figure_its_pose(name: str) -> None:
     figure = drawn(name)
     words = " ".join(t.get_text() for t in texts(figure))
     assert re.search(r"\[(deg|N·m|ms|kN|deg/s|%)\]", words) or name.startswith("tornado")
-    assert "+ " in words or "− less" in words or name == "design"
+    assert re.search(r"\+\s", words) or "− less" in words or name == "design"
     assert "initial pose" in " ".join(words.lower().split())  # however the note is wrapped
     for axis in figure.axes:
-        said = f"{axis.get_title('left')} {axis.get_xlabel()} {axis.get_ylabel()}"
+        said = " ".join(f"{axis.get_title('left')} {axis.get_xlabel()} {axis.get_ylabel()}".split())
         assert (
             re.search(r"\[.+\]|Pearson|input SD|importance|torque scale", said)
-            or name == "pairs"
+            or name.startswith("pairs")
             or axis.get_shared_x_axes().joined(axis, figure.axes[-1])
         ), said
 
@@ -358,6 +377,33 @@ def test_numbers_stand_with_their_doubts() -> None:
     assert "threshold, n = 20, at that value: 0.3 % … 9.7 %" in said("design")
     assert "(1.57 ... 1.58 %)" in said("questions")
     assert "(1.55 ... 1.59 %)" in said("form")
+
+
+def test_an_end_that_is_not_known_is_drawn_nowhere() -> None:
+    """Few landings leave an interval open: a tip that points beyond the level, no bar that ends there."""
+    (axis,) = drawn("percentiles of few landings").axes
+    bars = [line.get_xdata() for line in axis.lines if line.get_linewidth() == 4.5]
+    tips = {float(line.get_xdata()[0]): line.get_marker() for line in axis.lines if line.get_marker() in range(12)}
+    assert [list(bar) for bar in bars[-3:]] == [[20.1, 21.9], [25.4, 28.9], [30.8, 32.2]]
+    assert tips == {20.1: CARETLEFTBASE, 32.2: CARETRIGHTBASE}
+    assert "open end: too few landings" in " ".join(t.get_text() for t in texts(drawn("percentiles of few landings")))
+    unknown = [np.nan, np.nan]
+    assert np.array_equal(as_interval(27.4, None, None)[1:], unknown, equal_nan=True)
+    without = plots.percentiles([Sample("lhs", percentiles={50.0: (27.4, *unknown)})], QUANTITY)
+    assert not [line for line in without.axes[0].lines if line.get_marker() in range(12)]
+
+
+@pytest.mark.parametrize(
+    ("name", "lines"),
+    [
+        ("linear", ["linear"]),
+        ("AcmePro2000_size_44", ["AcmePro2000_", "size_44"]),
+        ("Acme_Sport_Pro_2000_rigid_left_foot_size_44", ["Acme_Sport_Pro_…", "foot_size_44"]),
+        ("a" * 30 + "1234567890", ["a" * 15 + "…", "aaaaaa1234567890"]),
+    ],
+)
+def test_names_of_a_series_stay_apart_beside_their_rows(name: str, lines: list[str]) -> None:
+    assert in_two(name).split("\n") == lines
 
 
 def test_a_comparison_calls_no_brace_by_one_name() -> None:
@@ -418,7 +464,7 @@ def test_the_event_of_a_search_has_its_methods_and_both_doubts() -> None:
 
 
 def test_the_forest_has_each_difference_with_both_doubts() -> None:
-    _, probability = FIGURES["forest"]().axes
+    _, probability, _ = FIGURES["forest"]().axes
     assert [tuple(line.get_xdata()) for line in probability.lines[1:4]] == [(-0.4, -0.01), (-0.08, -0.02), (-0.05,)]
     assert tuple(probability.lines[0].get_xdata()) == (0, 0), "the line of no difference"
     words = [text.get_text() for text in probability.texts]
