@@ -177,7 +177,7 @@ def run_command(
     if out is not None:
         _warn_of_run(out, force)
         chosen = chosen.recording("plant.*")
-    result = chosen.run(halve=True, limits=_limits(trial_limit) if trial_limit else None)
+    result = chosen.run(halve=True, limits=None if trial_limit is None else _limits(trial_limit))
     if result.warning:
         _warn(result.warning)
     said = {name: m for name, m in result.messages.items() if not m.first or m.first not in result.message}

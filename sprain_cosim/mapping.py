@@ -22,7 +22,7 @@ from .errors import InputError, nearest, problems_to_error
 from .files import parse_toml, read_text
 from .fmu import archive
 from .fmu.component import Component
-from .fmu.element import Connector
+from .fmu.element import LONGEST_STEP, SHORTEST_STEP, Connector
 from .sandbox.allowed import NOTHING, Allowed, allowed
 from .sandbox.allowed import PATTERN as ALLOW
 from .units import SECOND, Unit, unit
@@ -260,6 +260,8 @@ class Mapping:
         declared = component.capabilities.fixed_step
         if self.step is not None and declared is not None and abs(self.step - declared) > 1e-9 * declared:
             problems.append(f"step = {1e3 * self.step:g} ms: {component.fmu.name} declares {1e3 * declared:g} ms")
+        if self.step is not None and not SHORTEST_STEP <= self.step <= LONGEST_STEP:
+            problems.append(f"step = {self.step:g} s: must lie between {SHORTEST_STEP:g} s and {LONGEST_STEP:g} s")
         if self.expect_sha256 not in ("", component.sha256):
             problems.append(
                 f"expect_sha256 = {self.expect_sha256[:12]}...: {component.fmu.name} has another content, SHA-256 "

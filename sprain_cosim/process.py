@@ -38,7 +38,7 @@ from pathlib import Path
 from time import monotonic
 from typing import IO, Any, NoReturn, cast
 
-from .errors import EnvironmentProblem, SprainError, visible
+from .errors import EnvironmentProblem, InputError, SprainError, visible
 from .fork_server import Copy, ForkServer, ServerGone, copy_now, copy_of_this, drop_server, server_for
 from .machine.face import PARENTS_TEMPORARY
 from .machine.here import SYSTEM
@@ -55,6 +55,7 @@ FACTOR, LEAST = 20.0, 10.0  # a learned limit of wall time: times the median, s
 ENOUGH, KEPT = 5, 101  # trials that it is learned from, at least and at most
 FIRST_TRIAL, FIRST_START = 60.0, 60.0  # s, before anything is known
 FIRST_RUN = 600.0  # s, of a run that is none of a study
+LONGEST = 1e7  # s, a limit of wall time: what systems count to
 CORES = 4.0  # s of processor time per s of wall time
 ROOT = Path(__file__).parent.parent  # of the package
 STRANGE = "something else than the process wrote into the line to its parent"
@@ -89,6 +90,11 @@ class Limits:
     memory: int = 16 << 30
     recycle: int = 10_000
     growth: int = 512 << 20
+
+    def __post_init__(self) -> None:
+        for limit in (self.trial, self.start):
+            if limit is not None and not limit <= LONGEST:
+                raise InputError(f"a limit of wall time of {limit:g} s: at most {LONGEST:g} s, which is 116 days")
 
     def of_trials(self, first: float | None = None) -> Allowance:
         """`first` [s] until some have finished; None: FIRST_TRIAL."""

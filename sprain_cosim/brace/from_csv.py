@@ -42,6 +42,8 @@ AGAINST = {  # motions that count negative about an axis
     "external_rotation": "internal_rotation",
     "pronation": "subtalar",
 }
+LARGEST_TORQUE = 1e5  # N.m, far beyond what any brace or ankle bears
+SMALLEST_ANGLE = 1e-9  # rad, between two rows
 CAPACITY = 8192  # points of all curves together, as in fmus/brace_table/device.py
 Column = tuple[str, str, str]  # axis; torque or resistance; "", loading or unloading
 Curves = Mapping[str, Mapping[str, list[list[float]]]]
@@ -152,7 +154,10 @@ def read_curves(path: Path, axes: tuple[str, ...] = AXES) -> dict[str, dict[str,
         raise InputError(f"{path}: needs a header and at least three rows")
     columns, angle = _header(path, lines[0][1], axes)
     numbers = _numbers(path, lines[0][1], lines[1:])
-    problems_to_error(str(path), _falling(numbers[:, 0], [number for number, _ in lines[1:]])[:5])
+    rows = [number for number, _ in lines[1:]]
+    problems_to_error(str(path), _falling(numbers[:, 0], rows, SMALLEST_ANGLE / angle.factor)[:5])
+    if (largest := angle.factor * float(np.abs(numbers[:, 0]).max())) > math.pi:
+        raise InputError(f"{path}: column 1 (angle) reaches {math.degrees(largest):g} deg; is its unit right?")
     problems: list[str] = []
     measured = _measured(columns, angle, numbers, problems)
     for axis, branches in measured.items():
@@ -165,12 +170,12 @@ def read_curves(path: Path, axes: tuple[str, ...] = AXES) -> dict[str, dict[str,
     return out
 
 
-def _falling(angles: np.ndarray, rows: list[int]) -> list[str]:
-    """Problems of an angle that does not rise from row to row; `rows` are their numbers in the file."""
+def _falling(angles: np.ndarray, rows: list[int], least: float) -> list[str]:
+    """Problems of an angle that does not rise by `least` from row to row; `rows` are their numbers in the file."""
     return [
         f"row {rows[k]}, column 1 (angle): {angles[k]:g} does not rise (row {rows[k - 1]} has {angles[k - 1]:g})"
         for k in range(1, len(angles))
-        if not angles[k] > angles[k - 1]
+        if not angles[k] - angles[k - 1] >= least
     ]
 
 
@@ -187,6 +192,9 @@ def _measured(
             problems.append(f"column {name}: fewer than three values")
             continue
         torque = (-1.0 if kind == "resistance" else 1.0) * own.factor * numbers[have, place]
+        if not np.abs(torque).max() < LARGEST_TORQUE:
+            problems.append(f"column {place + 1}: reaches {np.abs(torque).max():g} N.m; is its unit right?")
+            continue
         found.setdefault(axis, {})[branch] = (angle.factor * numbers[have, 0], torque)
     return found
 

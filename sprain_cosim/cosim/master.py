@@ -77,12 +77,12 @@ class Master:
         if not self.stop > self.start:
             raise InputError(f"stop {1e3 * self.stop:g} ms: must lie after the start at {1e3 * self.start:g} ms")
         span = self.stop - self.start
-        n = max(1, round(span / self.communication_step))
-        if n > 10_000_000:
+        if (steps := span / self.communication_step) > 1e7:
             raise InputError(
-                f"communication step {1e3 * self.communication_step:g} ms: {n} steps until the stop at "
+                f"communication step {1e3 * self.communication_step:g} ms: {steps:.9g} steps until the stop at "
                 f"{1e3 * self.stop:g} ms; at most 10 000 000"
             )
+        n = max(1, round(steps))
         if abs(n * self.communication_step - span) > 1e-9 * span:
             near = " and ".join(f"{1e3 * step:.12g} ms" for step in _accepted(span, self.communication_step))
             raise InputError(

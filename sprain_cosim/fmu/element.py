@@ -153,6 +153,8 @@ class Connector:
         raise InputError(f"{what} = {shown}: outside its range {self.minimum:.6g} ... {self.maximum:.6g}{unit}")
 
 
+SHORTEST_STEP, LONGEST_STEP = 1e-6, 1e4  # s
+
 _USUAL = tuple(vars(Connector("", 0, "", "")).values())
 
 
@@ -190,6 +192,13 @@ class Capabilities:
     continuous: bool = False
     event_mode: bool = False
     early_return: bool = False
+
+    def __post_init__(self) -> None:
+        if self.fixed_step is not None and not SHORTEST_STEP <= self.fixed_step <= LONGEST_STEP:
+            raise InputError(
+                f"its own step of {self.fixed_step:g} s: must lie between {SHORTEST_STEP:g} s and {LONGEST_STEP:g} s; "
+                "is its unit right?"
+            )
 
     @property
     def interface(self) -> str:

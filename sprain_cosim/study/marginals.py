@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from .. import keys
 from ..errors import InputError, nearest
 from ..files import read_csv
@@ -32,6 +34,7 @@ from ..uq.fitting import fit_sample
 from .inputs import heading_of
 
 ENDS = ("low", "high")
+LARGEST = 1e150
 NONE = unit("1")
 NUMBER = {"type": ["number", "string"]}
 MEANINGS = {
@@ -196,7 +199,22 @@ def marginal(
         parent = _choices(spec[name], place, value or (lambda entry, what: quantity(entry, own, what)))
     else:
         parent = _member(name, spec[name], own, place)
+    if problem := strangeness(parent):
+        raise InputError(f"{place}: {problem}")
     return Truncated(parent, ends.get("low", -math.inf), ends.get("high", math.inf)) if ends else parent
+
+
+def strangeness(law: Marginal) -> str:
+    """Why nothing can be calculated with a law's numbers; empty for one that is in order."""
+    try:
+        with np.errstate(all="ignore"):
+            numbers = (law.mean, law.sd, *law.from_standard([-3.0, 3.0]))
+        if all(abs(number) < LARGEST for number in numbers):
+            lost = not law.is_fixed and law.mean + 0.01 * law.sd == law.mean
+            return f"its sd is lost in rounding beside the mean {law.mean:g}; write fixed = ..." if lost else ""
+    except (OverflowError, ZeroDivisionError):
+        pass
+    return "its numbers are too large, too small or too far apart to calculate with"
 
 
 def _choices(inner: Any, place: str, value: Callable[[Any, str], float]) -> Choices:

@@ -32,7 +32,7 @@ from .goal import GRAMMAR, LANDINGS, Goal, goal_problems, parse_goal, parse_vary
 from .identity import digest_of, identity
 from .inputs import parameter as varied_parameter
 from .inputs import persons_problems, read_table, unusual_persons
-from .marginals import Fitted
+from .marginals import Fitted, strangeness
 from .methods import METHODS, SEARCHES, USED_BY
 from .population import Population
 from .questions import LITERATURE, Question, parse_question
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from ..uq.reliability import Difference, LevelCheck, LevelResult, Space
 
 MOST_TRIALS = 10_000_000
+SMALLEST_STEP, LARGEST_STEP = 1e-6, 5.0  # of differences, in standard deviations
 IMPOSSIBLE = 1e-6  # a marginal may lie outside its parameter's range with at most this probability
 ABOUT = 450  # landings about the design points: a coefficient of variation of 0.15 at probabilities of 1e-4
 BEFORE_SAMPLING = 0.03  # tolerance of a search that only has to say where to sample
@@ -253,13 +254,8 @@ class Plan(Card):
             return sensitivity.sobol_indices(function, marginals, self.trials, self.seed, replicates=self.sequences)
         if self.method == "design":
             return self._design(function)
-        first_order = self.method in ("mean-value", "amv")
-        options: dict[str, Any] = {
-            "correlation": self.correlation,
-            "step": self.step,
-            "difference": self.difference or ("forward" if first_order else "central"),
-        }
-        if not first_order:
+        options: dict[str, Any] = {"correlation": self.correlation, "step": self.step, "difference": self.side}
+        if self.method in USED_BY["tolerance"]:
             options |= {"tolerance": self.settling, "budget": self.budget}
         if self.method == "form":
             assert self.limit is not None
@@ -375,6 +371,11 @@ class Plan(Card):
         return self.replicates if self.replicates is not None else 1 if self.method == "sobol-indices" else 8
 
     @property
+    def side(self) -> Difference:
+        """How slopes are taken."""
+        return self.difference or ("forward" if self.method in ("mean-value", "amv") else "central")
+
+    @property
     def settling(self) -> float:
         """The tolerance of the search."""
         sampled = self.method == "form" and self.check
@@ -476,10 +477,9 @@ class Plan(Card):
 
     def _range_problems(self, system: System) -> Iterator[str]:
         """Names that are no parameters, marginals and levels outside a parameter's range, marginals of no width."""
-        for name, m in self.marginals.items():
-            if not m.is_fixed and m.mean + 0.01 * m.sd == m.mean:
-                yield f"marginals.{name}: its sd is lost in rounding beside the mean {m.mean:g}; write fixed = ..."
-        for name in (*self.marginals, *self.grid):
+        strange = {name: said for name, m in self.marginals.items() if (said := strangeness(m))}
+        yield from (f"marginals.{name}: {said}" for name, said in strange.items())
+        for name in (n for n in (*self.marginals, *self.grid) if n not in strange):
             try:
                 marginal = self.marginals.get(name)
                 connector = varied_parameter(
@@ -520,6 +520,7 @@ class Plan(Card):
         if steps and self.method in SEARCHES and self.method != "sobol-indices":
             yield f"marginals.{steps[0]}: choices have no slope that method {self.method} could follow; take a sample"
         yield from self._design_problems()
+        yield from self._search_problems()
         for name in self.responses:
             if name not in NAMES:
                 yield f"response {name!r}: no such metric{nearest(name, NAMES)}"
@@ -535,6 +536,25 @@ class Plan(Card):
                 yield f"design.vary {name}: {gone}; a design question varies it"
         if self.vary and all(m.is_fixed for name, m in self.marginals.items() if name not in self.vary):
             yield "design: no marginals besides the varied parameter: nothing is uncertain, so no probability is asked"
+
+    def _search_problems(self) -> Iterator[str]:
+        """Settings with which a search along slopes cannot take its first step."""
+        if self.method in USED_BY["step"] and not SMALLEST_STEP <= self.step <= LARGEST_STEP:
+            yield (
+                f"study.step = {self.step:g}: must lie between {SMALLEST_STEP:g} and {LARGEST_STEP:g} standard "
+                "deviations; below, a landing's rounding is all that differs, 0.1 is usual"
+            )
+        elif self.method in USED_BY["step"]:
+            for name, m in self.marginals.items():
+                if not m.is_fixed and m.mean + 0.01 * self.step * m.sd == m.mean:
+                    yield f"study.step = {self.step:g}: is lost in rounding beside the mean of {name}, {m.mean:g}"
+        if self.method in USED_BY["tolerance"] and not self.settling < 1.0:
+            yield f"study.tolerance = {self.settling:g}: must be less than one standard deviation of the response"
+        if self.method in USED_BY["budget"]:
+            slopes = 1 + sum(not m.is_fixed for m in self.marginals.values()) * (2 if self.side == "central" else 1)
+            least = slopes + (0 if self.method == "form" else sum(level != 0.5 for level in self.levels))
+            if self.budget < least:
+                yield f"study.budget = {self.budget}: the first step of method {self.method} takes {least} landings"
 
     def _size_problems(self) -> Iterator[str]:
         if self.trials < 1:

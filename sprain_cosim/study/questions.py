@@ -18,7 +18,7 @@ from ..units import Unit, quantity, split, unit
 from ..uq.distributions import LogNormal, Marginal, Normal, Truncated, Uniform, Weibull
 from ..uq.exceedance import SHAPES, Bounds, Threshold
 from ..uq.measured import Measured
-from .marginals import DISTRIBUTION, ENDS, NUMBER, SAMPLES, Measurements, marginal
+from .marginals import DISTRIBUTION, ENDS, NUMBER, SAMPLES, Measurements, marginal, strangeness
 from .marginals import NAMES as LAWS
 
 GRAMMAR = '"P(RESPONSE > VALUE UNIT)", with "VALUE +- SD UNIT", "LOW .. HIGH UNIT" and ", n = 10" where they apply'
@@ -200,7 +200,10 @@ def _threshold(text: str, own: Unit | None, place: str) -> Threshold:
     law = SHAPES[word[1]] if word else Normal
     spread = _SPREAD.split(text)
     if len(spread) == 2:
-        found: Threshold = law(*_pair(spread, own, place))
+        stated = law(*_pair(spread, own, place))
+        if strange := strangeness(stated):
+            raise InputError(f"{place}: {strange.replace('fixed = ...', 'its value alone')}")
+        found: Threshold = stated
     elif len(ends := _RANGE.split(text)) == 2:
         found = Bounds(*_pair(ends, own, place))
     else:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..units import whole_number
 from ..uq.distributions import Array
-from .plan import Plan
+from .plan import MOST_TRIALS, Plan
 
 Shard = tuple[int, int]  # (k, n): the k-th of n parts, from 1
 
@@ -20,7 +20,7 @@ def shard(text: str) -> Shard:
     k, slash, n = text.partition("/")
     if not (slash and k.isdecimal() and n.isdecimal() and 1 <= int(k) <= int(n)):
         raise InputError(f"--shard {text}: must be K/N with K from 1 to N, such as 2/10")
-    return int(k), int(n)
+    return int(k), whole_number(int(n), f"--shard {text}: N", 1, MOST_TRIALS)
 
 
 def as_shard(part: Shard | str) -> Shard:
@@ -29,7 +29,7 @@ def as_shard(part: Shard | str) -> Shard:
         return shard(part)
     if not isinstance(part, tuple) or len(part) != 2:
         raise InputError(f"shard = {part!r}: must be (k, n): the k-th of n parts, such as (2, 10)")
-    n = whole_number(part[1], "shard, number of parts", 1)
+    n = whole_number(part[1], "shard, number of parts", 1, MOST_TRIALS)
     if not 1 <= (k := whole_number(part[0], "shard", 1)) <= n:
         raise InputError(f"shard = {part!r}: there are {n} parts, from 1 to {n}")
     return k, n

@@ -356,7 +356,7 @@ class _Search:
         u = self.pool.u[chosen]
         y = self._evaluate(u, np.tile([at, *second], (n, 1)))
         done = ~np.isnan(y)
-        p = float(g.mean())
+        p = max(float(g.mean()), 1e-300)
         above = _smoothed(self.threshold, 0.0)
         remainder = weights[done] * (above(y[done]) - g[chosen][done])
         low95, high95 = _ends(p, remainder, weights[~done], g[chosen][~done], 0.95)

@@ -105,6 +105,12 @@ def test_a_goal_that_nothing_or_everything_meets_says_so() -> None:
     assert (always.status, always.value, always.value_95) == ("everywhere", 3.5, 3.5)
 
 
+def test_a_threshold_that_no_row_comes_near_to_is_answered() -> None:
+    found = design(stiff, TWO, [(1.0, 3.0)], 1e18, 0.02, evaluations=100).points[0]
+    assert (found.status, found.probability.value) == ("everywhere", 0.0)
+    assert found.probability.sampling.high < 0.02
+
+
 def test_the_probability_beside_a_value_is_what_its_status_says() -> None:
     """Rows moved along the surface would say 0.0501 of a value that divides at 0.05; what the polynomial says stands
     apart."""

@@ -37,3 +37,19 @@ def test_another_axis_is_never_offered(column: str, words: str, tmp_path: Path) 
     assert words in message
     axis = column.partition("_")[0]
     assert axis in ("subtlar", "subtalar") or "did you mean" not in message
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ("-20,-8\n0,0\n1e-300,8", "row 4, column 1 (angle): 1e-300 does not rise"),
+        ("-20,-8\n0,0\n1e300,8", "column 1 (angle) reaches 1e+300 deg; is its unit right?"),
+        ("-20,-8e6\n0,0\n20,8e6", "column 2: reaches 8e+06 N.m; is its unit right?"),
+    ],
+)
+def test_a_table_that_no_joint_has_is_refused(rows: str, words: str, tmp_path: Path) -> None:
+    (tmp_path / "table.csv").write_text(f"angle [deg],subtalar_resistance [N.m]\n{rows}\n")
+    with pytest.raises(InputError) as refused:
+        from_csv(tmp_path / "table.csv", tmp_path / "table.fmu", fmu_path("brace_table", Path.cwd(), ""))
+    assert words in str(refused.value)
+    assert not (tmp_path / "table.fmu").exists()

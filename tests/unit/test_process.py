@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from sprain_cosim import errors, process
-from sprain_cosim.errors import EnvironmentProblem, SprainError, StepDiscarded
+from sprain_cosim.errors import EnvironmentProblem, InputError, SprainError, StepDiscarded
 from sprain_cosim.process import Child, Handlers, Limits, ProcessEnded, Program, run_program, serve
 from tests.processes import alive_in
 
@@ -190,6 +190,11 @@ def test_a_program_ends_with_its_group() -> None:
     assert alive_in(group)
     program.end()
     assert not alive_in(group)
+
+
+def test_a_limit_that_no_system_counts_to_is_refused() -> None:
+    with pytest.raises(InputError, match=r"wall time of 1e\+300 s: at most 1e\+07 s"):
+        Limits(trial=1e300)
 
 
 if __name__ == "__main__":

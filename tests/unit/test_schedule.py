@@ -98,5 +98,8 @@ def test_a_plant_that_cannot_stop_anywhere() -> None:
 
 
 def test_more_calls_than_can_be_made() -> None:
+    for absurd in (1e-20, 1e300, float("nan")):
+        with pytest.raises(InputError, match=r"its own step of .* must lie between"):
+            Capabilities("2.0", fixed_step=absurd)
     with pytest.raises(InputError, match=r"brace every 0.06 ms: too many calls"):
         schedule((PLANT, part("brace", 6e-5)), 0.0, 1.0, 1000)

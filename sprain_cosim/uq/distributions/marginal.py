@@ -21,7 +21,8 @@ def as_array(values: ArrayLike) -> Array:
 
 def density(v: ArrayLike) -> Array:
     """Standard normal density; 0 at ±inf."""
-    return as_array(np.exp(-0.5 * np.square(as_array(v))) / math.sqrt(2.0 * math.pi))
+    near = np.clip(as_array(v), -100.0, 100.0)  # beyond, the density is 0 and a square may overflow
+    return as_array(np.exp(-0.5 * np.square(near)) / math.sqrt(2.0 * math.pi))
 
 
 def require_finite(owner: object, **values: float) -> None:
