@@ -393,8 +393,7 @@ class _Sample:
     def response(self, y: Array, levels: Iterable[float]) -> Response:
         """With the percentiles that every summary has, and those of `levels`."""
         if self.replicates:
-            mean = statistics.replicated(y, self.replicates, np.mean)
-            sd = statistics.replicated(y, self.replicates, lambda v: np.std(v, ddof=1))
+            mean, sd = statistics.replicated_moments(y, self.replicates)
         else:
             mean, sd = (
                 statistics.mean(y, self.confidence, skewed=True),

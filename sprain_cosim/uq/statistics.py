@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,7 @@ __all__ = [
     "percentile_bounds",
     "replicated",
     "replicated_exceedance",
+    "replicated_moments",
     "replicated_percentile",
     "skewed_interval",
     "standard_deviation",
@@ -135,6 +136,27 @@ def replicated(y: ArrayLike, replicates: int, statistic: Callable[[Array], Any],
     each = np.array([float(statistic(values[r::replicates])) for r in range(replicates)])
     half = _student(replicates - 1, confidence) * float(np.std(each, ddof=1)) / math.sqrt(replicates)
     return Estimate(value, value - half, value + half)
+
+
+def replicated_moments(y: ArrayLike, replicates: int, confidence: float = 0.95) -> tuple[Estimate, Estimate]:
+    """Mean and standard deviation of a replicated sample. A replicate has seldom met a long tail, and their spread is
+    small where none has: of a kurtosis above 6 the upper end of the standard deviation, and the mean's towards the
+    tail, are at least those of as many independent rows."""
+    values = _sample(y)
+    mean_of = replicated(values, replicates, np.mean, confidence)
+    sd_of = replicated(values, replicates, lambda v: np.std(v, ddof=1), confidence)
+    away = values - mean_of.value
+    if math.isfinite(sd_of.high) and np.mean(away**4) > _LONG_TAIL * np.mean(away**2) ** 2:
+        alone = mean(values, confidence, skewed=True)
+        sd_of = replace(sd_of, high=max(sd_of.high, standard_deviation(values, confidence).high))
+        if np.sum(away**3) > 0:
+            mean_of = replace(mean_of, high=max(mean_of.high, alone.high))
+        else:
+            mean_of = replace(mean_of, low=min(mean_of.low, alone.low))
+    return mean_of, sd_of
+
+
+_LONG_TAIL = 6.0  # kurtosis; a normal law has 3
 
 
 def replicated_percentile(y: ArrayLike, replicates: int, p: float, confidence: float = 0.95) -> Estimate:
@@ -247,7 +269,9 @@ def standard_deviation(y: ArrayLike, confidence: float = 0.95) -> Estimate:
         straight = skewed_interval(squares * (n / (n - 1)), confidence)
         low, high = min(low, math.sqrt(max(straight[0], 0.0))), max(high, math.sqrt(max(straight[1], 0.0)))
         if _TAIL_MET >= n >= _SHAPE_KNOWN:
-            high = max(high, _as_lognormal(values, confidence))
+            _, _, means, sds = _as_lognormal(values)
+            found = np.exp(means + 0.5 * sds**2) * np.sqrt(np.expm1(sds**2))
+            high = max(high, float(np.quantile(found, 0.5 * (1.0 + confidence))))
     return Estimate(value, low, high)
 
 
@@ -256,29 +280,30 @@ _SHIFTS = np.geomspace(0.02, 100.0, 24)  # of the law's end beyond the outermost
 _MIDDLES = (np.arange(32) + 0.5) / 32
 
 
-def _as_lognormal(values: Array, confidence: float) -> float:
-    """Upper end of the interval of the standard deviation if the values were shifted lognormal, to either side.
+def _as_lognormal(values: Array) -> tuple[float, float, Array, Array]:
+    """What is known of a sample if it were shifted lognormal, to either side: `side` 1 or -1, `origin`, and draws (32,
+    32) of mean and SD of the logs, for y = side (origin + exp(log)).
 
     The shift is the one by which logs lie straightest on normal paper (J. J. Filliben, Technometrics 17 (1975)
-    111-117); what the logs leave open of their mean and spread is carried on to the standard deviation as a generalised
-    pivot (K. Krishnamoorthy, T. Mathew, J. Stat. Plan. Inference 115 (2003) 103-121).
+    111-117); what the logs leave open of their mean and spread is carried on as a generalised pivot (K. Krishnamoorthy,
+    T. Mathew, J. Stat. Plan. Inference 115 (2003) 103-121).
     """
     ordered, n = np.sort(values), len(values)
     normal = ndtri((np.arange(1, n + 1) - 0.375) / (n + 0.25))
-    best, mean, spread = -1.0, 0.0, 0.0
-    for y in (ordered, -ordered[::-1]):
-        logs = np.log(y - y[0] + _SHIFTS[:, np.newaxis] * float(np.std(y)))
+    best, side, origin, mean, spread = -1.0, 1.0, 0.0, 0.0, 0.0
+    for sign, y in ((1.0, ordered), (-1.0, -ordered[::-1])):
+        shifts = _SHIFTS * float(np.std(y))
+        logs = np.log(y - y[0] + shifts[:, np.newaxis])
         centred = logs - logs.mean(axis=1, keepdims=True)
         straight = (centred @ normal) / np.linalg.norm(centred, axis=1)
         k = int(np.argmax(straight))
         if straight[k] > best:
-            best, mean, spread = float(straight[k]), float(logs[k].mean()), float(np.std(logs[k], ddof=1))
+            best, side, origin = float(straight[k]), sign, float(y[0] - shifts[k])
+            mean, spread = float(logs[k].mean()), float(np.std(logs[k], ddof=1))
     half = 0.5 * (n - 1)
     variances = spread**2 * half / gammaincinv(half, _MIDDLES)[:, np.newaxis]
     means = mean + np.sqrt(variances / n) * ndtri(_MIDDLES)
-    capped = np.minimum(variances, 50.0)
-    deviations = np.exp(means + 0.5 * capped) * np.sqrt(np.expm1(capped))
-    return float(np.quantile(deviations, 0.5 * (1.0 + confidence)))
+    return side, origin, means, np.sqrt(np.minimum(variances, 50.0)) + np.zeros_like(means)
 
 
 @dataclass(frozen=True)
@@ -349,9 +374,10 @@ _CARRIERS = 100  # values that must carry a mean, (Σf)²/Σf², for its spread 
 
 def skewed_interval(values: Array, confidence: float) -> tuple[float, float]:
     """Ends of the interval of a mean of skewed values, by Hall's monotone cubic transformation of Student's t."""
-    n, mean, deviation = len(values), float(np.mean(values)), float(np.std(values))
-    skewness = float(np.mean((values - mean) ** 3)) / deviation**3 / math.sqrt(n)
-    error, t = float(np.std(values, ddof=1)) / math.sqrt(n), _student(n - 1, confidence)
+    size = float(np.max(np.abs(values)))  # terms of 1e-120 have no third power
+    n, mean, deviation = len(values), float(np.mean(values)), float(np.std(values / size))
+    skewness = float(np.mean(((values - mean) / size / deviation) ** 3)) / math.sqrt(n)
+    error, t = size * deviation / math.sqrt(n - 1), _student(n - 1, confidence)
     if abs(skewness) < 1e-9:
         return mean - t * error, mean + t * error
 
@@ -362,23 +388,27 @@ def skewed_interval(values: Array, confidence: float) -> tuple[float, float]:
     return mean - turned(t) * error, mean - turned(-t) * error
 
 
+_NORMAL = np.linspace(-6.0, 6.0, 97)
+_NORMAL_WEIGHTS = np.exp(-0.5 * _NORMAL**2) / np.sum(np.exp(-0.5 * _NORMAL**2))
 _LAGUERRE, _LAGUERRE_WEIGHTS = np.polynomial.laguerre.laggauss(24)
 
 
 def unmet_tail(y: ArrayLike, threshold: Marginal, confidence: float = 0.95) -> float:
     """What the upper end of an interval of P(Y > T) must at least be, by n independent values of Y: that of an
-    exponential tail of them where fewer than 100 carry the mean of P(T < yᵢ), that of the count of rows where none
+    exponential or lognormal tail of them where fewer than 100 carry the mean of P(T < yᵢ), that of the count of rows where none
     differs in it, else 0. The spread of a mean says nothing of large terms that the sample has not met."""
     values = _sample(y, 2)
     above, n = threshold.cdf(values), len(values)
     if not np.ptp(above) > 0:
         return float(clopper_pearson([round(float(np.sum(above)))], n, confidence)[1][0])
+    above = above / above.max()  # whose squares may be too small for a number
     few = np.sum(above) ** 2 < _CARRIERS * np.sum(above**2)
     return _tail_bound(values, threshold, confidence) if few else 0.0
 
 
 def _tail_bound(values: Array, threshold: Marginal, confidence: float) -> float:
-    """Upper bound of the mean of P(T < y) if y goes on beyond the sample with an exponential tail.
+    """Upper bound of the mean of P(T < y) if y goes on beyond the sample with an exponential tail, or is the shifted
+    lognormal law that looks most like it, whichever is larger.
 
     The tail begins at one of the largest 2√n values; its weight and its mean excess are taken at their upper limits.
     """
@@ -388,7 +418,13 @@ def _tail_bound(values: Array, threshold: Marginal, confidence: float) -> float:
     excess = float(np.mean(ordered[n - k :] - start)) * k / float(gammaincinv(k, 1.0 - confidence))
     share = float(betaincinv(k + 1.0, n - k, confidence))
     beyond = float(_LAGUERRE_WEIGHTS @ threshold.cdf(start + excess * _LAGUERRE))
-    return float(np.sum(threshold.cdf(ordered[: n - k]))) / n + share * beyond
+    bound = float(np.sum(threshold.cdf(ordered[: n - k]))) / n + share * beyond
+    if n < _SHAPE_KNOWN:
+        return bound
+    side, origin, means, sds = _as_lognormal(values)
+    logs = np.minimum(means[..., np.newaxis] + sds[..., np.newaxis] * _NORMAL, 700.0)
+    found = threshold.cdf(side * (origin + np.exp(logs))) @ _NORMAL_WEIGHTS
+    return max(bound, float(np.quantile(found, 0.5 * (1.0 + confidence))))
 
 
 def exceedance_of_levels(levels: Mapping[float, float], threshold: float | Marginal) -> float:

@@ -201,6 +201,27 @@ def test_a_replicated_sample_that_has_not_met_the_tail_keeps_its_upper_end_open(
     assert np.mean([e.high < rows / n for e in found]) <= 0.05
 
 
+@pytest.mark.parametrize("n", [64, 128])
+def test_the_upper_end_allows_for_a_lognormal_tail_that_the_rows_have_not_met(n: int) -> None:
+    """P = 0.6 % of a response with SD 1 in its logs: with an exponential tail alone two or three of ten samples ended
+    below the truth."""
+    threshold, rng = Normal(12.6, 0.6), np.random.default_rng(3)
+    truth = float(np.mean(threshold.cdf(np.exp(rng.standard_normal(2_000_000)))))
+    found = [exceedance(np.exp(rng.standard_normal(n)), threshold) for _ in range(150)]
+    assert truth == pytest.approx(0.0057, rel=0.03)
+    assert np.mean([e.high < truth for e in found]) <= 0.10
+
+
+@pytest.mark.parametrize("at", [50.0, 60.0, 62.5, 80.0])
+def test_a_threshold_that_no_row_comes_near_leaves_an_upper_end_above_what_the_rows_show(at: float) -> None:
+    """Terms of 1e-120 have no third power, those of 1e-200 no square: one was a division by zero, the other an upper
+    end of 1e-254."""
+    y = 24.0 + np.random.default_rng(0).standard_normal(100)
+    found = exceedance(y, Normal(at, 1.0))
+    assert 0.0 <= found.low <= found.value < 1e-100
+    assert 1e-30 < found.high < 0.04
+
+
 def test_failed_trials_widen_the_sampling_interval_alone() -> None:
     found = doubted_exceedance(LANDINGS, Measured(CADAVERS, 10), failed=100)
     whole = doubted_exceedance(LANDINGS, Measured(CADAVERS, 10))

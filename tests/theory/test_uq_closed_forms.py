@@ -16,8 +16,10 @@ from sprain_cosim.uq.sampling import monte_carlo, sobol
 from sprain_cosim.uq.sensitivity import importance, pearson, sensitivity_factors, sobol_indices, spearman
 from sprain_cosim.uq.statistics import (
     difference_of_means,
+    mean,
     mean_of_largest,
     order_statistic_ranks,
+    replicated_moments,
     replicated_percentile,
     standard_deviation,
 )
@@ -306,6 +308,19 @@ def test_intervals_of_a_standard_deviation(law: str, n: int, covers: float) -> N
     rng = np.random.default_rng(5)
     found = [standard_deviation(draw(rng, n)) for _ in range(600)]
     assert np.mean([e.low <= truth <= e.high for e in found]) >= covers
+
+
+@pytest.mark.parametrize("n", [128, 256])
+def test_moments_of_a_replicated_sample_of_a_long_tail_cover(n: int) -> None:
+    """A product of lognormals: by the spread of the replicates alone the mean held in 0.87 and 0.92, the SD in 0.68 and
+    0.74. A normal response keeps what the sequence gains."""
+    joint, weights = JointDistribution([Normal(0.0, 1.0)] * 3), np.array([0.8, 0.5, 0.3])
+    truth, hits = (math.exp(0.49), math.exp(0.49) * math.sqrt(math.expm1(0.98))), np.zeros(2)
+    for seed in range(120):
+        logs = sobol(joint, n, seed) @ weights
+        hits += [e.low <= t <= e.high for e, t in zip(replicated_moments(np.exp(logs), 8), truth, strict=True)]
+    assert hits.min() / 120 >= 0.91
+    assert replicated_moments(logs, 8)[0].half_width < 0.4 * mean(logs).half_width
 
 
 def test_percentiles_of_small_replicated_samples_cover() -> None:
