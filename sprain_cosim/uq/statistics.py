@@ -395,8 +395,8 @@ _LAGUERRE, _LAGUERRE_WEIGHTS = np.polynomial.laguerre.laggauss(24)
 
 def unmet_tail(y: ArrayLike, threshold: Marginal, confidence: float = 0.95) -> float:
     """What the upper end of an interval of P(Y > T) must at least be, by n independent values of Y: that of an
-    exponential or lognormal tail of them where fewer than 100 carry the mean of P(T < yᵢ), that of the count of rows where none
-    differs in it, else 0. The spread of a mean says nothing of large terms that the sample has not met."""
+    exponential or lognormal tail of them where fewer than 100 carry the mean of P(T < yᵢ), that of the count of rows
+    where none differs in it, else 0. The spread of a mean says nothing of large terms that the sample has not met."""
     values = _sample(y, 2)
     above, n = threshold.cdf(values), len(values)
     if not np.ptp(above) > 0:
