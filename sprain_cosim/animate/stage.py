@@ -15,6 +15,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
+from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 
 from ..errors import InputError, visible
@@ -52,7 +53,8 @@ COLOURS = {
 PLATFORM, HALF = np.array([0.68, 0.735, 0.79]), np.array(HALF_PLATFORM)  # colour, half extents [m]
 X, Y, Z = np.eye(3)
 EDGE, HEAD, GAP, CHART, FOOT = 14, 58, 12, 196, 28  # px
-TITLE, LINE = 14, 19  # px, of the headings
+TITLE, LINE, SMALL_LINE = 14, 19, 13  # px, of the headings and the words below them
+LONGEST = 0.72  # of a view's height: an arrow that would be longer is drawn so long, and hollow
 # s; the force arrow's scale leaves out the first contact, which may be five times larger in the published pose
 IMPACT = 0.005
 
@@ -113,8 +115,9 @@ class Stage:
         views, tall = _views(len(runs))
         block = sum(v.width for v in views) + GAP * (len(views) - 1)
         self.width = 2 * EDGE + len(runs) * block + (len(runs) - 1) * 2 * GAP
-        self.titles = [self._lines(n, block) for n in range(len(runs))]
-        head = HEAD + LINE * (max(map(len, self.titles)) - 1)
+        self.titles = [self._lines(n, block, run.title, TITLE, "bold") for n, run in enumerate(runs)]
+        self.below = [self._lines(n, block, _below(run), 9) for n, run in enumerate(runs)]
+        head = HEAD + LINE * (max(map(len, self.titles)) - 1) + SMALL_LINE * (max(map(len, self.below)) - 1)
         self.height = head + tall + GAP + CHART + FOOT
         self.width += self.width % 2  # video wants even sizes
         self.height += self.height % 2
@@ -128,20 +131,20 @@ class Stage:
         self.front = self._page(self.labels)
         self.clock = self._text(self.width - EDGE, 20, "", 15, INK, ha="right", weight="bold", moving=True)
         self._text(self.width - EDGE, 41, f"slowed {slow:g} times", 9, MUTED, ha="right")
-        self._head(block)
         top = max(float(a["plant.ground_force"][a.run.result.time > IMPACT].max(initial=1.0)) for a in self.actors)
         moment = max(
             float(np.abs(a[f"plant.{who}_subtalar_moment"]).max(initial=1.0))
             for a in self.actors
             for who in ("anatomy", "brace")
         )
+        reach = 0.40 * tall / top
+        strongest = max(float(a["plant.ground_force"].max()) for a in self.actors)
+        self._head(block, reach * strongest > LONGEST * tall)
         self.panels = []
         for n, actor in enumerate(self.actors):
             left = EDGE + n * (block + 2 * GAP)
             for view in views:
-                self.panels.append(
-                    _Panel(self, actor, view, left, head, tall, 0.40 * tall / top, 150.0 / max(moment, 20.0))
-                )
+                self.panels.append(_Panel(self, actor, view, left, head, tall, reach, 150.0 / max(moment, 20.0)))
                 left += view.width + GAP
         self.charts = self._charts(head + tall + GAP)
 
@@ -194,12 +197,12 @@ class Stage:
         """Pixels for the heading of landing `n`, beside the line in its colour and the clock."""
         return block - (30 if len(self.runs) > 1 else 0) - (120 if n == len(self.runs) - 1 else 0)
 
-    def _lines(self, n: int, block: int) -> list[str]:
-        return lines_of(visible(self.runs[n].title), 0.72 * self._room(n, block), 0.72 * TITLE, "bold") or [""]
+    def _lines(self, n: int, block: int, text: str, size: float, weight: str = "normal") -> list[str]:
+        return lines_of(visible(text), 0.72 * self._room(n, block), 0.72 * size, weight, most=3) or [""]
 
-    def _head(self, block: int) -> None:
+    def _head(self, block: int, hollow: bool) -> None:
         last = 20 + LINE * (max(map(len, self.titles)) - 1)
-        for n, run in enumerate(self.runs):
+        for n in range(len(self.runs)):
             left = EDGE + n * (block + 2 * GAP)
             if len(self.runs) > 1:
                 self.page.plot(
@@ -210,15 +213,13 @@ class Stage:
                 left += 30
             for k, line in enumerate(self.titles[n]):
                 self._text(left, 20 + LINE * k, line, TITLE, INK, weight="bold")
-            pose = f"initial pose {run.pose}" if run.pose else ""
-            below = visible(", ".join(p for p in (pose, run.label) if p))
-            for line in lines_of(below, 0.72 * self._room(n, block), 0.72 * 9, most=1):
-                self._text(left, last + 21, line, 9, MUTED)
+            for k, line in enumerate(self.below[n]):
+                self._text(left, last + 21 + SMALL_LINE * k, line, 9, MUTED)
         self._text(
             EDGE,
             self.height - 13,
-            "force on the foot at the centre of pressure; moments about the subtalar axis, + resists supination; "
-            "parallel projection",
+            f"force on the foot at the centre of pressure{' (a hollow arrow is cut)' * hollow}; "
+            "moments about the subtalar axis, + resists supination; parallel projection",
             9,
             MUTED,
         )
@@ -382,6 +383,7 @@ class _Panel:
                 y = top + 17 + 17 * n
                 stage.label(left + 9, y, name, 10.5, colour)
                 text = stage._text(left + 136, y, "", 11.5, colour, ha="right", weight="bold", moving=True)
+                text.set_path_effects([withStroke(linewidth=2.5, foreground="white")])  # over the arrow
                 self.figures.append((text, signal, factor, unit))
             stage.label(
                 left + 9,
@@ -416,9 +418,9 @@ class _Panel:
         ):
             start = self._pixel(np.array([actor.at(f"plant.ground_point_{c}", k) for c in "xyz"]))
             way = self.reach * np.array([force @ self.view.right, -force[1]])
-            longest = 0.72 * self.tall
-            way *= min(1.0, longest / max(float(np.linalg.norm(way)), 1e-9))
-            self.arrow.set_xy(_arrow(start, start + way))
+            share = min(1.0, LONGEST * self.tall / max(float(np.linalg.norm(way)), 1e-9))
+            self.arrow.set_xy(_arrow(start, start + share * way))
+            self.arrow.set(fc=PAPER if share < 1.0 else GROUND, ec=GROUND if share < 1.0 else "white")
             shown.append(self.arrow)
         middle = self._pixel(actor.skeleton.point("ankle", actor.poses[k]))
         for radius, signal, line, head in self.arcs:
@@ -497,6 +499,10 @@ class _Chart:
             dot.set_data([here], [value])
             shown += [line, dot]
         return shown
+
+
+def _below(run: Landing) -> str:
+    return ", ".join(p for p in (f"initial pose {run.pose}" if run.pose else "", run.label) if p)
 
 
 def part_colour(part: str) -> np.ndarray:

@@ -392,7 +392,7 @@ def title_lines(title: str, single: int) -> list[str]:
 
 def lines_of(text: str, room: float, size: float, weight: str = "normal", most: int = 2) -> list[str]:
     """The text in lines no wider than `room` [points] at a font size, `most` of them, the last one ended with an
-    ellipsis where that does not hold all."""
+    ellipsis where that does not hold all; a word that is too long is broken behind an underscore."""
 
     def fits(line: str) -> bool:
         return text_width(line, size, weight) <= room
@@ -400,6 +400,11 @@ def lines_of(text: str, room: float, size: float, weight: str = "normal", most: 
     words, lines = text.split(), list[str]()
     while words and len(lines) < most:
         taken = next((k for k in range(len(words), 0, -1) if fits(" ".join(words[:k]))), 0)
+        parts = [place.end() for place in re.finditer("_", words[0])] if not taken and len(lines) < most - 1 else []
+        if (cut := next((at for at in reversed(parts) if fits(words[0][:at])), 0)) > 0:
+            lines.append(words[0][:cut])
+            words[0] = words[0][cut:]
+            continue
         if (len(lines) == most - 1 and taken < len(words)) or not taken:
             whole = " ".join(words)
             cut = next((n for n in range(len(whole), 1, -1) if fits(shorten(whole, n))), 1)

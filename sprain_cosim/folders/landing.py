@@ -104,7 +104,9 @@ def load_landing(folder: Path, trial: str | None = None) -> Landing:
     if (folder / TRIALS).is_file():
         return _of_study(folder, MEDIAN if trial is None else trial)
     if (folder / COMPARISON).is_file():
-        raise InputError(f"{folder}: holds one folder for each brace; name one of them")
+        braces = read_comparison_summary(folder).completed
+        places = ", ".join(str(member_path(folder, brace.folder or name)) for name, brace in braces.items())
+        raise InputError(f"{folder}: holds one folder for each brace; name one of them: {places}")
     if (folder / LEDGER).is_file():
         raise InputError(f"{folder}: the study is not finished; continue it with --resume")
     run = read_run(folder)

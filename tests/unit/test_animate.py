@@ -257,19 +257,21 @@ def test_projection_agrees_with_the_picture() -> None:
     assert camera.project(ball[0, :3]) == pytest.approx((columns.mean() + 0.5, rows.mean() + 0.5), abs=0.3)
 
 
-def test_long_headings_take_two_lines_and_end_at_a_word(braced: Landing) -> None:
-    title = "A landing whose name is as long as this on a slope of thirty degrees with a brace of a long name " * 2
+def test_long_headings_take_three_lines_and_end_at_a_word(braced: Landing) -> None:
+    title = "A landing whose name is as long as this on a slope of thirty degrees with a brace of a long name " * 4
     usual, long = Stage([braced], 20.0), Stage([replace(braced, title=title)] * 2, 20.0)
     assert usual.titles == [[braced.title]]
-    for first, last in long.titles:
+    for *first, last in long.titles:
+        assert len(first) == 2
         assert last.endswith("…")
-        assert title.startswith(f"{first} {last[:-1]} ")
+        assert title.startswith(f"{' '.join(first)} {last[:-1]} ")
     assert len(long.titles[0][0]) > len(long.titles[1][0])  # beside the clock
     assert [dot.get_marker() for *_, dot in long.charts[0].curves] == ["o", "s"], "the curves' dots differ in shape"
-    assert long.height - Stage([braced] * 2, 20.0).height in (18, 20)
+    assert long.height - Stage([braced] * 2, 20.0).height in (38, 40)
     word = lines_of("Einbeinlandung" * 9, 200.0, 10.0)
     assert len(word) == 1
     assert word[0].endswith("…")
+    assert lines_of("Acme_Sport_Pro_2000_rigid_left_foot", 130.0, 10.0) == ["Acme_Sport_Pro_2000_", "rigid_left_foot"]
     assert lines_of("", 200.0, 10.0) == []
     assert lines_of("one two", 200.0, 10.0, most=1) == ["one two"]
 
@@ -280,6 +282,21 @@ def test_a_film_says_what_its_chart_leaves_out(braced: Landing) -> None:
     deep = replace(braced, result=replace(braced.result, values=values))
     assert [t.get_text() for t in Stage([deep], 20.0).charts[2].axes.texts] == ["cut off: 80 kN in the first 5 ms"]
     assert not Stage([braced], 20.0).charts[2].axes.texts
+
+
+def test_an_arrow_that_is_longer_than_drawn_is_hollow(braced: Landing) -> None:
+    peak = float(braced.result.time[np.argmax(braced.result["plant.ground_force"])])
+    values = braced.result.values.copy()
+    for signal in ("plant.ground_force", "plant.ground_force_y"):
+        values[0, braced.result.index[signal]] = 80_000.0
+    values[0, braced.result.index["plant.in_contact"]] = 1.0
+    stage = Stage([replace(braced, result=replace(braced.result, values=values))], 20.0)
+    arrow, filled = stage.panels[-1].arrow, []
+    for _ in stage.frames(np.array([0.0, peak])):
+        filled.append(np.allclose(arrow.get_facecolor()[:3], to_rgb(GROUND)))
+    assert filled == [False, True]
+    said = [any("hollow" in t.get_text() for t in s.page.texts) for s in (stage, Stage([braced], 20.0))]
+    assert said == [True, False]
 
 
 def test_film_of_two_landings_in_step(braced: Landing, tmp_path: Path) -> None:
