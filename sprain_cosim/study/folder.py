@@ -72,16 +72,23 @@ def load_study_plan(folder: Path, ledger: Ledger) -> Plan:
     return study
 
 
-def begin_folder(folder: Path, study: Plan, command: str, identity: Mapping[str, Any], levels: Sequence[str]) -> None:
+def begin_folder(
+    folder: Path,
+    study: Plan,
+    command: str,
+    identity: Mapping[str, Any],
+    levels: Sequence[str],
+    parts: Sequence[Manifest] = (),
+) -> None:
     """study.toml and manifest.json, which says what `identity` the study has and with code for which `levels` of
-    processors its trials ran."""
+    processors its trials ran; `parts` are the manifests of what it is merged from."""
     sweep(folder)
     try:
         before = read_manifest(folder)
     except InputError:
         before = None
     write(folder / "study.toml", study.text, RESUME)
-    write_json(folder / MANIFEST, Manifest.of(study, identity, command, before, levels).to_json(), RESUME)
+    write_json(folder / MANIFEST, Manifest.of(study, identity, command, before, levels, parts).to_json(), RESUME)
 
 
 def trial_tables(study: Plan, ledger: Ledger, chosen: np.ndarray | None) -> tuple[pd.DataFrame, pd.DataFrame]:

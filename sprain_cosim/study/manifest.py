@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib import metadata
@@ -34,11 +34,12 @@ class FmuFile(Record):
 class Manifest(Record):
     """With what a study was run.
 
-    versions       {"sprain-cosim", "python", package: version, None where it is not installed}
+    versions       {"sprain-cosim", "python", package: version, None where it is not installed}; several, as in
+                   "1.26.4, 2.4.6", where the trials ran with several: parts of a study, or one that went on
     fmus           {component: its file}
     study_digest   of the study's identity
     seed, trials   of the sample
-    platform       of the machine
+    platform       of the machine, or of several
     processor      levels of processors whose code the FMUs of the project ran (processor.py): one, unless the study
                    went on where another one runs
     command        what was typed; empty from Python
@@ -58,6 +59,12 @@ class Manifest(Record):
     identity: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
+    def here(cls) -> Manifest:
+        """What runs on this machine."""
+        versions = {"sprain-cosim": __version__, "python": platform.python_version()}
+        return cls(versions | {name: _version(name) for name in PACKAGES}, platform=platform.platform())
+
+    @classmethod
     def of(
         cls,
         study: Plan,
@@ -65,22 +72,38 @@ class Manifest(Record):
         command: str = "",
         before: Manifest | None = None,
         levels: Sequence[str] = (),
+        parts: Sequence[Manifest] = (),
     ) -> Manifest:
         """Of a study of that `identity` on this machine, whose processor runs code for `levels`. `before` is the
-        manifest that stands in the folder: it keeps when the study began, and the levels then."""
+        manifest that stands in the folder: it keeps when the study began, and with what. The trials of merged `parts`
+        ran with what theirs say, not with what is here."""
+        ran = [m for m in (before, *(parts or (cls.here(),))) if m is not None and m.versions] or [cls.here()]
         return cls(
-            versions={"sprain-cosim": __version__, "python": platform.python_version()}
-            | {name: _version(name) for name in PACKAGES},
+            versions={name: _several(m.versions.get(name) for m in ran) for m in ran for name in m.versions},
             fmus={name: FmuFile(str(path), identity["fmus"][name]) for name, path in study.scenario.fmus.items()},
             study_digest=digest_of(identity),
             seed=study.seed,
-            platform=platform.platform(),
+            platform=_several(m.platform for m in ran) or "",
             processor=tuple(dict.fromkeys([*(before.processor if before else ()), *filter(None, levels)])),
             command=command,
             created=(before and before.created) or datetime.now(UTC).isoformat(timespec="seconds"),
             trials=study.trials,
             identity=identity,
         )
+
+
+def _several(texts: Iterable[str | None]) -> str | None:
+    """Those that differ, in one text; None for none."""
+    return ", ".join(dict.fromkeys(part for text in texts if text for part in text.split(", "))) or None
+
+
+def software(then: Manifest, now: Manifest, words: tuple[str, str] = ("then", "now")) -> list[str]:
+    """What differs in versions and platform, a line each; nothing of a manifest that says nothing."""
+    if not (then.versions and now.versions):
+        return []
+    pairs = [(name, then.versions.get(name), now.versions.get(name)) for name in {**then.versions, **now.versions}]
+    pairs.append(("platform", then.platform, now.platform))
+    return [f"{name} {a or 'absent'} {words[0]}, {b or 'absent'} {words[1]}" for name, a, b in pairs if a != b]
 
 
 def read_manifest(folder: Path) -> Manifest:

@@ -30,7 +30,7 @@ from .folder import (
 )
 from .identity import changes
 from .ledger import Ledger, Row
-from .manifest import level_then, read_manifest
+from .manifest import Manifest, level_then, read_manifest, software
 from .plan import Plan
 from .shards import trial_numbers
 from .summary import Kept, read_summary
@@ -58,14 +58,15 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
                 f"trials {missing(lost.tolist())} are in none of the folders; run their shard with "
                 "--resume, or name its folder"
             )
-        levels = [read_manifest(source).processor for source in folders]
+        manifests = [read_manifest(source) for source in folders]
+        levels = [manifest.processor for manifest in manifests]
         mixed = len({level for several in levels for level in several}) > 1
         folder = out or Path("runs") / Path(study.source or "study").stem
         check_study_folder(folder, resume=False)
         recorder = Trajectories(folder, 0)
         facts = parts[0].facts
         with Ledger(folder, facts["digest"], json.loads(facts["identity"]), facts["study"]) as ledger:
-            begin_folder(folder, study, "", json.loads(facts["identity"]), list(chain.from_iterable(levels)))
+            begin_folder(folder, study, "", json.loads(facts["identity"]), list(chain.from_iterable(levels)), manifests)
             for source, part in zip(folders, parts, strict=True):
                 for row in part.rows():
                     known = ledger.row(row.trial)
@@ -96,20 +97,29 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
         merged=tuple(str(f) for f in folders),
     )
     finish_folder(folder, table, timing, summary, parquet)
-    return Campaign(study, summary, folder, at_hand((table, timing)), _other_levels(folders, levels))
+    return Campaign(study, summary, folder, at_hand((table, timing)), _other_machines(folders, manifests))
 
 
 def _backend(study: Plan, folder: Path) -> Backend:
     return open_backend(Task(study.scenario, study.names, level=level_then(folder)), 1, None)
 
 
-def _other_levels(folders: Sequence[Path], levels: Sequence[Sequence[str]]) -> tuple[str, ...]:
-    """The warning that parts ran code for different levels of processors."""
-    known = {folder: ", ".join(several) for folder, several in zip(folders, levels, strict=True) if several}
-    if len(set(known.values())) < 2:
-        return ()
-    where = "; ".join(f"{folder}: {level}" for folder, level in known.items())
-    return (f"the parts ran code for different processors, so their rows may differ in the last digits: {where}",)
+def _other_machines(folders: Sequence[Path], manifests: Sequence[Manifest]) -> tuple[str, ...]:
+    """The warnings that parts ran code for different levels of processors, or with different software."""
+    known = {folder: ", ".join(m.processor) for folder, m in zip(folders, manifests, strict=True) if m.processor}
+    warnings = []
+    if len(set(known.values())) > 1:
+        where = "; ".join(f"{folder}: {level}" for folder, level in known.items())
+        warnings.append(
+            f"the parts ran code for different processors, so their rows may differ in the last digits: {where}"
+        )
+    for folder, manifest in zip(folders, manifests, strict=True):
+        if lines := software(manifests[0], manifest, ("there", "here")):
+            warnings.append(
+                f"{folder}: ran with other software than {folders[0]}, so rows may differ in the last digits: "
+                f"{'; '.join(lines)}"
+            )
+    return tuple(warnings)
 
 
 def _first_kept(folder: Path) -> int:

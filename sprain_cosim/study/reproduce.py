@@ -19,7 +19,7 @@ from .folder import read_trials, recorded_plan
 from .identity import changes
 from .ledger import FILE as LEDGER
 from .ledger import Ledger
-from .manifest import FILE, FmuFile, Manifest, level_then, read_manifest, whole_manifest
+from .manifest import FILE, FmuFile, Manifest, level_then, read_manifest, software, whole_manifest
 from .plan import Plan
 from .previous import identity_then, is_previous
 from .progress import Progress
@@ -69,7 +69,7 @@ class Reproduction(Record):
     rounding: bool | None = optional()
 
     def text(self) -> str:
-        lines = [f"differs: {line}" for line in self.differences] or ["versions, FMUs and platform are the same"]
+        lines = [f"differs: {line}" for line in self.differences] or ["versions, files and platform are the same"]
         if self.first is None:
             lines.append(f"identical: {self.trials} trials, to the last digit")
         else:
@@ -208,17 +208,16 @@ def _there(name: str, path: Path) -> Path:
 
 
 def _differences(then: Manifest, now: Manifest) -> list[str]:
-    found = []
-    for package in dict.fromkeys([*then.versions, *now.versions]):
-        a, b = then.versions.get(package), now.versions.get(package)
-        if a != b:
-            found.append(f"{package} {a or 'absent'} then, {b or 'absent'} now")
+    found = software(then, now)
     for name in dict.fromkeys([*then.fmus, *now.fmus]):
         old, new = (m.fmus.get(name, ABSENT) for m in (then, now))
         if old.sha256 != new.sha256:
             found.append(f"FMU {name}: SHA-256 {str(old.sha256)[:12]} then, {str(new.sha256)[:12]} now ({new.file})")
+    files_then, files_now = (m.identity.get("maps") or {} for m in (then, now))
+    for name in dict.fromkeys([*files_then, *files_now]):
+        a, b = (str(files.get(name, "absent"))[:12] for files in (files_then, files_now))
+        if a != b:
+            found.append(f"mapping file {name}: SHA-256 {a} then, {b} now")
     if then.processor and now.processor and then.processor != now.processor:
         found.append(f"code for {', '.join(then.processor)} processors then, for {', '.join(now.processor)} now")
-    if then.platform != now.platform:
-        found.append(f"platform {then.platform} then, {now.platform} now")
     return found

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
@@ -43,7 +43,7 @@ from .folder import (
 from .ledger import FILE as LEDGER
 from .ledger import Ledger
 from .looks import land_until_known
-from .manifest import level_then, read_manifest
+from .manifest import Manifest, level_then, read_manifest, software
 from .methods import SEARCHES
 from .plan import Plan
 from .progress import Progress
@@ -106,7 +106,7 @@ def run(
         )  # before the folder: a wrong address leaves none
         try:
             ledger = ledger or _ledger(study, held, folder)
-            notes = (*kept, *notes, *_other_level(folder, backend.level))
+            notes = (*kept, *notes, *_other_machine(folder, backend.level))
             suspects = study.scenario.foreign()
             dispatch = Dispatch(ledger, backend, max_failed, progress, Trajectories(folder, first), suspects)
         except BaseException:
@@ -204,18 +204,24 @@ def _finished(
     return tables, summary, sorted({*recorded} - {*recorder.lacks(recorded)})
 
 
-def _other_level(folder: Path | None, level: str) -> tuple[str, ...]:
-    """The warning that a study goes on with code for another level of processors than it was begun with."""
+def _other_machine(folder: Path | None, level: str) -> Iterator[str]:
+    """The warnings that a study goes on with code for another level of processors than it was begun with, or with other
+    software."""
     try:
-        before = read_manifest(folder).processor if folder is not None else ()
+        before = read_manifest(folder) if folder is not None else Manifest()
     except InputError:
-        before = ()
-    if not before or not level or level in before:
-        return ()
-    return (
-        f"{folder}: its trials so far ran code for {', '.join(before)} processors, those that follow code for {level}: "
-        "they may differ in the last digits",
-    )
+        return
+    if before.processor and level and level not in before.processor:
+        yield (
+            f"{folder}: its trials so far ran code for {', '.join(before.processor)} processors, those that follow "
+            f"code for {level}: they may differ in the last digits"
+        )
+    here, own = Manifest.here(), "sprain-cosim"  # of which another version is told when its trials are adopted
+    if before.versions.get(own) == here.versions[own] and (lines := software(before, here)):
+        yield (
+            f"{folder}: its trials so far ran with other software than those that follow, so they may differ in the "
+            f"last digits: {'; '.join(lines)}"
+        )
 
 
 def _ledger(study: Plan, held: Plan, folder: Path | None) -> Ledger:

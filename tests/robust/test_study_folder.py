@@ -148,6 +148,33 @@ def test_shards_merge_into_the_whole(whole: Path, tmp_path: Path) -> None:
         merge([*folders[:2], tmp_path / "other"], tmp_path / "mixed")
 
 
+def test_parts_and_a_study_that_goes_on_say_all_that_they_ran_with(tmp_path: Path) -> None:
+    """The manifest of a merged study named the software of the machine that merged, that of a study that went on the
+    last one's."""
+    study, folders = sc.load_study("study6"), [tmp_path / "a", tmp_path / "b"]
+
+    def of_another_machine(folder: Path) -> None:
+        content = json.loads((folder / "manifest.json").read_text())
+        content["versions"]["numpy"], content["platform"] = "1.0", "elsewhere"
+        (folder / "manifest.json").write_text(json.dumps(content))
+
+    for k, folder in enumerate(folders, 1):
+        study.run(trials=4, workers=1, out=folder, shard=(k, 2), trajectories=0)
+    of_another_machine(folders[0])
+    merged = merge(folders, tmp_path / "both")
+    said = json.loads((tmp_path / "both" / "manifest.json").read_text())
+    assert said["versions"]["numpy"] == f"1.0, {np.__version__}"
+    assert said["platform"].startswith("elsewhere, ")
+    assert said["versions"]["scipy"].count(",") == 0
+    (warning,) = merged.warnings
+    assert f"numpy 1.0 there, {np.__version__} here" in warning
+    study.run(trials=2, workers=1, out=tmp_path / "longer", trajectories=0)
+    of_another_machine(tmp_path / "longer")
+    longer = study.run(trials=4, workers=1, out=tmp_path / "longer", resume=True, trajectories=0)
+    assert any("ran with other software" in warning for warning in longer.warnings)
+    assert json.loads((tmp_path / "longer" / "manifest.json").read_text())["versions"]["numpy"].startswith("1.0, ")
+
+
 def test_a_search_has_no_parts_and_a_part_is_written_k_of_n(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="has no parts"):
         sc.load_study("amv6").run(shard=(1, 2), out=tmp_path / "amv")
