@@ -16,6 +16,8 @@ from numbers import Integral, Real
 from .errors import InputError, nearest
 
 SHOWN = {"rad": "deg", "rad/s": "deg/s"}  # units that people read in another
+FINEST, SURE = 0.01, 0.5  # percent, of a probability
+RARE = 0.0  # in place of FINEST, for what a search found
 BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
@@ -250,6 +252,26 @@ def proportion(value: float | str, what: str) -> float:
     if not 0.0 <= share <= 1.0:
         raise InputError(f"{what} = {value}: must lie between 0 % and 100 %")
     return share
+
+
+def percentage(p: float, finest: float = FINEST, figures: int = 2) -> str:
+    """A probability 0 ... 1 in percent, without the sign: two figures, none of them finer than `finest` percent. No
+    random landings know more than a hundredth; a search for a RARE event does."""
+    share = 100 * p
+    if 0 < share < finest:
+        return f"< {finest:g}"
+    if 100 - SURE < share < 100:
+        return f"> {100 - SURE:g}"
+    return f"{share:.{figures - 2}f}" if share >= 10 or share == 0 else f"{share:.{figures}g}"
+
+
+def percentage_ends(low: float | None, high: float | None, finest: float = FINEST) -> tuple[str, ...]:
+    """The interval of a probability, "2.1 … 2.4", by the rule of `percentage`, with a third figure where two do not
+    tell its ends apart; none where there is none. Whoever shows the interval takes it from here."""
+    if low is None or high is None:
+        return ()
+    short, long = ([percentage(end, finest, figures) for end in (low, high)] for figures in (2, 3))
+    return (" … ".join(long if low < high and len(set(short)) == 1 else short),)
 
 
 def stated(value: float | str, own: Unit | None) -> float | str:

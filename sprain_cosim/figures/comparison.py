@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..folders.comparison import INJURY, NONE, BraceSummary, ComparisonSummary, MeanEstimate, called
 from ..literature import INJURY_INVERSION_TEXT
 from ..metrics import Signals
+from ..units import percentage, percentage_ends
 from .selection import both_ends
 from .style import (
     BORNE,
@@ -186,8 +187,8 @@ def _risks(
         share = e.value or 0.0
         at_axis, mark = on_axis(share, "o")
         axis.plot(100 * at_axis, place, mark, color=colour)
-        words = [f"{_percent(share)} %"]
-        words += [_percents(pair) for pair in (both_ends((e.ci_low, e.ci_high)), doubts.get(name)) if pair]
+        words = [f"{percentage(share)} %"]
+        words += [percentage_ends(*pair)[0] for pair in (both_ends((e.ci_low, e.ci_high)), doubts.get(name)) if pair]
         axis.text(1.02, place, "\n".join(words), color=letters(colour), linespacing=1.1, **at)
     _named(axis, list(risks), 0.75)
     axis.set_xscale("log")
@@ -205,17 +206,6 @@ def _risks(
         keys["threshold"] = legend_line(INK, linewidth=1.0, marker="|")
     if keys:
         axis.legend(list(keys.values()), list(keys), ncols=2, loc="lower left", handletextpad=0.9)
-
-
-def _percents(ends: Doubt) -> str:
-    return " … ".join(map(_percent, ends))
-
-
-def _percent(share: float) -> str:
-    """Two figures, without the sign; 100 is no "1e+02"."""
-    if share < FLOOR:
-        return f"< {100 * FLOOR:g}"
-    return f"{100 * share:.0f}" if share >= 0.0995 else f"{100 * share:.2g}"
 
 
 def _moments(axis: Axes, braces: Mapping[str, BraceSummary], mean: str) -> None:

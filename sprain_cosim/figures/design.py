@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from ..study.summary import FIGURES
-from .questions import in_percent
+from ..study.summary import in_figures
+from ..units import percentage_ends
 from .style import (
     BLUE,
     FLOOR,
@@ -89,7 +89,7 @@ def design_curve(found: Designed, note: str = "") -> Figure:
         span = (found.sure, found.parameter[-1]) if found.least else (found.parameter[0], found.sure)
         axis.axvspan(*span, color=GREEN, alpha=0.12, linewidth=0)
         entries.append(
-            (legend_line(GREEN, linewidth=5, alpha=0.3), f"the goal holds, 95 % sure: {found.sure:.{FIGURES}g}")
+            (legend_line(GREEN, linewidth=5, alpha=0.3), f"the goal holds, 95 % sure: {in_figures(found.sure)}")
         )
     entries += _draw_value(axis, found)
     axis.set_yscale("log")
@@ -123,14 +123,14 @@ def _draw_value(axis: Axes, found: Designed) -> list[tuple[Any, str]]:
     ends = [found.parameter[0] if low is None else low, found.parameter[-1] if high is None else high]
     axis.plot(ends, [found.goal] * 2, color=VERMILION, linewidth=3.0, alpha=0.6, solid_capstyle="butt")
     axis.plot(value, found.goal, "o", color=VERMILION, markersize=4.5, zorder=5)
-    said = ["below the range" if low is None else f"{low:.{FIGURES}g}"]
-    said += ["above the range" if high is None else f"{high:.{FIGURES}g}"]
-    words = f"{'least' if found.least else 'largest'} value {value:.{FIGURES}g}, 95 % {' … '.join(said)}"
+    said = ["below the range" if low is None else in_figures(low)]
+    said += ["above the range" if high is None else in_figures(high)]
+    words = f"{'least' if found.least else 'largest'} value {in_figures(value)}, 95 % {' … '.join(said)}"
     entries: list[tuple[Any, str]] = [(legend_line(VERMILION, marker="o"), words)]
     if found.threshold is not None:
         thin: Any = dict(color=VERMILION, linewidth=1.0, marker="_", markersize=5)
         axis.plot([value] * 2, [max(end, FLOOR) for end in found.threshold], **thin)
-        words = f"{found.behind}, at that value: {' … '.join(in_percent(end) for end in found.threshold)}"
+        words = f"{found.behind}, at that value: {percentage_ends(*found.threshold)[0]} %"
         entries.append((legend_line(VERMILION, linewidth=1.0, marker="|", markersize=5), words))
     return entries
 

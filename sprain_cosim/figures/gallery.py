@@ -23,6 +23,7 @@ from ..metrics import brace_torques
 from ..records import ends_of
 from ..study.questions import law_name
 from ..study.summary import DesignSearch, FormSearch, LevelSearch
+from ..units import RARE
 from .braces import draw_comparison
 from .drawn import Drawn, as_file_name, write_drawn
 from .pairs import Column, most_inputs, strongest
@@ -484,7 +485,7 @@ def _events(studies: Studies) -> Iterator[Drawn]:
         shapes = {law_name(law): p for law, p in (form.shapes or {}).items()}
         event = f"{plots.label(form.response).partition(', +')[0]} above {form.threshold.distribution}"
         answer = plots.Answer(
-            event, form.probability, both_ends((form.ci_low, form.ci_high)), both_ends(form.threshold_ci), shapes
+            event, form.probability, both_ends((form.ci_low, form.ci_high)), both_ends(form.threshold_ci), shapes, RARE
         )
         orders = {"first order": form.first_order} | {
             f"second order, {formula}": p for formula, p in (form.second_order or {}).items()

@@ -16,6 +16,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from ..records import ends_of
+from ..units import FINEST, percentage, percentage_ends
 from .style import (
     BLUE,
     FAINT,
@@ -48,6 +49,7 @@ class Answer:
     - value: None for bounds
     - sampling, threshold: 95 % intervals from the sample and of the threshold, None where none is known
     - shapes: {law of the same mean and SD: value}
+    - finest: what `percentage` shows of it
     """
 
     title: str
@@ -55,16 +57,18 @@ class Answer:
     sampling: Pair | None = None
     threshold: Pair | None = None
     shapes: Mapping[str, float] = field(default_factory=dict)
+    finest: float = FINEST
 
     @property
     def words(self) -> str:
         """The value with what the sample leaves open; numbers stay with their units when a line is broken."""
         said = [self.title]
         if self.value is not None:
-            value, *ends = in_percents(self.value, *(self.sampling or ()))
-            said.append(f"{value} %" + (f" ({' ... '.join(ends)} %)" if ends else ""))
+            low, high = self.sampling or (None, None)
+            ends = "".join(f" ({e} %)" for e in percentage_ends(low, high, self.finest))
+            said.append(f"{percentage(self.value, self.finest)} %{ends}")
         words = ": ".join(said)
-        return re.sub(r" (?=%|deg|N·m|±|\.\.\.)|(?<=±|=) |(?<=\.\.\.) ", "\u00a0", words)
+        return re.sub(r" (?=%|deg|N·m|±|…|\.\.\.)|(?<=±|=|…|<|>) |(?<=\.\.\.) ", "\u00a0", words)
 
 
 @dataclass(frozen=True)
@@ -158,15 +162,6 @@ def _draw_curve(axis: Axes, curve: Exceeded) -> None:
 
 def shape_key(law: str) -> Any:
     return legend_line(INK, "none", marker=MARKERS[law], markerfacecolor="white", markersize=4)
-
-
-def in_percents(*values: float) -> list[str]:
-    """Of a probability and its ends, in percent without the sign: two figures, or as many as tell the ends apart."""
-    for figures in (2, 3, 4):
-        said = [f"{100 * v:#.{figures}g}".rstrip(".") if v else "0" for v in values]
-        if len(set(said)) == len(said):
-            break
-    return said
 
 
 def in_percent(p: float) -> str:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from markupsafe import Markup
 
 from ..folders.comparison import MeanEstimate
-from .words import fine_ends, percentage
+from ..units import percentage, percentage_ends
 
 
 def rich(text: str, **values: Any) -> Markup:
@@ -47,8 +47,8 @@ def probability_cell(e: MeanEstimate | None, shapes: tuple[float, float] | None)
 def probability_doubts(e: MeanEstimate, shapes: tuple[float, float] | None) -> list[str]:
     """In percent, a text each: what the landings leave open of a probability, and what the shape of its threshold
     does."""
-    doubts = [f"landings {line}" for line in fine_ends(e.ci_low, e.ci_high)]
-    return doubts + [f"threshold's shape {line}" for line in fine_ends(*(shapes or (None, None)))]
+    doubts = [f"landings {line}" for line in percentage_ends(e.ci_low, e.ci_high)]
+    return doubts + [f"threshold's shape {line}" for line in percentage_ends(*(shapes or (None, None)))]
 
 
 @dataclass(frozen=True)

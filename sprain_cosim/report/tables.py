@@ -20,10 +20,11 @@ from ..metrics import pose_artefacts, table, unit_of
 from ..records import ends_of
 from ..study.manifest import FmuFile
 from ..study.summary import FormSearch, LevelSearch, Percentile, Probability, Response, SobolSearch
+from ..units import percentage_ends
 from .blocks import Block, Cell, Folded, Heading, PageTable, Paragraph, Row, probability_cell
 from .design import design_blocks
 from .persons import groups_table, persons_tables, who_landed
-from .words import ends, fine_ends, percent, percentage, rounded, signed
+from .words import ends, percent, rounded, signed
 
 FAILURES = 20  # rows of the table of failed trials
 SOURCES = (
@@ -95,13 +96,12 @@ def _levels_of(study: StudyFolder) -> dict[str, str | Cell]:
 
 def _doubts(q: Probability) -> tuple[str, ...]:
     """What the sample and what the threshold leave open, a line each."""
-    lines = [f"sample {e}" for e in fine_ends(q.ci_low, q.ci_high)]
+    lines = [f"sample {e}" for e in percentage_ends(q.ci_low, q.ci_high)]
     if q.threshold_ci is not None:
         behind = f"threshold, n = {q.specimens}:" if q.specimens else "threshold's ends"
-        lines += [f"{behind} {e}" for e in fine_ends(*q.threshold_ci)]
+        lines += [f"{behind} {e}" for e in percentage_ends(*q.threshold_ci)]
     if (shapes := ends_of(q.shapes)) is not None:
-        least, most = shapes
-        lines.append(f"threshold's shape {percentage(least)} … {percentage(most)}")
+        lines += [f"threshold's shape {e}" for e in percentage_ends(*shapes)]
     return tuple(lines)
 
 

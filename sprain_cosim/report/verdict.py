@@ -27,10 +27,11 @@ from ..folders.study import PEAK, StudyFolder
 from ..literature import INJURY_INVERSION
 from ..records import ends_of
 from ..study.summary import FormSearch, Level, LevelSearch, LevelTest, Percentile, Probability, Threshold, UntilRule
+from ..units import RARE, percentage_ends
 from .blocks import Block, Paragraph, Verdict, rich
 from .design import design_verdict
 from .persons import persons_sentence
-from .words import WithInterval, ends, fine_ends, interval, percent, percentage_ends, rounded, signed, unit_after
+from .words import WithInterval, ends, interval, percent, rounded, signed, unit_after
 
 MEAN, SD = INJURY_INVERSION
 Change = tuple[
@@ -237,9 +238,9 @@ def _injuries(folder: ComparisonFolder, best: str) -> Markup:
     without, with_best = (braces[n].metrics.get(INJURY) if n in braces else None for n in (NONE, best))
     if without is None or with_best is None or without.value is None or with_best.value is None:
         return Markup("")
-    doubts = [f"as far as the landings know it {e} %" for e in fine_ends(with_best.ci_low, with_best.ci_high)]
+    doubts = [f"as far as the landings know it {e} %" for e in percentage_ends(with_best.ci_low, with_best.ci_high)]
     ends = threshold_doubts(folder).get(best, (None, None))
-    doubts += [f"as far as the threshold is known {e} %" for e in fine_ends(*ends)]
+    doubts += [f"as far as the threshold is known {e} %" for e in percentage_ends(*ends)]
     return rich(
         "{exceeds}: <b>{best}</b> instead of {without}{doubts}.",
         exceeds=EXCEEDS,
@@ -332,11 +333,12 @@ def until_words(rule: UntilRule) -> Markup:
 def _answer(event: str, q: Probability) -> Markup:
     """A probability with its doubts, apart, and the sentence on which of them dominates."""
     of = "its larger end " if q.probability is None else ""
-    doubts = [f"{of}as far as {q.trials or 'the'} landings know it {e} %" for e in fine_ends(q.ci_low, q.ci_high)]
+    doubts = [f"{of}as far as {q.trials or 'the'} landings know it {e} %" for e in percentage_ends(q.ci_low, q.ci_high)]
     behind = f"the {q.specimens} specimens behind the threshold" if q.specimens else "the threshold's ends"
-    doubts += [f"as far as {behind} know it {e} %" for e in fine_ends(*(q.threshold_ci or (None, None)))]
+    doubts += [f"as far as {behind} know it {e} %" for e in percentage_ends(*(q.threshold_ci or (None, None)))]
     if q.shapes and not q.specimens:
-        doubts += [f"for thresholds of other shapes {e} %" for e in fine_ends(*(ends_of(q.shapes) or (None, None)))]
+        shapes = ends_of(q.shapes) or (None, None)
+        doubts += [f"for thresholds of other shapes {e} %" for e in percentage_ends(*shapes)]
     return rich(
         " {event}: <b>{p}</b>{doubts}.{dominates}",
         event=event,
@@ -349,9 +351,11 @@ def _answer(event: str, q: Probability) -> Markup:
 def _threshold_open(found: FormSearch) -> Markup:
     """What is not known of the threshold of a search, in a sentence of its own."""
     behind = f"the {found.specimens} specimens behind the threshold"
-    doubts = [f"as far as {behind} know it {e} %" for e in fine_ends(*(found.threshold_ci or (None, None)))]
+    low, high = found.threshold_ci or (None, None)
+    doubts = [f"as far as {behind} know it {e} %" for e in percentage_ends(low, high, RARE)]
     if found.shapes and not found.specimens:
-        doubts += [f"for thresholds of other shapes {e} %" for e in fine_ends(*(ends_of(found.shapes) or (None, None)))]
+        least, most = ends_of(found.shapes) or (None, None)
+        doubts += [f"for thresholds of other shapes {e} %" for e in percentage_ends(least, most, RARE)]
     return rich(" What is not known of the threshold: {doubts}.", doubts="; ".join(doubts)) if doubts else Markup("")
 
 
@@ -422,7 +426,7 @@ def _of_search(study: StudyFolder, found: LevelSearch | FormSearch) -> Markup:
             cost=cost,
             response=response,
             threshold=_threshold(found.threshold, unit),
-            p=percent(found.probability),
+            p=percent(found.probability, RARE),
             beside=_beside_estimate(found),
         )
     reasons = "; ".join(found.reasons)
@@ -454,8 +458,8 @@ def _beside_estimate(found: FormSearch) -> str:
     beta = "–" if found.beta is None else f"{found.beta:.2f}"
     if found.ci_low is None:
         return f" (first order, β = {beta}: no interval)"
-    ends = "".join(f"95 % interval {e} %" for e in percentage_ends(found.ci_low, found.ci_high))
-    return f" ({ends}; first order alone {percent(found.first_order)}, β = {beta})"
+    ends = "".join(f"95 % interval {e} %" for e in percentage_ends(found.ci_low, found.ci_high, RARE))
+    return f" ({ends}; first order alone {percent(found.first_order, RARE)}, β = {beta})"
 
 
 def _tested(check: LevelTest, level: str) -> str:

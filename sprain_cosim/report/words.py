@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from typing import Any, Protocol
 
 from ..metrics import unit_of
+from ..units import FINEST, percentage
 
 UNKNOWN = "–"
-FINEST, SURE = 0.01, 0.5  # percent
 SIGNS: Mapping[str, str] = {"deg": "°", "deg/s": "°/s"}
 
 
@@ -37,30 +37,9 @@ def signed(value: float | None, digits: int = 1) -> str:
     return UNKNOWN if value is None else f"{round(value, digits) + 0.0:+.{digits}f}".replace("-", "−")
 
 
-def percent(p: float | None) -> str:
-    """A probability 0 ... 1 in percent."""
-    return UNKNOWN if p is None else f"{percentage(p)} %"
-
-
-def percentage(p: float) -> str:
-    """Two figures, none of them finer than a hundredth of a percent: no sample of landings knows that."""
-    share = 100 * p
-    if 0 < share < FINEST:
-        return f"< {FINEST:g}"
-    if 100 - SURE < share < 100:
-        return f"> {100 - SURE:g}"
-    return f"{share:.0f}" if share >= 10 or share == 0 else f"{share:.2g}"
-
-
-def percentage_ends(low: float | None, high: float | None) -> tuple[str, ...]:
-    """The interval of a probability as the small line of a table's cell, without its unit; none where there is none."""
-    return () if low is None or high is None else (f"{percentage(low)} … {percentage(high)}",)
-
-
-def fine_ends(low: float | None, high: float | None) -> tuple[str, ...]:
-    """The interval of a probability in percent with three figures, for one that stands beside another; none where there
-    is none."""
-    return () if low is None or high is None else (f"{100 * low:.3g} … {100 * high:.3g}",)
+def percent(p: float | None, finest: float = FINEST) -> str:
+    """A probability 0 ... 1 in percent, as `percentage` has it."""
+    return UNKNOWN if p is None else f"{percentage(p, finest)} %"
 
 
 def interval(entry: WithInterval, factor: float, unit: str, negate: bool = False) -> str:

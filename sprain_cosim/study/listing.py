@@ -31,6 +31,7 @@ from .summary import (
     StoppingRule,
     StudySummary,
     UntilRule,
+    in_figures,
 )
 
 
@@ -334,7 +335,7 @@ def design_listing(found: DesignSearch) -> list[str]:
         lines[-1] += f"{'95 % interval':>24}{'holds with 95 %':>18}{'goal':>12}"
         for point in found.points:
             cells = (*_cells(found, point), found.verdict(point))
-            lines.append(f"  {point.second:<30.4g}{cells[0]:>30}{cells[1]:>24}{cells[2]:>18}{cells[3]:>12}")
+            lines.append(f"  {in_figures(point.second):<30}{cells[0]:>30}{cells[1]:>24}{cells[2]:>18}{cells[3]:>12}")
         lines += _comfort_table(found)
         return lines
     (point,) = found.points
@@ -352,7 +353,7 @@ def design_listing(found: DesignSearch) -> list[str]:
 
 def _searched(found: DesignSearch) -> str:
     low, high = found.range
-    return f"{found.parameter} = {_number(low, '.4g')} ... {_number(high, '.4g')} {found.unit}".rstrip()
+    return f"{found.parameter} = {in_figures(low)} ... {in_figures(high)} {found.unit}".rstrip()
 
 
 def _named(name: str, unit: str | None) -> str:
@@ -363,19 +364,19 @@ def _cells(found: DesignSearch, point: DesignPoint) -> tuple[str, str, str]:
     """Value, interval and the value that holds with confidence, in words where there is none."""
     if point.status == "nowhere":
         p = point.probability.value
-        most = "" if p is None else f"; at {point.value:.4g} P = {_share(p)}"
+        most = "" if p is None else f"; at {in_figures(point.value)} P = {_share(p)}"
         return f"none in the range{most}", "", "none in the range"
-    low = "below the range" if point.ci_low is None else f"{point.ci_low:.4g}"
-    high = "above the range" if point.ci_high is None else f"{point.ci_high:.4g}"
-    sure = "none in the range" if point.value_95 is None else f"{found.on_the_safe_side(point.value_95):.4g}"
+    low = "below the range" if point.ci_low is None else in_figures(point.ci_low)
+    high = "above the range" if point.ci_high is None else in_figures(point.ci_high)
+    sure = "none in the range" if point.value_95 is None else in_figures(found.on_the_safe_side(point.value_95))
     if point.status == "everywhere":
-        return f"{point.value:.4g} (all of the range)", "", sure
-    return f"{point.value:.4g}", f"{low} ... {high}", sure
+        return f"{in_figures(point.value)} (all of the range)", "", sure
+    return in_figures(point.value), f"{low} ... {high}", sure
 
 
 def _doubted(found: DesignSearch, point: DesignPoint) -> list[str]:
     p: DoubtedProbability = point.probability
-    at = f"P at {found.parameter} = {point.value:.4g}"
+    at = f"P at {found.parameter} = {in_figures(point.value)}"
     lines = ["", f"{at:44}{'between' if p.value is None else _share(p.value)}"]
     if point.surface is not None:
         lines.append(f"{'  by the polynomial alone':44}{_share(point.surface)}")
@@ -399,7 +400,7 @@ def _comfort(found: DesignSearch, point: DesignPoint) -> list[str]:
     lines = [
         "",
         f"{'resists in ordinary motion, 5 / 10° [N·m]':44}" + "".join(f"{names[c.at]:>18}" for c in shown),
-        f"{'  ' + found.parameter:44}" + "".join(f"{value:18.4g}" for value in at),
+        f"{'  ' + found.parameter:44}" + "".join(f"{in_figures(value):>18}" for value in at),
     ]
     resisted, free = point.motions
     if free:
@@ -418,7 +419,7 @@ def _comfort_table(found: DesignSearch) -> list[str]:
     lines = ["", f"{'resists, 5 / 10° [N·m]':32}" + "".join(f"{motion:>20}" for motion in motions)]
     for point, c in held:
         cells = "".join(f"{_resisted(c.resistance_Nm, motion):>20}" for motion in motions)
-        lines.append(f"  {f'{point.second:.4g}, {found.parameter} {point.value:.4g}':30}{cells}")
+        lines.append(f"  {f'{in_figures(point.second)}, {found.parameter} {in_figures(point.value)}':30}{cells}")
     return lines
 
 

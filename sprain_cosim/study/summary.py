@@ -26,6 +26,11 @@ TORQUE = 5e-3  # N.m that are shown as something
 FIGURES = 4  # of a parameter's value that a design found
 
 
+def in_figures(value: float | None) -> str:
+    """A value of a parameter that a design varies, wherever it is shown; nothing where there is none."""
+    return "" if value is None else f"{value:.{FIGURES}g}"
+
+
 @dataclass(frozen=True)
 class Percentile(Record):
     """A percentile of a response, in the response's unit.
@@ -558,10 +563,14 @@ class DesignSearch(Record):
         unit = f" {self.unit}" if self.unit else ""
         if point.status == "nowhere":
             return f"none in the range; goal {self.in_words(point)}"
-        low = "below the range" if point.ci_low is None else f"{point.ci_low:.4g}"
-        high = "above the range" if point.ci_high is None else f"{point.ci_high:.4g}"
-        where = f"; all of {self.range[0]:.4g} ... {self.range[1]:.4g}" if point.status == "everywhere" else ""
-        return f"{point.value:.4g}{unit} (95 %: {low} ... {high}){where}; goal {self.in_words(point)}"
+        low = "below the range" if point.ci_low is None else in_figures(point.ci_low)
+        high = "above the range" if point.ci_high is None else in_figures(point.ci_high)
+        where = (
+            f"; all of {in_figures(self.range[0])} ... {in_figures(self.range[1])}"
+            if point.status == "everywhere"
+            else ""
+        )
+        return f"{in_figures(point.value)}{unit} (95 %: {low} ... {high}){where}; goal {self.in_words(point)}"
 
     @property
     def met(self) -> bool:
@@ -580,9 +589,9 @@ class DesignSearch(Record):
         """The verdict with what it rests on."""
         unit = f" {self.unit}" if self.unit else ""
         if point.value_95 is not None:
-            return f"met with 95 % confidence at {self.on_the_safe_side(point.value_95):.4g}{unit}"
+            return f"met with 95 % confidence at {in_figures(self.on_the_safe_side(point.value_95))}{unit}"
         if self.verdict(point) == "undecided":
-            return f"undecided: the landings leave open whether it holds at {point.value:.4g}{unit}"
+            return f"undecided: the landings leave open whether it holds at {in_figures(point.value)}{unit}"
         return "not met by any value in the range, with 95 % confidence"
 
     def on_the_safe_side(self, value: float) -> float:

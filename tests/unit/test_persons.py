@@ -14,6 +14,7 @@ from sprain_cosim.report.blocks import Cell, PageTable
 from sprain_cosim.report.persons import groups_table, persons_sentence, persons_tables
 from sprain_cosim.study.groups import group_of_input, groups_listing, input_groups
 from sprain_cosim.study.summary import VarianceShare
+from sprain_cosim.units import percentage_ends
 from sprain_cosim.uq import statistics
 from sprain_cosim.uq.distributions import Normal
 from sprain_cosim.uq.exceedance import of_shapes
@@ -109,12 +110,12 @@ def test_the_doubt_of_the_threshold_stands_beside_every_probability(summary: Com
     heaviest = landings(0.3).nlargest(N // 5, "subject.mass [kg]")[INVERSION].to_numpy()
     shapes = summary.persons.bands["subject.mass"][-1].injury_shapes["none"]
     assert shapes == pytest.approx(of_shapes(heaviest, Normal(*INJURY_INVERSION)), rel=1e-12)
-    low, high = (f"{100 * end:.3g}" for end in (min(shapes.values()), max(shapes.values())))
+    (ends,) = percentage_ends(min(shapes.values()), max(shapes.values()))
     table = next(block for block in persons_tables(summary.persons) if isinstance(block, PageTable))
     cell = table.rows[-1][2]
     assert isinstance(cell, Cell)
-    assert cell.notes[1] == f"threshold's shape {low} … {high}"
-    assert f"; threshold's shape {low} … {high} %)" in persons_sentence(summary.persons, "none")
+    assert cell.notes[1] == f"threshold's shape {ends}"
+    assert f"; threshold's shape {ends} %)" in persons_sentence(summary.persons, "none")
     pale = [c for c in persons_figure(summary).axes[3].collections if c.get_alpha() is not None]
     assert len(pale) == 2 * 5
     worst = summary.persons.worst["none"]

@@ -371,12 +371,12 @@ def test_numbers_stand_with_their_doubts() -> None:
     assert "5.5 ± 0.2 + 2.5 ± 0.7 N·m: 26 % brace" in said("sharing of long titles")
     assert "anatomy 24.7 ± 0.5 %" in said("compare")
     assert "mean subtalar moment [N·m]" in said("compare")
-    assert "0.51 % 0.45 … 0.74 < 0.001 … 1.1" in said("paired")
+    assert "0.51 % 0.45 … 0.74 < 0.01 … 1.1" in said("paired")
     assert "least value 1.368, 95 % 1.353 … above the range" in said("design")
     assert "95 % sure: 1.381" in said("design")
-    assert "threshold, n = 20, at that value: 0.3 % … 9.7 %" in said("design")
-    assert "(1.57 ... 1.58 %)" in said("questions")
-    assert "(1.55 ... 1.59 %)" in said("form")
+    assert "threshold, n = 20, at that value: 0.3 … 9.7 %" in said("design")
+    assert "(1.57 … 1.58 %)" in said("questions")
+    assert "(1.55 … 1.59 %)" in said("form")
 
 
 def test_an_end_that_is_not_known_is_drawn_nowhere() -> None:

@@ -6,8 +6,9 @@ import math
 
 import pytest
 
-from sprain_cosim.report.words import ends, interval, percent, percentage_ends, rounded, signed
+from sprain_cosim.report.words import ends, interval, percent, rounded, signed
 from sprain_cosim.study.summary import Probability
+from sprain_cosim.units import RARE, percentage_ends
 
 
 @pytest.mark.parametrize(
@@ -33,6 +34,14 @@ def test_probabilities(p: float | None, text: str) -> None:
 def test_the_interval_of_a_small_probability_is_as_fine_as_the_probability() -> None:
     assert percentage_ends(1e-8, 3e-3) == ("< 0.01 … 0.3",)
     assert percentage_ends(None, None) == ()
+
+
+def test_an_interval_has_a_third_figure_only_where_two_do_not_tell_its_ends_apart() -> None:
+    assert percentage_ends(0.0208, 0.0243) == ("2.1 … 2.4",)
+    assert percentage_ends(0.0208, 0.0212) == ("2.08 … 2.12",)
+    assert percentage_ends(0.122, 0.1243) == ("12.2 … 12.4",)
+    assert percentage_ends(0.0, 0.0) == ("0 … 0",)
+    assert percentage_ends(2.14e-5, 3.1e-5, RARE) == ("0.0021 … 0.0031",), "what a search found is no sample's share"
 
 
 def test_numbers() -> None:
