@@ -118,6 +118,7 @@ SIGNS = str.maketrans(  # characters that look alike or mean the same
 HYPHEN = re.compile(r"(?<=[^\W\d_])-(?=[^\W\d_])")  # between letters, a product: N-m, in-lbf
 PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "k": 1e3, "M": 1e6, "G": 1e9}
 PREFIXED = {"g", "m", "s", "Hz", "rad", "N", "Nm", "Pa", "J", "W", "A", "V", "K", "mol", "bar"}
+PREFIXES_OF_ANGLES = "muµn"  # a krad is 57296 deg, or an old dose of radiation
 SMALL = {"g", "m", "s", "rad", "K", "mol"}  # of which nobody means a million: Mm is mm in capitals, Grad a degree
 GRADS = "write deg for degrees of angle; a gradian (400 to a turn) is 0.9 deg"
 
@@ -130,8 +131,13 @@ def unit(name: str) -> Unit:
     m/s², rad⁻¹, degrees. Raises InputError."""
     over, slash, under = HYPHEN.sub(".", name.translate(SIGNS)).strip().partition("/")
     under = under.strip()
-    if under.startswith("(") and under.endswith(")"):
+    together = under.startswith("(") and under.endswith(")")
+    if together:
         under = under[1:-1]
+    elif slash and len(below := re.split(r"[.*·\s]+", under)) > 1:
+        above, rest = ("" if over.strip() == "1" else f"{over.strip()}."), ".".join(below[1:])
+        readings = f"{above}{rest}/{below[0]} or {over.strip()}/({'.'.join(below)})"
+        raise InputError(f"unit {name!r}: what stands below its slash has two readings; write {readings}")
     parts = [(part, 1) for part in re.split(r"[.*·\s]+", over.strip())]
     parts += [(part, -1) for part in re.split(r"[.*·\s]+", under)] if slash else []
     factor, exponents, offset = 1.0, [0] * 8, 0.0
@@ -141,6 +147,9 @@ def unit(name: str) -> Unit:
             raise InputError(f"unit {name!r}: cannot read {part!r}; write units as N.m/rad, m/s2 or deg")
         scale, shift, dims = _lookup(match[1] or "1", name)
         power = sign * int(match[2] or 1)
+        if sign < 0 < power:
+            plain = f"{match[1]}{power if power > 1 else ''}"
+            raise InputError(f"unit {name!r}: {part} below a slash has two readings; write /{plain} or .{part}")
         factor *= scale**power
         exponents = [e + power * d for e, d in zip(exponents, dims, strict=True)]
         offset = offset or shift
@@ -160,6 +169,8 @@ def _lookup(symbol: str, name: str) -> tuple[float, float, tuple[int, ...]]:
         raise InputError(f"unit {name!r}: {symbol} has two meanings; {GRADS}")
     if prefix in "MG" and rest in SMALL:
         raise InputError(f"unit {name!r}: {symbol} would be {PREFIXES[prefix]:g} {rest}; write m{rest} or {rest}")
+    if rest == "rad" and prefix not in PREFIXES_OF_ANGLES and prefix in PREFIXES:
+        raise InputError(f"unit {name!r}: {symbol} is no measure of an angle here; write mrad, rad or deg")
     if prefix in PREFIXES and rest in PREFIXED:
         factor, offset, dims = SYMBOLS[rest]
         return PREFIXES[prefix] * factor, offset, dims
@@ -212,7 +223,7 @@ def quantity(value: float | str, target: Unit | None, what: str, proposed: str =
             raise InputError(f"{what} = {value}: needs a unit, for example {_example(target, number, proposed)}")
         name = "1"
     try:
-        own = unit(name)
+        own = target if target is not None and target.name == name else unit(name)  # an FMU's own is what it says
     except InputError as problem:
         raise InputError(f"{what} = {value!r}: {problem}") from None
     if difference:
