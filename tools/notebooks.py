@@ -37,7 +37,7 @@ def executed(path: Path) -> nbformat.NotebookNode:
             timeout=LIMIT,
             kernel_name="python3",
             resources={"metadata": {"path": folder}},
-            extra_arguments=["--Application.log_level=ERROR"],
+            extra_arguments=["--Application.log_level=ERROR", "--InlineBackend.figure_formats=retina"],
         ).execute()
     return notebook
 

@@ -46,6 +46,11 @@ LINE = re.compile(  # messages
     r'(?<=<div class="language-text) (?=highlight"><pre><span></span><code>'
     r"(?:[^\n]*\n|(?:note|problem|warning): [^<]*)</code>)"
 )
+BLOCK = re.compile(
+    r'(<div class="language-(?:text|python|pycon)) highlight"(><pre><span></span><code>)(.*?)(?=</code>)', re.DOTALL
+)
+COLUMNS = 86  # letters of a line that a block shows in the usual size on a screen of 1280 pixels
+WIDEST = 140  # letters of a line that can still be a row of a table
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\s*\\([(\[])(.*?)\\[)\]]\s*</\1>', re.DOTALL)
 FIGURE = re.compile(r'<img [^>]*src="((?:\.\./)*figures/[^"]+)"[^>]*>')
 
@@ -75,11 +80,11 @@ def on_config(config: Any) -> None:
 
 def on_page_content(content: str, **_: Any) -> str:
     """Equations, as arithmatex leaves them, as MathML; tables for phones; options that stay whole; messages,
-    which may wrap; figures that open in their own size."""
+    which may wrap; longer lines in smaller letters; figures that open in their own size."""
     content = FORMULA.sub(lambda m: _formula(html.unescape(m[3].strip()), m[2] == "["), content)
     content = TABLE.sub(lambda table: _table(table[0]), content)  # behind the formulas, whose TeX has names too
     content = CODE.sub(lambda code: OPTION.sub(r'<span class="option">\g<0></span>', code[0]), content)
-    content = LINE.sub(" line ", content)
+    content = BLOCK.sub(_block, LINE.sub(" line ", content))
     return FIGURE.sub(r'<a href="\1" title="in its own size">\g<0></a>', content)
 
 
@@ -106,6 +111,15 @@ def _breakable(piece: str) -> str:
 def _headed(row: str, heads: list[str]) -> str:
     left = iter(heads)
     return re.sub("<td", lambda _: f'<td data-head="{next(left).replace(chr(34), "&quot;")}"', row)
+
+
+def _block(block: re.Match[str]) -> str:
+    """Says how wide a block is that would not fit: its letters become smaller. A sentence among its lines wraps."""
+    columns = max(map(len, html.unescape(TAG.sub("", block[3])).split("\n")))
+    if columns <= COLUMNS:
+        return block[0]
+    mark = f' style="--columns: {columns}"' if columns <= WIDEST else ""
+    return f'{block[1]} {"" if mark else "line "}highlight"{mark}{block[2]}{block[3]}'
 
 
 def _formula(tex: str, display: bool) -> str:

@@ -66,28 +66,28 @@ class Held:
 class Result(Plottable):
     """One run.
 
-    time            (n,) [s]
-    values          (n, m), one column for each of `names` in its unit
-    names           "component.variable"
-    units           of the columns; None is an undeclared unit
-    status          completed, stopped (an FMU asked to end the run) or failed; the latter two have the record until
-                    then and a message, but no metrics
-    message         why it did not complete; empty where it did
-    scheme          the coupling scheme that ran
-    scheme_reason   why it was taken
-    warning         of the stability guard; empty for none
-    parameters      those that were set, in their own units
-    coupling_error  the residual energy as a share of the exchanged energy; None where nothing was exchanged, or the run
-                    was not judged
-    halved          {metric: its change} when the run was made again at half the communication step; None: it was not
-    estimates_doubt standard deviation [deg] of the peak of the foot over the persons who share what is known of the one
-                    who lands, to first order; None: all was measured, or it was not looked at
-    held            {component: Held} of devices whose torques are held between their calls
-    messages        {component: what its FMU said}, of those that said anything
-    wall            wall time [s]
-    exchanges       steps of the coupling taken
-    smallest_step   of those [s]; shorter than the communication step under an adaptive step, and where a component
-                    with a rate of its own is due between two communication points
+    time             (n,) [s]
+    values           (n, m), one column for each of `names` in its unit
+    names            "component.variable"
+    units            of the columns; None is an undeclared unit
+    status           completed, stopped (an FMU asked to end the run) or failed; the latter two have the record until
+                     then and a message, but no metrics
+    message          why it did not complete; empty where it did
+    scheme           the coupling scheme that ran
+    scheme_reason    why it was taken
+    warning          of the stability guard; empty for none
+    parameters       those that were set, in their own units
+    coupling_error   the residual energy as a share of the exchanged energy; None where nothing was exchanged, or the
+                     run was not judged
+    halved           {metric: its change} when the run was made again at half the communication step; None: it was not
+    estimates_doubt  standard deviation [deg] of the peak of the foot over the persons who share what is known of the
+                     one who lands, to first order; None: all was measured, or it was not looked at
+    held             {component: Held} of devices whose torques are held between their calls
+    messages         {component: what its FMU said}, of those that said anything
+    wall             wall time [s]
+    exchanges        steps of the coupling taken
+    smallest_step    of those [s]; shorter than the communication step under an adaptive step, and where a component
+                     with a rate of its own is due between two communication points
 
     >>> import sprain_cosim as sc
     >>> result = sc.load_scenario("incline30_brace").run(halve=True)  # with the doubt of its step

@@ -18,6 +18,7 @@ from ..fmu.messages import spoke
 from ..metrics import unit_of
 from ..notebook import Card, Rows, with_interval
 from ..records import FORMAT, Record, Summary, known_format, optional
+from .questions import law_name
 
 FILE = "summary.json"
 PAIR = tuple[float | None, float | None]
@@ -260,7 +261,8 @@ class Probability(Card, Record):
     def card(self) -> tuple[str, Rows]:
         rows = [("probability", self.doubted)]
         if self.shapes:
-            rows.append(("threshold of another law", ", ".join(f"{law} {p:.3g}" for law, p in self.shapes.items())))
+            shapes = ", ".join(f"{law_name(law)} {p:.3g}" for law, p in self.shapes.items())
+            rows.append(("threshold of another shape", shapes))
         rows += [("trials", f"{self.trials}{f', {self.failed} failed' if self.failed else ''}")] if self.trials else []
         return self.asked, [*rows, *([("so", self.sentence)] if self.sentence else [])]
 

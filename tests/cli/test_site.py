@@ -100,6 +100,19 @@ def test_no_list_runs_on_as_a_paragraph(site: Path) -> None:
             assert not re.search(r"\n\s*(-|\*|\d+\.) ", paragraph), (page.name, paragraph[:80])
 
 
+def test_no_list_of_fields_runs_on_as_a_paragraph(site: Path) -> None:
+    """Name and meaning of a docstring's fields are two blanks apart, also behind the longest name."""
+    for paragraph in re.findall(r"<p>(.*?)</p>", (site / "reference" / "api.html").read_text("utf-8"), re.DOTALL):
+        assert not re.search(r"^\S+ {2,}\S", paragraph, re.MULTILINE), paragraph[:80]
+
+
+def test_a_line_that_would_not_fit_is_shown_in_smaller_letters(site: Path) -> None:
+    """Output, programs and sessions say how wide they are; commands, settings and messages wrap."""
+    shown = (site / "first-hour.html").read_text("utf-8")
+    assert shown.count('<div class="language-text highlight" style="--columns: ') == 2
+    assert "--columns: 98" in shown and 'language-sh highlight" style' not in shown
+
+
 def test_a_notebook_is_shown_with_its_outputs(site: Path) -> None:
     """And the source beside it, without; the long tests run the others."""
     text = (site / "notebooks" / "first-landing.html").read_text("utf-8")

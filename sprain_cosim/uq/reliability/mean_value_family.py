@@ -136,17 +136,17 @@ def amv(
     """Advanced mean value method: one evaluation of the response at each level's extreme point of the
     linearisation.
 
-    function    (n, d) inputs → (n,) responses
-    marginals   d of them; fixed ones are held and cost nothing
-    levels      probabilities p whose percentile z_p is wanted
-    space       'x': the model is linear in the physical inputs (Wu 1990, and the sprain study); 'u': linear
-                in the standard space about the point of the mean inputs
-    step        finite-difference step in standard deviations
-    difference  'forward', 'backward' or 'central'; only central differences let the gate see curvature
-    correlation (d, d) Pearson correlations of x, or None
-    noise       standard deviation of the response's own noise, if known: slopes that drown in it are reported
-    variance    variance of the response from a sample, if there is one: a linearisation that explains little
-                is reported
+    function     (n, d) inputs → (n,) responses
+    marginals    d of them; fixed ones are held and cost nothing
+    levels       probabilities p whose percentile z_p is wanted
+    space        'x': the model is linear in the physical inputs (Wu 1990, and the sprain study); 'u': linear
+                 in the standard space about the point of the mean inputs
+    step         finite-difference step in standard deviations
+    difference   'forward', 'backward' or 'central'; only central differences let the gate see curvature
+    correlation  (d, d) Pearson correlations of x, or None
+    noise        standard deviation of the response's own noise, if known: slopes that drown in it are reported
+    variance     variance of the response from a sample, if there is one: a linearisation that explains little
+                 is reported
 
     Evaluations requested: 1 + n + levels one-sided, 1 + 2n + levels central. Raises ValueError for arguments
     out of range, correlations that cannot be, and a response that is not finite.

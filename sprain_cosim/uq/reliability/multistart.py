@@ -76,6 +76,7 @@ def design_points(
     """Design points of `function <= threshold` (`above`: `function > threshold`) from several starts.
 
     sphere  points of the sphere test; 20 to 60 are reasonable, 0 leaves it out
+
     Others as in `form`. An uncertain threshold is the last input of every point.
     """
     inputs = JointDistribution(marginals, correlation)
