@@ -522,7 +522,8 @@ def design_command(
     how: CampaignOptions,
 ) -> int:
     """Find the least (or largest) value of a parameter for which a goal holds, with confidence: STUDY is a file or the
-    name of one that ships; what varies in it is uncertain. Exit code 1 when no value in the range meets the goal."""
+    name of one that ships; what varies in it is uncertain. Exit code 1 when by the best estimate no value in the range
+    meets the goal; a warning says where that is undecided with 95 % confidence."""
     from .study.listing import study_listing
 
     chosen = how.read(study).asking(goal, varied, find, landings)
@@ -534,6 +535,8 @@ def design_command(
         if how.as_json
         else f"{study_listing(done.study, done.summary)}\n\nwritten: {done.out}\nnext: {_command('report', done.out)}"
     )
+    if found.doubt:
+        _warn(found.doubt)
     return 0 if found.met else 1
 
 

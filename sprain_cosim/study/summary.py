@@ -587,6 +587,19 @@ class DesignSearch(Record):
         low = (point.probability.sampling_ci or (None, None))[0]
         return "not met" if point.status == "nowhere" and low is not None and low > self.at_most else "undecided"
 
+    @property
+    def doubt(self) -> str:
+        """What a yes or no by the best estimate, `met`, leaves out; empty where the landings decide."""
+        undecided = sum(self.verdict(point) == "undecided" for point in self.points)
+        where = f" at {undecided} of {len(self.points)} values of {self.second}" if len(self.points) > 1 else ""
+        best = "meets" if self.met else "does not meet"
+        return (
+            f"the exit code goes by the best estimate, which {best} the goal; whether it holds with 95 % confidence is "
+            f"undecided{where}: more landings (--landings) would tell"
+            if undecided
+            else ""
+        )
+
     def in_words(self, point: DesignPoint) -> str:
         """The verdict with what it rests on."""
         unit = f" {self.unit}" if self.unit else ""

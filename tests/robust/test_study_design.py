@@ -108,6 +108,8 @@ def test_the_goal_is_met_not_met_or_undecided_wherever_it_is_said(
     sentence = str(design_verdict(folder, one, "it").text)
     assert ("is open" in sentence) == (verdict == "undecided")
     assert ("No value from" in sentence) == (verdict == "not met")
+    best = "does not meet" if status == "nowhere" else "meets"
+    assert (f"by the best estimate, which {best} the goal" in one.doubt) == (verdict == "undecided") == bool(one.doubt)
 
 
 def test_one_value_holds_with_confidence_wherever_it_stands(found: Path) -> None:
