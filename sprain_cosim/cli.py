@@ -245,7 +245,7 @@ def _print_table(title: str, pose: str | None, result: Result) -> None:
     if rows:
         _show(f"{'':30}{'value':>10}  {'unit':7}{'time [ms]':>10}")
     for label, value, unit, time in rows:
-        _show(f"{label:30}{value:10.2f}  {unit:7}{1e3 * time:10.1f}")
+        _show(f"{label:30}{value:z10.2f}  {unit:7}{1e3 * time:10.1f}")
     if pose_artefacts(result.metrics, pose):
         _show(THROWN_TEXT)
     if result.coupling_error is not None:

@@ -73,8 +73,8 @@ def with_doubt(value: float | None, doubt: float | None, unit: str) -> str:
     if value is None:
         return "not known"
     if doubt is None:
-        return f"{value:.2f} {unit} (what the communication step leaves open is not known)"
-    return f"{value:.2f} ± {doubt:.2g} {unit} (communication step)"
+        return f"{value:z.2f} {unit} (what the communication step leaves open is not known)"
+    return f"{value:z.2f} ± {doubt:.2g} {unit} (communication step)"
 
 
 def coupling_share(share: float | None) -> str:

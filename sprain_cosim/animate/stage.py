@@ -388,7 +388,7 @@ class _Panel:
             stage.label(
                 left + 9,
                 top + tall - 29,
-                f"platform tilted {DEGREES * actor.incline:.0f}°{', with an edge' * (actor.cut is not None)}",
+                f"platform tilted {DEGREES * actor.incline:z.0f}°{', with an edge' * (actor.cut is not None)}",
                 9.5,
                 MUTED,
             )
@@ -532,4 +532,4 @@ def _arrow(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 
 def _plain(value: float) -> str:
     """One decimal, a proper minus, no -0.0."""
-    return f"{value:.1f}".replace("-0.0", "0.0").replace("-", "−")
+    return f"{value:z.1f}".replace("-", "−")

@@ -313,7 +313,7 @@ def _between(shares: tuple[float, float] | None) -> str:
 
 
 def _number(value: float | None) -> str:
-    return "?" if value is None else f"{value:.2f}"
+    return "?" if value is None else f"{value:z.2f}"
 
 
 def _ends(low: float | None, high: float | None, factor: float = 1.0) -> str:

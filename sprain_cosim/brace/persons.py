@@ -152,13 +152,13 @@ def persons_listing(persons: Persons, metric: str, label: str, factor: float) ->
     for brace, worst in persons.worst.items():
         told = ", ".join(_shifted(name, i.shift) for name, i in list(worst.inputs.items())[:4])
         lines += [""] if brace == next(iter(persons.worst)) else []
-        lines.append(f"worst tenth with {brace} ({label} from {factor * worst.above:.1f}): {told}")
+        lines.append(f"worst tenth with {brace} ({label} from {factor * worst.above:z.1f}): {told}")
     return lines
 
 
 def _shifted(name: str, shift: MeanEstimate) -> str:
     value = shift.value or 0.0
-    text = f"{value:+.1f}" + (f" ± {shift.half_width:.1f}" if shift.half_width else "") + " SD"
+    text = f"{value:+z.1f}" + (f" ± {shift.half_width:.1f}" if shift.half_width else "") + " SD"
     if name == SEX:
         return f"more {'men' if value > 0 else 'women'} ({text})"
     return f"{name.partition('.')[2].replace('_', ' ')} {text}"

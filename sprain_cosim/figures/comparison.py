@@ -141,9 +141,9 @@ def _changes(
 
 
 def _interval_words(e: MeanEstimate) -> str:
-    value = f"{e.value:+.1f}°"
+    value = f"{e.value:+z.1f}°"
     if e.ci_low is not None and e.ci_high is not None:
-        value += f"\n{e.ci_low:+.1f} … {e.ci_high:+.1f}"
+        value += f"\n{e.ci_low:+z.1f} … {e.ci_high:+z.1f}"
     return value.replace("-", "−")
 
 

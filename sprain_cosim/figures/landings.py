@@ -85,13 +85,13 @@ def landing_signals(runs: Sequence[tuple[str, Signals]], note: str = "") -> Figu
                 fontsize=small(),
                 bbox=PATCH,
             )
-            axes[0].annotate(f"{peak:.1f}° at {at:.1f} ms", (at, peak), (0, 5 if above else -5), **style_of_text)
+            axes[0].annotate(f"{peak:z.1f}° at {at:.1f} ms", (at, peak), (0, 5 if above else -5), **style_of_text)
     band_above(axes[0], 0.18)
     _share_moments(axes, drawn)
     axes[-1].set_xlabel(TIME)
     axes[-1].set_xlim(0, max(1e3 * run.time[-1] for _, run in runs))
     names = [
-        title if len(runs) <= 2 else f"{title} (peak\u00a0{peak:.1f}°)"
+        title if len(runs) <= 2 else f"{title} (peak\u00a0{peak:z.1f}°)"
         for (title, _), (_, peak) in zip(runs, peaks, strict=True)
     ]
     legend_above(
@@ -268,7 +268,7 @@ def sharing(
 def _borne(anatomy: Array, brace: Array, doubt: tuple[float, float] | None) -> str:
     """The means with their doubts; the brace's share is the mean of the landings' shares, as in a comparison."""
     ends = ["" if doubt is None else f" ± {half:.1f}" for half in doubt or (0.0, 0.0)]
-    means = [f"{np.mean(values):.1f}{end}" for values, end in zip((anatomy, brace), ends, strict=True)]
+    means = [f"{np.mean(values):z.1f}{end}" for values, end in zip((anatomy, brace), ends, strict=True)]
     if not np.any(brace):
         return f"{means[0]} N·m: no brace"
     both = anatomy + brace

@@ -87,7 +87,7 @@ def _number(axis: Axes, value: float, ends: Sequence[float]) -> None:
     if np.isnan(value):
         axis.text(0.5, 0.5, "–", **middle)
         return
-    words = "\n".join([f"{value:+.2f}", " …\n".join(f"{end:+.2f}" for end in ends)]).strip()
+    words = "\n".join([f"{value:+z.2f}", " …\n".join(f"{end:+z.2f}" for end in ends)]).strip()
     axis.text(0.5, 0.5, words.replace("-", "−"), fontsize=small(), color=INK, **middle)
 
 

@@ -170,13 +170,13 @@ def _draw_levels(
         right = search.published.get(level, value) < value  # away from the published level
         beside |= dict(ha="left" if right else "right")
         if theirs is None:
-            axis.annotate(f"{value:.1f}", (value, level / 100), ((8 if right else -8) * FORM.get().scale, 0), **beside)
+            axis.annotate(f"{value:z.1f}", (value, level / 100), ((8 if right else -8) * FORM.get().scale, 0), **beside)
     for level, value in search.published.items():
         published_circle(axis, value, level / 100, 9, zorder=6)  # around a mark of ours at the same place
     numbers = ["", ""]
     if theirs is not None:
         known = ([v for v, _, _ in search.percentiles.values()], search.published.values())
-        numbers = [": " + " / ".join(f"{v:.1f}" for v in values) for values in known]
+        numbers = [": " + " / ".join(f"{v:z.1f}" for v in values) for values in known]
     entries.append((legend_line(VERMILION, "none", marker="D"), f"{search.title}{numbers[0]}"))
     if tested:
         whisker = legend_line(VERMILION, "-", linewidth=1.0, marker="|", markersize=5)
@@ -277,7 +277,7 @@ def percentiles(samples: Sequence[Sample], quantity: str, note: str = "") -> Fig
         for value in sample.published.values():
             published_circle(axis, value, place, 4.5)
         axis.text(0, top, "\n".join(lines), **at)
-        axis.text(1, top, " / ".join(f"{v:.1f}" for v in values).replace("-", "−"), ha="right", **at)
+        axis.text(1, top, " / ".join(f"{v:z.1f}" for v in values).replace("-", "−"), ha="right", **at)
         top += height
     axis.set_ylim(top, -0.05)
     axis.set_yticks([])
@@ -341,7 +341,7 @@ def published(studies: Sequence[tuple[str, Array, Array]], note: str = "") -> Fi
         entries.append(
             (
                 legend_line(look.colour, "none", marker=look.dot, markersize=4),
-                f"{title}: {len(ours)} trials, RMS {rms:.3f}°, bias {bias:+.3f}°".replace("-", "−"),
+                f"{title}: {len(ours)} trials, RMS {rms:.3f}°, bias {bias:+z.3f}°".replace("-", "−"),
             )
         )
     axis.set_ylabel("simulated [deg]")

@@ -79,12 +79,12 @@ def first_contact(time: Array, heights: Array) -> FirstContact:
     later = stands + int(np.argmin(rate[stands:]))
     if rate[later] < FASTER * fall.min():
         doubts.append(
-            f"the sole comes down faster later ({-rate[later]:.2f} m/s at {time[later]:.4g} s against "
-            f"{-fall.min():.2f} m/s): if that is the landing, say the instant with --at"
+            f"the sole comes down faster later ({-rate[later]:z.2f} m/s at {time[later]:.4g} s against "
+            f"{-fall.min():z.2f} m/s): if that is the landing, say the instant with --at"
         )
     return FirstContact(
         float(time[k]),
         f"found: the last row at which the sole comes down unbraked (with {100 * UNBRAKED:g} % of its fastest "
-        f"{-fall.min():.2f} m/s or more); the foot touches within about {1e3 * max(row, WINDOW):.0f} ms of it",
+        f"{-fall.min():z.2f} m/s or more); the foot touches within about {1e3 * max(row, WINDOW):.0f} ms of it",
         tuple(doubts),
     )

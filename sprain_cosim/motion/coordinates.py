@@ -207,7 +207,7 @@ def _knee(table: StorageTable, angle: Array, label: str, stated: str | None, of_
     if names:
         signs.setdefault("flexion", f"column {names[0]}, which models after Rajagopal 2016 have")
     low, high = (float(np.degrees(f(angle))) for f in (np.nanmin, np.nanmax))
-    seen = f"{label} goes from {low:.0f} to {high:.0f} deg"
+    seen = f"{label} goes from {low:z.0f} to {high:z.0f} deg"
     if high > HYPEREXTENSION and low > -HYPEREXTENSION:
         signs.setdefault("flexion", f"{seen}, and no knee extends so far")
     elif low < -HYPEREXTENSION and high < HYPEREXTENSION:

@@ -89,8 +89,8 @@ def _angles(start: MotionStart) -> str:
 
 def _pose(start: MotionStart) -> str:
     if start.pose == "given":
-        return f"given: all heights as in the file, the sole {1e3 * start.clearance:.1f} mm above the platform"
-    return f"touching: the pelvis is moved by {-1e3 * start.clearance:+.1f} mm until the sole touches the platform"
+        return f"given: all heights as in the file, the sole {1e3 * start.clearance:z.1f} mm above the platform"
+    return f"touching: the pelvis is moved by {-1e3 * start.clearance:+z.1f} mm until the sole touches the platform"
 
 
 def _fall(start: MotionStart) -> str:
@@ -110,8 +110,8 @@ def _row(v: StartValue) -> str:
     cells = (
         v.coordinate,
         label,
-        f"{_of(v, v.value):.4f} {unit}",
-        f"{_of(v, v.own[0]):.4f}",
+        f"{_of(v, v.value):z.4f} {unit}",
+        f"{_of(v, v.own[0]):z.4f}",
         f"{_of(v, v.speed):.4g} {unit}/s",
         span,
         f"{_of(v, v.own[1]):.4g}",
@@ -141,10 +141,10 @@ def _doubts(peaks: Mapping[str, float]) -> Iterator[str]:
     yield "\n## What that is worth\n"
     yield "| taken otherwise | peak subtalar angle | change |"
     yield "|---|---|---|"
-    yield f"| as written | {peaks['']:.2f} deg | |"
+    yield f"| as written | {peaks['']:z.2f} deg | |"
     for name, peak in peaks.items():
         if name:
-            yield f"| {name} | {peak:.2f} deg | {peak - peaks['']:+.2f} |"
+            yield f"| {name} | {peak:z.2f} deg | {peak - peaks['']:+z.2f} |"
 
 
 def _unused(start: MotionStart) -> Iterator[str]:
@@ -220,12 +220,12 @@ def motion_listing(start: MotionStart, peaks: Mapping[str, float]) -> str:
     for v in start.values.values():
         unit = "m" if v.unit == "m" else "deg"
         span = f"{_of(v, v.low):.4g} ... {_of(v, v.high):.4g}" if v.tried else "column" if v.by_column else "filled"
-        lines.append(f"{v.coordinate:20}{_of(v, v.value):10.3f}{_of(v, v.speed):12.4g}  {span} {unit}/s")
+        lines.append(f"{v.coordinate:20}{_of(v, v.value):z10.3f}{_of(v, v.speed):12.4g}  {span} {unit}/s")
     others = [peak for name, peak in peaks.items() if name]
     if "" in peaks and others:
         low, high = min(others), max(others)
         lines.append(
-            f"\npeak subtalar angle {peaks['']:.2f} deg; {low:.2f} ... {high:.2f} deg with other smoothings and rows"
+            f"\npeak subtalar angle {peaks['']:z.2f} deg; {low:z.2f} ... {high:z.2f} deg with other smoothings and rows"
         )
     return "\n".join(lines)
 

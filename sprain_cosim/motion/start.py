@@ -169,7 +169,7 @@ def motion_start(
     clearance = float(sole_heights(moved, [{n: value for n, (value, _) in start_parameters(values).items()}])[0])
     if pose == "given" and clearance < -TOUCH:
         raise InputError(
-            f"{file}: at {contact.at:.6g} s the foot is {-1e3 * clearance:.1f} mm inside the platform of {base}; take "
+            f"{file}: at {contact.at:.6g} s the foot is {-1e3 * clearance:z.1f} mm inside the platform of {base}; take "
             "an earlier instant with --at, or let --pose touching find the height"
         )
     return replace(start, clearance=clearance, scenario=moved)
@@ -261,5 +261,5 @@ def _check_heading(values: Mapping[str, StartValue], file: Path, turn: float) ->
         total = math.degrees(turn) - heading
         raise InputError(
             f"{file}: the person faces {abs(heading):.0f} deg to the {'left' if heading > 0 else 'right'} of the "
-            f'plant\'s forward axis (+x), which is where the slope is beside the foot: say --turn "{total:.0f} deg"'
+            f'plant\'s forward axis (+x), which is where the slope is beside the foot: say --turn "{total:z.0f} deg"'
         )

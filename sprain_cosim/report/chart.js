@@ -17,7 +17,7 @@
     parent.appendChild(e);
     return e;
   };
-  const number = (v) => (Math.abs(v) >= 1000 ? v.toFixed(0) : Math.abs(v) >= 100 ? v.toFixed(1) : v.toFixed(2)).replace("-", "\u2212");
+  const number = (v) => (Math.abs(v) >= 1000 ? v.toFixed(0) : Math.abs(v) >= 100 ? v.toFixed(1) : v.toFixed(2)).replace(/^-(?=[0.]*$)/, "").replace("-", "\u2212");
   const step = (span) => {
     const raw = span / 5, power = Math.pow(10, Math.floor(Math.log10(raw)));
     return [1, 2, 5, 10].map((k) => k * power).find((s) => s >= raw);

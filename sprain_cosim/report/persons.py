@@ -136,7 +136,7 @@ def _worst(persons: Persons, brace: str) -> PageTable:
         ]
         for name, i in chosen.items()
     ]
-    return PageTable([f"{worst.n} landings from {worst.above:.1f}°", "unit", "there", "elsewhere", "shift [SD]"], rows)
+    return PageTable([f"{worst.n} landings from {worst.above:z.1f}°", "unit", "there", "elsewhere", "shift [SD]"], rows)
 
 
 def _read(name: str, i: WorstInput) -> tuple[str, str, str]:
@@ -163,11 +163,11 @@ def groups_table(response: str, shares: Mapping[str, VarianceShare]) -> list[Blo
 
 
 def _whole(share: float | None) -> str:
-    return "" if share is None else f"{100 * share:.0f} %"
+    return "" if share is None else f"{100 * share:z.0f} %"
 
 
 def _whole_ends(low: float | None, high: float | None) -> list[str]:
-    return [] if low is None or high is None else [f"{100 * low:.0f} … {100 * high:.0f} %"]
+    return [] if low is None or high is None else [f"{100 * low:z.0f} … {100 * high:z.0f} %"]
 
 
 def _mean(e: MeanEstimate | None) -> str | Cell:

@@ -177,10 +177,10 @@ def _words(motions: Sequence[Moving], at: float) -> str:
     parts = []
     for name, motion in motions:
         angle, anatomy, brace = (np.interp(at, motion.time, motion.signals[k]) for k in ("angle", "anatomy", "brace"))
-        moments = f"moment of the anatomy {anatomy:.1f} N·m" + (
-            f", of the brace {brace:.1f} N·m" if motion.braced else ""
+        moments = f"moment of the anatomy {anatomy:z.1f} N·m" + (
+            f", of the brace {brace:z.1f} N·m" if motion.braced else ""
         )
-        parts.append(f"{name}: subtalar angle {angle:.1f}°, {moments}")
+        parts.append(f"{name}: subtalar angle {angle:z.1f}°, {moments}")
     return f"A landing {1e3 * at:.0f} ms after contact, drawn from behind. {'; '.join(parts)}."
 
 

@@ -255,18 +255,18 @@ def _of_run(run: RunFolder) -> Markup:
     if PEAK not in m:
         return rich("Ended as {status}. {message}", status=run.summary.status, message=run.summary.message)
     at = f" at {1e3 * m['time_of_peak_subtalar_s']:.0f} ms" if "time_of_peak_subtalar_s" in m else ""
-    text = rich("In this landing the ankle supinated to <b>{peak:.1f}°</b>{at}", peak=m[PEAK], at=at)
+    text = rich("In this landing the ankle supinated to <b>{peak:z.1f}°</b>{at}", peak=m[PEAK], at=at)
     text += _by_the_step(run.summary.coupling_doubt_deg)
     if INVERSION in m:
         where = "below" if m[INVERSION] < MEAN - SD else "above" if m[INVERSION] > MEAN + SD else "inside"
         text += (
-            f" Inversion from neutral peaked at {m[INVERSION]:.1f}°, {where} the range of {MEAN:g} ± {SD:g}° in "
+            f" Inversion from neutral peaked at {m[INVERSION]:z.1f}°, {where} the range of {MEAN:g} ± {SD:g}° in "
             "which ankles of cadavers failed."
         )
     anatomy, brace = m.get("anatomy_subtalar_moment_Nm"), m.get("brace_subtalar_moment_Nm")
     if anatomy is not None and brace is not None and anatomy + brace:
         share = 100 * brace / (anatomy + brace)
-        text += f" At the peak the brace bore {brace:.1f} of {anatomy + brace:.1f} N·m ({share:.0f} %)."
+        text += f" At the peak the brace bore {brace:z.1f} of {anatomy + brace:z.1f} N·m ({share:z.0f} %)."
     if run.summary.coupling_error is not None:
         text += f" Coupling error: {100 * run.summary.coupling_error:.2g} % of the energy exchanged."
     return text
@@ -455,7 +455,7 @@ def _of_search(study: StudyFolder, found: LevelSearch | FormSearch) -> Markup:
 
 
 def _beside_estimate(found: FormSearch) -> str:
-    beta = "–" if found.beta is None else f"{found.beta:.2f}"
+    beta = "–" if found.beta is None else f"{found.beta:z.2f}"
     if found.ci_low is None:
         return f" (first order, β = {beta}: no interval)"
     ends = "".join(f"95 % interval {e} %" for e in percentage_ends(found.ci_low, found.ci_high, RARE))

@@ -29,12 +29,12 @@ def rounded(value: Any) -> str:
         return UNKNOWN
     size = abs(value)
     digits = 0 if size >= 1000 else 1 if size >= 10 else 2 if size >= 0.1 or size < 5e-4 else 3
-    return f"{value:.{digits}f}".replace("-0.00", "0.00").replace("-", "−")
+    return f"{value:z.{digits}f}".replace("-", "−")
 
 
 def signed(value: float | None, digits: int = 1) -> str:
     """With its sign, also +."""
-    return UNKNOWN if value is None else f"{round(value, digits) + 0.0:+.{digits}f}".replace("-", "−")
+    return UNKNOWN if value is None else f"{value:+z.{digits}f}".replace("-", "−")
 
 
 def percent(p: float | None, finest: float = FINEST) -> str:

@@ -70,11 +70,11 @@ def groups_listing(response: str, shares: Mapping[str, VarianceShare]) -> list[s
     lines = ["", f"{response}: share of its variance that each group of inputs explains by itself"]
     for group, share in shares.items():
         ends = "" if share.ci_low is None or share.ci_high is None else _percent_ends(share.ci_low, share.ci_high)
-        lines.append(f"  {group:32}{100 * (share.value or 0.0):8.0f} %{ends:>20}")
+        lines.append(f"  {group:32}{100 * (share.value or 0.0):z8.0f} %{ends:>20}")
     rest = 1.0 - sum(share.value or 0.0 for share in shares.values())
     left = "together, or not smooth" if rest > -NOISE else "twice: groups are correlated"
-    return [*lines, f"  {left:32}{100 * (rest if rest > -NOISE else -rest):8.0f} %"]
+    return [*lines, f"  {left:32}{100 * (rest if rest > -NOISE else -rest):z8.0f} %"]
 
 
 def _percent_ends(low: float, high: float) -> str:
-    return f"{100 * low:.0f} ... {100 * high:.0f}"
+    return f"{100 * low:z.0f} ... {100 * high:z.0f}"

@@ -136,7 +136,7 @@ def _sample(study: Plan, summary: StudySummary) -> list[str]:
             beside = _number(first.get(f"{label} [deg]"))
             # where the mean has an interval its absence beside a percentile is a lack of trials
             ends = _interval(low, high) or ("open" if response.mean_ci else "")
-            lines.append(f"  {label:32}{_number(value, '.2f'):>10}{ends:>20}{beside:>12}{without}")
+            lines.append(f"  {label:32}{_number(value, 'z.2f'):>10}{ends:>20}{beside:>12}{without}")
         moved = summary.sensitivity.get(name)
         if moved is not None and moved.inputs:
             lines += _correlations(moved, published.get("pearson", {}) if first else {}, without)
@@ -172,14 +172,14 @@ def _correlations(moved: Sensitivity, published: Mapping[str, Any], without: str
     for key, s in moved.inputs.items():
         alpha = ""
         if s.importance is not None:
-            alpha = f"{s.importance:.2f} ± {_number(s.importance_standard_error, '.2f')}"
+            alpha = f"{s.importance:z.2f} ± {_number(s.importance_standard_error, 'z.2f')}"
         indices, shapley = "", ""
         if s.sobol_first is not None:
-            indices = f"{s.sobol_first:.2f}  {_number(s.sobol_total, '.2f')}"
+            indices = f"{s.sobol_first:z.2f}  {_number(s.sobol_total, 'z.2f')}"
         if s.shapley is not None:
-            shapley = f"{s.shapley:.2f} ({_interval(*(s.shapley_ci or (None, None)))})"
+            shapley = f"{s.shapley:z.2f} ({_interval(*(s.shapley_ci or (None, None)))})"
         lines.append(
-            f"  {key:{room}}{_number(s.pearson.value, '.2f'):>10}{_interval(s.pearson.low, s.pearson.high):>20}"
+            f"  {key:{room}}{_number(s.pearson.value, 'z.2f'):>10}{_interval(s.pearson.low, s.pearson.high):>20}"
             f"{_number(published.get(key)):>12}{alpha:>18}{indices:>19}{shapley:>26}"
         )
     if moved.linear is not None:
@@ -207,7 +207,7 @@ def _factors(inputs: Mapping[str, InputSensitivity], without: str) -> list[str]:
         for f in FACTORS:
             value, error, interval = (getattr(held, f) for held in (s, s.standard_error, s.ci))
             mark = "*" if _beyond_noise(interval) else " "
-            cells.append(f"{_number(value, '.2f') or '-'} ± {_number(error, '.2f') or '-'}{mark}")
+            cells.append(f"{_number(value, 'z.2f') or '-'} ± {_number(error, 'z.2f') or '-'}{mark}")
         lines.append(f"  {key:{room}}" + "".join(f"{cell:>16}" for cell in cells))
     return lines
 
@@ -243,7 +243,7 @@ def _levels(study: Plan, found: LevelSearch) -> list[str]:
     for level, entry in found.levels.items():
         key = f"{level} % [deg]"
         theirs, sampled = published.get(key), known.get(key)
-        line = f"  {level + ' %':32}{_number(entry.value, '.2f'):>10}{_number(theirs):>12}"
+        line = f"  {level + ' %':32}{_number(entry.value, 'z.2f'):>10}{_number(theirs):>12}"
         if sampled and theirs is not None:
             verdict = statistics.agreement(theirs, statistics.Estimate(*sampled))
             interval = f"{sampled[0]:g} ({sampled[1]:g} ... {sampled[2]:g})"
@@ -253,7 +253,7 @@ def _levels(study: Plan, found: LevelSearch) -> list[str]:
     lines += ["", f"{'importance':{2 + room}}{'linear':>10}" + "".join(f"{level + ' %':>10}" for level in found.levels)]
     for name, value in found.linear_importance.items():
         cells = (value, *(e.importance.get(name) for e in found.levels.values()))
-        lines.append(f"  {name:{room}}" + "".join(f"{_number(cell, '.2f'):>10}" for cell in cells))
+        lines.append(f"  {name:{room}}" + "".join(f"{_number(cell, 'z.2f'):>10}" for cell in cells))
     return lines + _tested(found) + _ending(found)
 
 
@@ -267,9 +267,9 @@ def _tested(found: LevelSearch) -> list[str]:
     ]
     for level, off in check.off.items():
         low, high = check.ci[level]
-        lies = "" if off is None else f"{float(level) + off:.1f} %"
-        ends = "" if low is None or high is None else f"{low:+.1f} ... {high:+.1f}"
-        lines.append(f"  {level + ' %':32}{lies:>12}{_number(off, '+.1f'):>12}{ends:>22}  {check.verdict[level]}")
+        lies = "" if off is None else f"{float(level) + off:z.1f} %"
+        ends = "" if low is None or high is None else f"{low:+z.1f} ... {high:+z.1f}"
+        lines.append(f"  {level + ' %':32}{lies:>12}{_number(off, '+z.1f'):>12}{ends:>22}  {check.verdict[level]}")
     return lines
 
 
@@ -289,7 +289,7 @@ def _form(study: Plan, found: FormSearch) -> list[str]:
         second = ", ".join(f"{name} {_share(p)}" for name, p in (found.second_order or {}).items())
         lines += [
             f"  {f'{found.sampled} landings about {points}':32}  coefficient of variation {_number(found.cov, '.0%')}",
-            f"  {'first order':32}  {_share(found.first_order)}, beta {_number(found.beta, '.3f')}",
+            f"  {'first order':32}  {_share(found.first_order)}, beta {_number(found.beta, 'z.3f')}",
             *([f"  {'second order':32}  {second}"] if second else []),
             *(f"  {remark}" for remark in found.remarks or ()),
             *_doubt_rows(*_of_threshold(found)),
@@ -297,7 +297,7 @@ def _form(study: Plan, found: FormSearch) -> list[str]:
             *([f"  {found.sentence}"] if found.sentence else []),
         ]
     else:
-        lines.append(f"  beta {_number(found.beta, '.3f')}")
+        lines.append(f"  beta {_number(found.beta, 'z.3f')}")
     lines += [
         "",
         f"  {'':{room}}{'importance':>12}{'design point':>16}",
@@ -306,7 +306,7 @@ def _form(study: Plan, found: FormSearch) -> list[str]:
         factor, shown = shown_unit(study.units[name]) if name in study.units else (1.0, unit_of(found.response))
         point = found.design_point.get(name)
         text = _number(None if point is None else factor * point, ".5g")
-        lines.append(f"  {name:{room}}{_number(value, '.2f'):>12}{text:>16} {shown}".rstrip())
+        lines.append(f"  {name:{room}}{_number(value, 'z.2f'):>12}{text:>16} {shown}".rstrip())
     return lines + _ending(found)
 
 
@@ -315,14 +315,14 @@ def _sobol(found: SobolSearch) -> list[str]:
     room = _room(found.indices)
     lines = [
         "",
-        f"{found.response}: mean {_number(found.mean, '.3f')}, SD {_number(sd, '.3f')}, {found.evaluations} landings",
+        f"{found.response}: mean {_number(found.mean, 'z.3f')}, SD {_number(sd, 'z.3f')}, {found.evaluations} landings",
         "",
         f"{'Sobol indices':{2 + room}}{'first':>8}{'95 % interval':>20}{'total':>8}{'95 % interval':>20}",
     ]
     for name, i in found.indices.items():
         lines.append(
-            f"  {name:{room}}{_number(i.first, '.2f'):>8}{_interval(i.first_low, i.first_high):>20}"
-            f"{_number(i.total, '.2f'):>8}{_interval(i.total_low, i.total_high):>20}"
+            f"  {name:{room}}{_number(i.first, 'z.2f'):>8}{_interval(i.first_low, i.first_high):>20}"
+            f"{_number(i.total, 'z.2f'):>8}{_interval(i.total_low, i.total_high):>20}"
         )
     return lines
 
@@ -429,7 +429,7 @@ def _motions(point: DesignPoint) -> list[str]:
 
 def _resisted(held: Mapping[str, float | None], motion: str) -> str:
     torques = (held.get(f"{motion}_{d}deg") for d in (5, 10))
-    return " / ".join("-" if t is None else f"{round(t, 2) + 0.0:.2f}" for t in torques)
+    return " / ".join("-" if t is None else f"{round(t, 2) + 0.0:z.2f}" for t in torques)
 
 
 def _grid(grid: Grid) -> list[str]:
@@ -444,7 +444,7 @@ def _grid(grid: Grid) -> list[str]:
             lines.append(" " * 10 + "".join(f"{level:9.4g}" for level in columns.levels))
         for level, row in zip(rows.levels, values, strict=True):
             cells = row if isinstance(row, list) else [row]
-            lines.append(f"{level:10.4g}" + "".join(f"{'failed' if v is None else f'{v:.2f}':>9}" for v in cells))
+            lines.append(f"{level:10.4g}" + "".join(f"{'failed' if v is None else f'{v:z.2f}':>9}" for v in cells))
     return lines
 
 
@@ -456,7 +456,7 @@ def _interval(low: float | None, high: float | None) -> str:
     """Nothing where there is no interval; one that the sample is too small to close has an open end."""
     if low is None and high is None:
         return ""
-    return " ... ".join("open" if end is None else f"{end:.2f}" for end in (low, high))
+    return " ... ".join("open" if end is None else f"{end:z.2f}" for end in (low, high))
 
 
 def _number(value: float | None, form: str = "g") -> str:

@@ -48,6 +48,8 @@ def test_numbers() -> None:
     assert [rounded(v) for v in (12345.6, -12.34, 1.234, 0.0123, 1e-9, -1e-9, math.nan, None, "x")] == [
         "12346", "−12.3", "1.23", "0.012", "0.00", "0.00", "–", "–", "–",
     ]  # fmt: skip
+    assert [rounded(v) for v in (-0.003, -0.0004, -0.0)] == ["−0.003", "0.00", "0.00"]  # the first had lost its sign
+    assert [signed(v, 2) for v in (-0.001, -0.0)] == ["+0.00", "+0.00"]
     assert [signed(v, 2) for v in (0.001, -1.0, None)] == ["+0.00", "−1.00", "–"]
     assert (ends(0.5, None), ends(None, 0.5), ends(None, None)) == (("0.50 … open",), ("open … 0.50",), ())
     assert ends(0.5, 0.75, 10) == ("5.00 … 7.50",)
