@@ -182,9 +182,12 @@ _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?
 
 def shown_unit(own: Unit | str | None) -> tuple[float, str]:
     """The unit in which people read numbers of `own` (one, or its name), and the factor that leads to it; no name for a
-    pure number. Raises InputError for an unknown name."""
+    pure number. A name that an FMU alone defines stays as it is."""
     if isinstance(own, str):
-        own = unit(own) if own else None
+        try:
+            own = unit(own) if own else None
+        except InputError:
+            return 1.0, str(own)
     if own is None or own.dimensionless:
         return 1.0, ""
     shown = SHOWN.get(own.name)

@@ -318,12 +318,14 @@ class _Sample:
     independent  rows are independent draws
     replicates   of a complete Sobol' study, else None
     confidence   of each interval; where one looks several times, so that all looks hold together with 95 %
+    bounded      the mean's interval is at most that of independent rows
     """
 
     failed: int
     independent: bool
     replicates: int | None
     confidence: float = 0.95
+    bounded: bool = False
 
     @classmethod
     def of(cls, study: Plan, done: pd.DataFrame, failed: int, notes: list[str]) -> Self:
@@ -344,9 +346,9 @@ class _Sample:
                 )
         elif study.method == "lhs":
             notes.append(
-                "one Latin hypercube has no intervals of its own: percentiles are given without; those of mean and "
-                "probabilities are the ones of independent "
-                "trials, which a Latin hypercube does not exceed (A. B. Owen, SIAM J. Numer. Anal. 34, 1997, 1884)"
+                "one Latin hypercube has no intervals of its own: percentiles and standard deviations are given "
+                "without; those of mean and probabilities are the ones of independent trials, which a Latin hypercube "
+                "does not exceed (A. B. Owen, SIAM J. Numer. Anal. 34, 1997, 1884)"
             )
         elif study.method == "table":
             notes.append("intervals hold if the given rows are independent draws")
@@ -359,7 +361,7 @@ class _Sample:
                 f"intervals of percentiles, moments and probabilities are {100 * confidence:.3g} % each, so that they "
                 "hold with 95 % however often one looked"
             )
-        return cls(failed, study.method in ("monte-carlo", "table"), replicates, confidence)
+        return cls(failed, study.method in ("monte-carlo", "table"), replicates, confidence, study.method == "lhs")
 
     def percentile(self, y: Array, p: float) -> statistics.Estimate:
         if self.replicates:
@@ -407,9 +409,10 @@ class _Sample:
                 low, high = statistics.percentile_bounds(y, self.failed, p)
                 bounds = (finite(low), finite(high))
             percentiles[f"{100 * p:g}"] = Percentile(finite(e.value), finite(e.low), finite(e.high), bounds)
-        if not (self.independent or self.replicates):
-            return Response(finite(mean.value), finite(sd.value), percentiles, failed=self.failed or None)
         mean_ci, sd_ci = ((finite(e.low), finite(e.high)) for e in (mean, sd))
+        if not (self.independent or self.replicates):
+            known = mean_ci if self.bounded else None
+            return Response(finite(mean.value), finite(sd.value), percentiles, known, failed=self.failed or None)
         return Response(finite(mean.value), finite(sd.value), percentiles, mean_ci, sd_ci, self.failed or None)
 
 

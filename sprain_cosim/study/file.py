@@ -4,7 +4,7 @@ hold."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -22,16 +22,16 @@ from ..scenario.body import is_of_subject
 from ..scenario.file import PARAMETERS, VARIABLE
 from ..scenario.title import RAN
 from ..shipped import is_file, scenario_folder, shipped_scenarios, shipped_studies
-from ..units import SECOND, quantity
-from ..uq.distributions import Array, JointDistribution, Marginal
+from ..units import SECOND, quantity, shown_unit
+from ..uq.distributions import Array, Exponential, JointDistribution, LogNormal, Marginal, Truncated, Weibull
 from .goal import GRAMMAR as GOAL
 from .goal import LANDINGS, Goal, parse_goal, varied_range
-from .inputs import parameter, unit_name
+from .inputs import InputTable, parameter, unit_name, unusual_persons
 from .marginals import DISTRIBUTION, NUMBER, Measurements, marginal
 from .methods import METHODS
 from .plan import BEFORE_SAMPLING, TOLERANCE
 from .population import POPULATION, population_of
-from .questions import THRESHOLD, questions_of, threshold_of, unit_of_response
+from .questions import THRESHOLD, law_name, questions_of, threshold_of, unit_of_response
 from .study import Study
 from .until import GRAMMAR as UNTIL
 from .until import parse_untils
@@ -49,6 +49,8 @@ LEVELS = keys.simple(
     "{at}: must be probabilities between 0 and 1, such as [0.05, 0.5, 0.95]",
     lambda value: tuple(float(v) for v in value),
 )
+TRIED = 1000  # persons
+CUT = 0.05  # of its standard deviation by which a cut law may lie beside the one stated without a word
 NARROW = math.radians(0.25)  # a smaller spread of an angle is likely to be radians written as degrees
 NEEDS_SCENARIO = 'needs scenario = "the name of a scenario or a file"'
 RESPONSE = "peak_subtalar_angle_deg"
@@ -312,11 +314,24 @@ def load_study(name: str | Path) -> Study:
             *scenario.warnings,
             *(f"{place}: {warning}" for place, fit in measured.fits.items() for warning in fit.warnings),
             *(_narrow(n, m) for n, m in marginals.items() if _is_narrow(m, units[n])),
+            *(line for n, m in marginals.items() for line in _unlike_stated(n, m, units[n], system)),
         ),
         **options,
     )
     study = _of_population(study, content, path)
-    return (study if asked is None else study.with_goal(*asked)).checked()
+    study = (study if asked is None else study.with_goal(*asked)).checked()
+    return replace(study, warnings=(*study.warnings, *_unusual(study)))
+
+
+def _unusual(study: Study) -> list[str]:
+    """A warning where persons whose measures vary one by one lie outside what was measured of many."""
+    persons = [name for name in study.marginals if is_of_subject(name)]
+    if not persons or study.population is not None or study.scenario.subject is None:
+        return []
+    drawn = replace(study, method="monte-carlo", trials=TRIED).sample()
+    columns = {name: column for name, column in zip(study.names, drawn.T, strict=True) if name in persons}
+    lines = unusual_persons(InputTable(columns, study.units, tuple(range(TRIED))), study.scenario.subject)
+    return [f"marginals: of persons drawn from them, {line}" for line in lines]
 
 
 def _check_population(content: Mapping[str, Any], scenario: Scenario, path: Path) -> None:
@@ -394,6 +409,22 @@ def _narrow(name: str, marginal: Marginal) -> str:
         f"marginals.{name}: a standard deviation of {math.degrees(marginal.sd):.3g} deg is very small; are these "
         "radians written as degrees?"
     )
+
+
+def _unlike_stated(name: str, marginal: Marginal, unit: str, system: System) -> Iterator[str]:
+    """What a law is that its numbers do not show: cut, or counted from the zero of a unit that has one of its own."""
+    law, own = marginal, system.find(name).unit
+    if isinstance(marginal, Truncated):
+        law = marginal.parent
+        if max(abs(marginal.mean - law.mean), abs(marginal.sd - law.sd)) > CUT * law.sd:
+            factor, shown = shown_unit(unit)
+            drawn, stated = (
+                f"{factor * m.mean + 0.0:.4g} ± {factor * m.sd:.3g} {shown}".rstrip() for m in (marginal, law)
+            )
+            yield f"marginals.{name}: low and high cut it: what is drawn has {drawn} (mean ± SD), not {stated}"
+    if own is not None and own.offset and isinstance(law, LogNormal | Weibull | Exponential):
+        kind = law_name(type(law).__name__.lower())
+        yield f"marginals.{name}: {kind} counts from 0 {unit}; from the zero of another unit it is another law"
 
 
 def _levels(spec: Any, own: Connector, place: str) -> tuple[float, ...]:

@@ -114,7 +114,7 @@ def reproduce(
     after = _table(done.out)
     first, different = compare_trials(before, after)
     now = Manifest.of(study, study.identity, levels=read_manifest(done.out).processor)
-    differences = tuple(_differences(then, now))
+    differences = tuple(differences_of(then, now))
     other_level = bool(then.processor and now.processor) and then.processor != now.processor
     rounding = (first is not None and other_level and _same_but_rounding(before, after)) or None
     return Reproduction(first is None, len(before), different, first, differences, str(done.out), rounding)
@@ -207,7 +207,8 @@ def _there(name: str, path: Path) -> Path:
         raise InputError(f"{name} = {path}: the FMU of the study is gone; put it back") from None
 
 
-def _differences(then: Manifest, now: Manifest) -> list[str]:
+def differences_of(then: Manifest, now: Manifest) -> list[str]:
+    """Software, FMUs, mapping files and processors that differ, a line each."""
     found = software(then, now)
     for name in dict.fromkeys([*then.fmus, *now.fmus]):
         old, new = (m.fmus.get(name, ABSENT) for m in (then, now))

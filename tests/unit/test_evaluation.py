@@ -462,6 +462,41 @@ def test_radians_written_as_degrees_are_warned_about(tmp_path) -> None:
     assert not sc.load_study("study6").warnings
 
 
+@pytest.mark.parametrize(
+    ("law", "said"),
+    [
+        ('{ normal = { mean = "0 deg", sd = "5 deg" }, low = "-10 deg", high = "10 deg" }', "has 0 ± 4.4 deg"),
+        ('{ normal = { mean = "0 deg", sd = "5 deg" }, low = "0 deg" }', "has 3.989 ± 3.01 deg"),
+        ('{ normal = { mean = "0 deg", sd = "5 deg" }, low = "-20 deg", high = "20 deg" }', ""),
+    ],
+)
+def test_a_law_that_is_cut_says_what_is_drawn(tmp_path, law: str, said: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(f'scenario = "incline30"\n[marginals]\n"plant.subtalar_angle_at_contact" = {law}\n')
+    study = sc.load_study(path)
+    assert [said in line and "not 0 ± 5 deg" in line for line in study.warnings] == [True] * bool(said)
+
+
+@pytest.mark.parametrize(("sd", "warned"), [("12 kg", False), ("25 kg", True)])
+def test_persons_drawn_one_by_one_beyond_those_measured_are_told(tmp_path, sd: str, warned: bool) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        'scenario = "mine_scenario.toml"\n[marginals]\n'
+        f'"subject.mass" = {{ lognormal = {{ mean = "80 kg", sd = "{sd}" }} }}\n'
+    )
+    (tmp_path / "mine_scenario.toml").write_text('base = "incline30"\n[subject]\nsex = "male"\nstature = "1.76 m"\n')
+    lines = [line for line in sc.load_study(path).warnings if "of 1000 persons have measures outside" in line]
+    assert len(lines) == warned
+
+
+def test_a_latin_hypercube_has_the_mean_that_independent_trials_bound(study6) -> None:
+    study = replace(study6, method="lhs", trials=60)
+    found = summarise(study, landings(study), None).responses[PEAK]
+    assert found.mean_ci[0] < found.mean < found.mean_ci[1]
+    assert found.sd_ci is None
+    assert found.percentiles["50"].ci_low is None
+
+
 def test_samples_keep_their_rows_and_columns(study6) -> None:
     """Enlarging Monte Carlo and Sobol' keeps rows; another marginal without correlation leaves the other columns; a
     Latin hypercube has one size."""

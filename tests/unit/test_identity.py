@@ -23,6 +23,7 @@ from sprain_cosim.study.folder import load_study_plan, recorded_plan
 from sprain_cosim.study.goal import Goal
 from sprain_cosim.study.identity import CHANGES_NO_ROW, COUNTS_FOR, changes
 from sprain_cosim.study.ledger import Ledger
+from sprain_cosim.study.manifest import Manifest
 from sprain_cosim.study.marginals import Fitted
 from sprain_cosim.study.merge import merge
 from sprain_cosim.study.methods import METHODS
@@ -30,6 +31,7 @@ from sprain_cosim.study.plan import Plan
 from sprain_cosim.study.population import Population
 from sprain_cosim.study.previous import facts_today
 from sprain_cosim.study.questions import Question
+from sprain_cosim.study.reproduce import differences_of
 from sprain_cosim.study.until import Until
 from sprain_cosim.subject import Subject
 from sprain_cosim.units import unit
@@ -238,3 +240,13 @@ def test_a_correlated_sample_of_the_previous_version_is_not_continued(study: sc.
     assert [line.partition(":")[0] for line in different] == ["order.drawing"]
     alone = facts_today({"identity": json.dumps(then), "study": json.dumps(encode(study))})
     assert not changes(json.loads(alone["identity"]), study.identity, ("version", "fmus", "maps"))
+
+
+def test_software_and_mapping_files_that_differ_are_named() -> None:
+    then = Manifest({"numpy": "1.0", "scipy": "1.17"}, platform="there", identity={"maps": {"brace": "a" * 64}})
+    now = replace(then, versions={"numpy": "2.0", "scipy": "1.17"}, identity={"maps": {"brace": "b" * 64}})
+    assert differences_of(then, now) == [
+        "numpy 1.0 then, 2.0 now",
+        "mapping file brace: SHA-256 aaaaaaaaaaaa then, bbbbbbbbbbbb now",
+    ]
+    assert differences_of(then, then) == []

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sprain_cosim.errors import InputError
-from sprain_cosim.units import SYMBOLS, Unit, quantity, unit
+from sprain_cosim.units import SYMBOLS, Unit, quantity, shown_unit, unit
 
 
 @pytest.mark.parametrize(
@@ -175,3 +175,12 @@ def test_there_and_back(value: float, symbol: str) -> None:
 def test_any_text_gives_a_unit_or_an_input_error(text: str) -> None:
     with contextlib.suppress(InputError):
         assert isinstance(unit(text), Unit)
+
+
+def test_a_unit_that_an_fmu_alone_defines_is_read_in_its_own_name() -> None:
+    """A message proposed "1 degF" for such a parameter, which was refused as unknown."""
+    fahrenheit = Unit("degF", unit("K").exponents, 5 / 9, 255.3722222222222)
+    assert quantity("68 degF", fahrenheit, "t") == 68.0
+    assert quantity("293.15 K", fahrenheit, "t") == pytest.approx(68.0)
+    assert quantity("10 K", fahrenheit, "t.sd", difference=True) == pytest.approx(18.0)
+    assert shown_unit("degF") == (1.0, "degF")

@@ -52,7 +52,7 @@ class Normal(Marginal):
         mass = mass_between(a, b)
         first = (density(a) - density(b)) / mass
         second = 1.0 + (times_density(a) - times_density(b)) / mass
-        return float(self.mean + self.sd * first), float(self.sd * math.sqrt(second - first * first))
+        return float(self.mean + self.sd * first), self.sd * math.sqrt(max(float(second - first * first), 0.0))
 
 
 @dataclass(frozen=True)
