@@ -326,8 +326,11 @@ class CampaignOptions:
                 command=again,
                 **options,
             )
-        except (signals.Interrupted, SimulationError):
-            _show(f"{chr(10) if sys.stderr.isatty() else ''}continue with: {again} --resume", err=True)
+        except (signals.Interrupted, SimulationError) as end:
+            failed = isinstance(end, SimulationError)  # which the same command would meet again
+            more = " --max-failed 100%" if failed and "--max-failed" in str(end) else ""
+            if not (failed and study.needs_all):
+                _show(f"{chr(10) if sys.stderr.isatty() else ''}continue with: {again} --resume{more}", err=True)
             raise
         _warn_of_trials(done, out)
         return done
@@ -726,6 +729,8 @@ def compare_command(
     devices = _devices(braces, maps, "--brace")
     pairs = [_pair(s, "--set", "NAME.PARAMETER=VALUE") for s in settings]
     again, landed = _again(), load_source(source)
+    if resume and not isinstance(landed, Study):
+        _warn(f"--resume: {source} is one landing with each brace; they run again")
     try:
         done = compare_braces(
             landed,

@@ -21,7 +21,7 @@ from ..errors import EnvironmentProblem, InputError, SimulationError, without_na
 from ..files import check_folder, is_partial, read_toml, write_json
 from ..folders.comparison import FILE, NONE, ComparisonSummary
 from ..folders.read import read_folder
-from ..folders.run import check_run_folder, read_run
+from ..folders.run import SIGNALS, check_run_folder, read_run
 from ..notebook import Plottable, Rows
 from ..process import Limits
 from ..scenario import Value, load_scenario
@@ -349,6 +349,8 @@ def _check(folder: Path, names: Sequence[str], study: bool, resume: bool) -> Non
     strangers = sorted(p.name for p in folder.iterdir() if p.name not in (*names, *BESIDE) and not is_partial(p))
     if strangers:
         raise InputError(f"{folder}: holds other files ({', '.join(strangers[:3])}); name a new folder with --out")
+    if study and any((folder / n / SIGNALS).exists() for n in names):
+        raise InputError(f"{folder}: holds a comparison of single landings; name a new folder with --out")
     if study and not resume and any((folder / n).exists() for n in names):
         raise InputError(
             f"{folder}: holds a comparison already; continue it with --resume, or name a new folder with --out"

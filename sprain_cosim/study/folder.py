@@ -34,15 +34,16 @@ TRIALS = "trials.csv"
 WORDS = ("status", "message")  # its columns that hold no numbers
 
 
-def check_study_folder(folder: Path, resume: bool) -> None:
-    """Raises InputError unless the folder may take the study."""
+def check_study_folder(folder: Path, resume: bool, resumable: bool = True) -> None:
+    """Raises InputError unless the folder may take the study. `resumable`: the command has --resume."""
     check_folder(folder)
     try:
         held = {p.name for p in folder.iterdir()} if folder.is_dir() else set[str]()
     except OSError as problem:
         raise EnvironmentProblem(f"{folder}: cannot be read: {problem.strerror or problem}") from None
     if FILE in held and not resume:
-        raise InputError(f"{folder}: holds a study already; continue it with --resume, or name a new folder with --out")
+        way = "continue it with --resume, or name" if resumable else "name"
+        raise InputError(f"{folder}: holds a study already; {way} a new folder with --out")
     if FILE not in held and held - {LOCK}:
         raise InputError(f"{folder}: holds other files; name a new folder with --out")
 

@@ -62,7 +62,7 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
         levels = [manifest.processor for manifest in manifests]
         mixed = len({level for several in levels for level in several}) > 1
         folder = out or Path("runs") / Path(study.source or "study").stem
-        check_study_folder(folder, resume=False)
+        check_study_folder(folder, resume=False, resumable=False)
         recorder = Trajectories(folder, 0)
         facts = parts[0].facts
         with Ledger(folder, facts["digest"], json.loads(facts["identity"]), facts["study"]) as ledger:

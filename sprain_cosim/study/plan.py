@@ -371,6 +371,11 @@ class Plan(Card):
         return self.replicates if self.replicates is not None else 1 if self.method == "sobol-indices" else 8
 
     @property
+    def needs_all(self) -> bool:
+        """Whether the method says nothing where a single trial fails."""
+        return self.method in SEARCHES and self.method != "design"
+
+    @property
     def side(self) -> Difference:
         """How slopes are taken."""
         return self.difference or ("forward" if self.method in ("mean-value", "amv") else "central")

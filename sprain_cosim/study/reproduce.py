@@ -15,7 +15,7 @@ from ..processor import ROUNDING, within_rounding
 from ..records import Record, optional
 from ..shipped import fmu_path
 from .file import load_study
-from .folder import read_trials, recorded_plan
+from .folder import check_study_folder, read_trials, recorded_plan
 from .identity import changes
 from .ledger import FILE as LEDGER
 from .ledger import Ledger
@@ -99,6 +99,7 @@ def reproduce(
     target = out or folder.with_name(f"{folder.resolve().name}-again")
     if target.resolve() == folder.resolve():
         raise InputError(f"{target}: is the study's own folder; name a new one with --out")
+    check_study_folder(target, resume=False, resumable=False)
     done = run(
         study,
         out=target,

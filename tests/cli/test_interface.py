@@ -4,17 +4,21 @@ Changing one breaks users."""
 from __future__ import annotations
 
 import importlib
+import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import click
 import pytest
+from click.testing import CliRunner
 
 import sprain_cosim
 from sprain_cosim.brace import compare
 from sprain_cosim.cli import _run, cli
+from sprain_cosim.errors import InputError, SimulationError
 from sprain_cosim.signals import Interrupted
+from sprain_cosim.study.study import Study
 
 COMMANDS = {
     "run": "--fmu --map --set --scheme --step --check-coupling --isolate --in-process --out --json",
@@ -100,6 +104,48 @@ def test_an_interrupted_comparison_names_a_command_that_helps(
     with pytest.raises(Interrupted):
         cli.main(["compare", source], standalone_mode=False)
     assert capsys.readouterr().err == f"{said}\n"
+
+
+@pytest.mark.parametrize(
+    ("study", "end", "said"),
+    [
+        ("study6", Interrupted(), "continue with: sprain-cosim study study6 --resume"),
+        ("study6", SimulationError("more than --max-failed 1 % allows"), "--resume --max-failed 100%"),
+        ("amv6", Interrupted(), "continue with: sprain-cosim study amv6 --resume"),
+        ("amv6", SimulationError("more than --max-failed 1 % allows"), None),  # a search needs all its trials
+    ],
+)
+def test_a_study_that_ends_early_names_a_command_that_helps(
+    study: str,
+    end: Exception,
+    said: str | None,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def stop(*_: object, **__: object) -> None:
+        raise end
+
+    monkeypatch.setattr(Study, "run", stop)
+    monkeypatch.setattr(sys, "argv", ["sprain-cosim", "study", study])
+    with pytest.raises(type(end)):
+        cli.main(["study", study], standalone_mode=False)
+    told = [line for line in capsys.readouterr().err.splitlines() if line.startswith("continue")]
+    assert told == [] if said is None else said in told[0]
+
+
+def test_a_command_without_resume_does_not_propose_it(tmp_path: Path) -> None:
+    place = tmp_path / "study"
+    sprain_cosim.load_study("study6").with_master(None, None, "5 ms").run(trials=2, workers=1, out=place)
+    for command in (
+        ["merge", str(place), "--out", str(place)],
+        ["reproduce", str(place), "--out", str(tmp_path / "b")],
+    ):
+        (tmp_path / "b").mkdir(exist_ok=True)
+        shutil.copy(place / "ledger.sqlite", tmp_path / "b")
+        outcome = CliRunner().invoke(cli, command)
+        assert isinstance(outcome.exception, InputError) or outcome.exit_code == 2
+        said = outcome.stderr + str(outcome.exception)
+        assert "holds a study already; name a new folder with --out" in said and "--resume" not in said
 
 
 def test_every_command_that_overwrites_an_edited_file_takes_force() -> None:
