@@ -226,7 +226,7 @@ def _with_sample(
     notes: list[str] = []
     sample = _Sample.of(study, done, summary.n_failed, notes)
     if len(done) < FEWEST:
-        notes.append(f"{len(done)} completed trials: no moments below {FEWEST}")
+        notes.append(f"{len(done)} completed trials: mean, SD and percentiles take {FEWEST}, probabilities {LEAST}")
     elif len(done) < LEAST:
         notes.append(f"{len(done)} completed trials: no sensitivities and no probabilities below {LEAST}")
     values = {name: done[name].to_numpy(float) for name in metrics}

@@ -129,26 +129,29 @@ def _sample(study: Plan, summary: StudySummary) -> list[str]:
     published, lines = study.published, []
     for name in study.responses if summary.responses else ():
         first = published if name == "peak_subtalar_angle_deg" else {}
-        lines += ["", f"{name:34}{'here':>10}{'95 % interval':>20}{'published':>12}"]
+        lines += ["", f"{name:34}{'here':>10}{'95 % interval':>20}" + f"{'published':>12}" * bool(first)]
         without = _without_failed(summary)
         response = summary.responses[name]
         for label, value, (low, high) in _rows(response):
             beside = _number(first.get(f"{label} [deg]"))
             # where the mean has an interval its absence beside a percentile is a lack of trials
             ends = _interval(low, high) or ("open" if response.mean_ci else "")
-            lines.append(f"  {label:32}{_number(value, 'z.2f'):>10}{ends:>20}{beside:>12}{without}")
+            line = f"  {label:32}{_number(value, 'z.2f'):>10}{ends:>20}" + f"{beside:>12}" * bool(first)
+            lines.append(f"{line}{without}".rstrip())
         moved = summary.sensitivity.get(name)
         if moved is not None and moved.inputs:
             lines += _correlations(moved, published.get("pearson", {}) if first else {}, without)
             lines += _factors(moved.inputs, without)
         lines += groups_listing(name, (summary.groups or {}).get(name, {}))
+    theirs = published.get("metrics", {})
     if summary.responses:
-        lines += ["", f"{'metric (mean ± SD)':48}{'here':>20}{'published':>16}{_without_failed(summary)}"]
+        beside = f"{'published':>16}" * bool(theirs)
+        lines += ["", f"{'metric (mean ± SD)':48}{'here':>20}{beside}{_without_failed(summary)}"]
     for key, r in summary.responses.items():
-        pair = published.get("metrics", {}).get(key)
+        pair = theirs.get(key)
         beside = f"{pair[0]:g} ± {pair[1]:g}" if pair else ""
         places = _places(r.sd)
-        lines.append(f"  {key:46}{_number(r.mean, places):>11} ± {_number(r.sd, places):<6}{beside:>16}")
+        lines.append(f"  {key:46}{_number(r.mean, places):>11} ± {_number(r.sd, places):<6}{beside:>16}".rstrip())
     return lines
 
 
@@ -163,25 +166,25 @@ def _without_failed(summary: StudySummary) -> str:
 
 
 def _correlations(moved: Sensitivity, published: Mapping[str, Any], without: str) -> list[str]:
-    room = _room(moved.inputs)
-    lines = [
-        "",
-        f"{'Pearson r':{2 + room}}{'here':>10}{'95 % interval':>20}{'published':>12}{'importance ± SE':>18}"
-        f"{'Sobol first total':>19}{'Shapley, 95 % interval':>26}{without}",
-    ]
+    room, columns = _room(moved.inputs), dict[tuple[str, int], list[str]]()
     for key, s in moved.inputs.items():
-        alpha = ""
-        if s.importance is not None:
-            alpha = f"{s.importance:z.2f} ± {_number(s.importance_standard_error, 'z.2f')}"
-        indices, shapley = "", ""
-        if s.sobol_first is not None:
-            indices = f"{s.sobol_first:z.2f}  {_number(s.sobol_total, 'z.2f')}"
-        if s.shapley is not None:
-            shapley = f"{s.shapley:z.2f} ({_interval(*(s.shapley_ci or (None, None)))})"
-        lines.append(
-            f"  {key:{room}}{_number(s.pearson.value, 'z.2f'):>10}{_interval(s.pearson.low, s.pearson.high):>20}"
-            f"{_number(published.get(key)):>12}{alpha:>18}{indices:>19}{shapley:>26}"
-        )
+        error = _number(s.importance_standard_error, "z.2f") or "-"
+        indices = f"{_number(s.sobol_first, 'z.2f')}  {_number(s.sobol_total, 'z.2f')}"
+        shapley = f"{_number(s.shapley, 'z.2f')} ({_interval(*(s.shapley_ci or (None, None)))})"
+        for column, cell in {
+            ("here", 10): _number(s.pearson.value, "z.2f"),
+            ("95 % interval", 20): _interval(s.pearson.low, s.pearson.high),
+            ("published", 12): _number(published.get(key)),
+            ("importance ± SE", 18): "" if s.importance is None else f"{_number(s.importance, 'z.2f')} ± {error}",
+            ("Sobol first total", 19): "" if s.sobol_first is None else indices,
+            ("Shapley, 95 % interval", 26): "" if s.shapley is None else shapley,
+        }.items():
+            columns.setdefault(column, []).append(cell)
+    known = {column: cells for column, cells in columns.items() if any(cells)}  # no heading over nothing
+    lines = ["", f"{'Pearson r':{2 + room}}{''.join(f'{name:>{wide}}' for name, wide in known)}{without}"]
+    for k, key in enumerate(moved.inputs):
+        row = "".join(f"{cells[k]:>{wide}}" for (_, wide), cells in known.items())
+        lines.append(f"  {key:{room}}{row}".rstrip())
     if moved.linear is not None:
         lines.append(
             f"  importance from a linear fit, which explains {_number(moved.linear.r2, '.0%')} of the variance"
@@ -460,5 +463,5 @@ def _interval(low: float | None, high: float | None) -> str:
 
 
 def _number(value: float | None, form: str = "g") -> str:
-    """Nothing for a number that is not known, such as the factors of a uniform input."""
-    return "" if value is None else f"{value:{form}}"
+    """Nothing for a number that is not known, such as the factors of a uniform input; "84 %" with a blank."""
+    return "" if value is None else f"{value:{form}}".replace("%", " %")

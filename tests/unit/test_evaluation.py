@@ -166,7 +166,7 @@ def test_peaks_that_are_of_no_roll_are_counted(study6) -> None:
     assert any("of no landing (supination in 3 of 40 trials)" in n for n in notes)
 
 
-@pytest.mark.parametrize(("trials", "said"), [(3, "no moments"), (12, "no sensitivities")])
+@pytest.mark.parametrize(("trials", "said"), [(3, "mean, SD and percentiles take 4"), (12, "no sensitivities")])
 def test_too_few_trials_say_so(study6, trials: int, said: str) -> None:
     study = replace(study6, trials=trials)
     summary = summarise(study, landings(study), None)
