@@ -284,8 +284,17 @@ def percentage_ends(low: float | None, high: float | None, finest: float = FINES
     tell its ends apart; none where there is none. Whoever shows the interval takes it from here."""
     if low is None or high is None:
         return ()
-    short, long = ([percentage(end, finest, figures) for end in (low, high)] for figures in (2, 3))
-    return (" … ".join(long if low < high and len(set(short)) == 1 else short),)
+    figures = _figures_of(low, high, finest)
+    return (" … ".join(percentage(end, finest, figures) for end in (low, high)),)
+
+
+def percentage_within(p: float, low: float | None, high: float | None, finest: float = FINEST) -> str:
+    """A probability with as many figures as its interval, outside which it would lie otherwise."""
+    return percentage(p, finest, 2 if low is None or high is None else _figures_of(low, high, finest))
+
+
+def _figures_of(low: float, high: float, finest: float) -> int:
+    return 3 if low < high and percentage(low, finest) == percentage(high, finest) else 2
 
 
 def stated(value: float | str, own: Unit | None) -> float | str:

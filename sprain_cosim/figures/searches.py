@@ -30,7 +30,10 @@ def event_search(
     - importance: {input, or "threshold": component of the unit vector}, + where more of it raises the response
     """
     names = sorted(importance, key=lambda n: abs(importance[n]))
-    rows: list[tuple[str, float | None]] = [("sampling", answer.value), *orders.items()]
+    rows: list[tuple[str, float | None]] = [
+        ("sampling" if answer.sampling is not None else "first order", answer.value),
+        *orders.items(),
+    ]
     figure, (top, below) = sheet([1.5 + ROW * (len(rows) + 1), height_of(names)], note)
     entries: list[tuple[Any, str]] = [(legend_line(INK, "none", marker="|", markersize=8), answer.words)]
     entries += _draw_event(top, rows, answer)

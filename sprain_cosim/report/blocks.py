@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from markupsafe import Markup
 
 from ..folders.comparison import MeanEstimate
-from ..units import percentage, percentage_ends
+from ..units import percentage_ends, percentage_within
 
 
 def rich(text: str, **values: Any) -> Markup:
@@ -41,7 +41,7 @@ def probability_cell(e: MeanEstimate | None, shapes: tuple[float, float] | None)
     """A probability in percent, with what the landings leave open and what the shape of its threshold does."""
     if e is None or e.value is None:
         return ""
-    return Cell(percentage(e.value), tuple(probability_doubts(e, shapes)))
+    return Cell(percentage_within(e.value, e.ci_low, e.ci_high), tuple(probability_doubts(e, shapes)))
 
 
 def probability_doubts(e: MeanEstimate, shapes: tuple[float, float] | None) -> list[str]:

@@ -77,7 +77,7 @@
       const W = Math.max(320, Math.min(1700, svg.clientWidth || 860)), H = Math.max(250, Math.min(420, 0.62 * W));
       const left = 58, right = 12, top = 12, bottom = 46;
       svg.textContent = "";
-      readout.textContent = chart.hint; // a value read off before belongs to other curves
+      readout.textContent = chart.hint + (option.hint || ""); // a value read off before belongs to other curves
       svg.setAttribute("viewBox", `0 0 ${W} ${H}`);
       svg.setAttribute("font-size", "13");
       scale = null;
@@ -161,7 +161,7 @@
     let width = svg.clientWidth;
     window.addEventListener("resize", () => { if (svg.clientWidth !== width) { width = svg.clientWidth; plot(); } });
   }
-  document.querySelectorAll(".figures figure").forEach((figure) => {
+  document.querySelectorAll(".figures figure, .hero figure").forEach((figure) => {
     const grow = () => { figure.setAttribute("aria-expanded", String(figure.classList.toggle("large"))); figure.scrollIntoView({ block: "nearest" }); };
     figure.tabIndex = 0;
     figure.title = "Enlarge or shrink: click or Enter";

@@ -52,7 +52,7 @@ def charts(items: Sequence[Named], looks: Mapping[str, StyledLook]) -> list[dict
     distributions = {
         "id": "chart-distribution",
         "title": "Share of landings below a value",
-        "hint": f"{HINT} Circles: published levels. Grey: injury range.{_thinned(studies)}",
+        "hint": f"{HINT}{_thinned(studies)}",
         "options": _distributions(studies),
     }
     signals = {"id": "chart-time", "title": "Signals over time", "hint": HINT, "options": _signals(runs)}
@@ -79,8 +79,18 @@ def _distributions(studies: Sequence[tuple[str, StudyFolder, Look]]) -> list[dic
         if series:
             mean, sd = INJURY_INVERSION
             text = response_label(response)
-            option = {"label": text, "xlabel": text, "xunit": unit_alone(response), "kind": "cdf", "series": series}
-            options.append(option | ({"band": [mean - sd, mean + sd]} if response == INVERSION else {}))
+            option: dict[str, Any] = {
+                "label": text,
+                "xlabel": text,
+                "xunit": unit_alone(response),
+                "kind": "cdf",
+                "series": series,
+            }
+            said = " Circles: published levels." if any(s["marks"] for s in series) else ""
+            if response == INVERSION:
+                option["band"] = [mean - sd, mean + sd]
+                said += " Grey: injury range."
+            options.append(option | ({"hint": said} if said else {}))
     return options
 
 

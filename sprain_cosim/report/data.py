@@ -13,6 +13,7 @@ from ..folders.comparison import INJURY, NONE, ComparisonFolder, MeanEstimate
 from ..folders.read import Folder
 from ..folders.run import RunFolder
 from ..metrics import unit_of
+from ..study.summary import LevelSearch
 from .blocks import Block, Download, Paragraph
 from .charts import EXPLORED
 
@@ -78,6 +79,13 @@ def _of_items(items: Sequence[Named]) -> Iterator[Line]:
             yield name, key, unit_of(key), "SD", r.sd, None, None, n
             for level, p in r.percentiles.items():
                 yield name, key, unit_of(key), f"{level} %", p.value, p.ci_low, p.ci_high, n
+        search = item.summary.search
+        if isinstance(search, LevelSearch):
+            for level, v in search.levels.items():
+                yield name, item.response, unit_of(item.response), f"{level} % by the method", v.value, None, None, n
+        elif search is not None:
+            ends = search.ci_low, search.ci_high
+            yield name, item.response, "1", "probability above the threshold", search.probability, *ends, search.sampled
         for key, q in item.summary.questions.items():
             low, high = q.sampling_ci or (q.ci_low, q.ci_high)
             yield (

@@ -126,7 +126,11 @@ def _threshold(found: DesignSearch, point: DesignPoint) -> Markup:
     sampled = "".join(f" ({e} % by landings)" for e in percentage_ends(*(p.sampling_ci or (None, None))))
     least = " The threshold is what is known least: more landings change nothing." if p.dominates == "threshold" else ""
     at = f"{_figures(point.value)}{_unit(found)}"
-    value = "" if p.value is None else f"At {at} the probability is {percent(p.value)}{sampled}; "
+    value = (
+        ""
+        if p.value is None
+        else f"At {at} the probability is {percent(p.value, interval=p.sampling_ci or (None, None))}{sampled}; "
+    )
     words = known[0] if value else f"{known[0][:1].upper()}{known[0][1:]}"
     return rich(" {value}{words}.{least}", value=value, words=words, least=least)
 
@@ -181,7 +185,10 @@ def _rows(found: DesignSearch, point: DesignPoint) -> list[Row]:
     rows: list[Row] = [
         [f"{found.find} {_named(found.parameter)}", Cell(status or f"{_figures(point.value)}{unit}", notes)],
         ["95 % sure", f"{_on_the_safe_side(found, point.value_95)}{unit if point.value_95 is not None else ''}"],
-        [f"probability at {_figures(point.value)}{unit} [%]", Cell(percent(p.value), tuple(doubts))],
+        [
+            f"probability at {_figures(point.value)}{unit} [%]",
+            Cell(percent(p.value, interval=p.sampling_ci or (None, None)), tuple(doubts)),
+        ],
         ["goal", found.in_words(point)],
         ["landings", Cell(str(found.landings), (f"{point.fresh} of them fresh, at the value",))],
     ]

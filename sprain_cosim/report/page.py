@@ -26,7 +26,7 @@ from .charts import charts, script_data
 from .data import downloads
 from .html import asset, render
 from .scene import NOTHING, Scene, landing_scene
-from .verdict import verdicts
+from .verdict import notes_of_comparisons, verdicts
 
 NAME = "report.html"
 ANIMATION = ("animation.webp", 2_000_000)  # shown when no larger [bytes]
@@ -82,11 +82,13 @@ def report_page(folders: Sequence[Folder], trial: str | None = None) -> str:
     ):
         scene = landing_scene(folders, items, looks, trial)
         drawn = pictures()
-    missing = "" if trial == NOTHING else _missing(folders, items, scene)
+    missing = "" if trial == NOTHING else _missing(scene)
     hero = Hero(verdicts(folders, items), drawn[0] if drawn else None, scene.frame, scene.alt, missing)
     sections = [
         PageSection("verdict", "Verdict", hero.blocks),
-        PageSection("numbers", "Numbers", tables.numbers_tables(folders, items)),
+        PageSection(
+            "numbers", "Numbers", [*tables.numbers_tables(folders, items), *notes_of_comparisons(folders, items)]
+        ),
         PageSection("explore", "Look closer", [Chart(c) for c in content]),
         PageSection("figures", "Figures", _pictures(drawn[1:], folders, items)),
         PageSection("sensitivities", "What drives the result", tables.sensitivities_tables(items)),
@@ -109,20 +111,12 @@ def report_page(folders: Sequence[Folder], trial: str | None = None) -> str:
     )
 
 
-def _missing(folders: Sequence[Folder], items: Sequence[Named], scene: Scene) -> str:
-    """Why there is no landing to turn, and how to get one."""
-    if scene.content is not None:
+def _missing(scene: Scene) -> str:
+    """Why a landing to turn is missing; each reason says what to do."""
+    if scene.content is not None and not scene.reason:
         return ""
-    name = folders[0].path.name
-    studies = [item for _, item in items if isinstance(item, StudyFolder)]
-    how = "Run it again with this version; its folder then holds the landing whole."
-    if studies:
-        place = studies[0].path.name if studies[0].path == folders[0].path else f"{name}/{studies[0].path.name}"
-        how = (
-            f"“sprain-cosim trial {place} N --out LANDING” runs landing N again and keeps it whole; “sprain-cosim "
-            f"report {name} LANDING” then shows it."
-        )
-    return f"There is no landing to turn here. {scene.reason}{'' if scene.reason.endswith('.') else '.'} {how}"
+    what = "There is no landing to turn here" if scene.content is None else "Not every landing can be turned"
+    return f"{what}: {scene.reason}{'' if scene.reason.endswith('.') else '.'}"
 
 
 def _title(folders: Sequence[Folder], items: Sequence[Named]) -> str:

@@ -29,7 +29,7 @@ from ..folders.read import Folder
 from ..folders.run import RunFolder
 from ..folders.study import StudyFolder
 
-MOST = 6  # landings of one page
+MOST = 12  # landings of one page
 TRIAL = re.compile(r"\d+|worst|p(\d{1,2}(\.\d+)?|100)")
 NOTHING = "none"  # in place of a trial: no landing, nothing is simulated
 Moving = tuple[str, MovingBodies]  # the name of a result, and its landing
@@ -78,7 +78,9 @@ def landing_scene(
             landing = load_landing(item.path, chosen)
             landings.append((name, landing, MovingBodies.of(landing)))
         except SprainError as problem:
-            reasons[str(problem)] = None
+            reasons[str(problem).replace(str(item.path), item.path.name)] = None
+    if len(items) > MOST:
+        reasons[f"a page shows {MOST} landings, these are {len(items)}"] = None
     reason = "; ".join(reasons)
     if not landings:
         return Scene(None, reason=reason)

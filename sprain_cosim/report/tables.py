@@ -19,12 +19,12 @@ from ..folders.study import StudyFolder
 from ..metrics import pose_artefacts, table, unit_of
 from ..records import ends_of
 from ..study.manifest import FmuFile
-from ..study.summary import FormSearch, LevelSearch, Percentile, Probability, Response, SobolSearch
-from ..units import percentage_ends
+from ..study.summary import FormSearch, LevelSearch, LevelTest, Percentile, Probability, Response, SobolSearch
+from ..units import FINEST, RARE, percentage, percentage_ends
 from .blocks import Block, Cell, Folded, Heading, PageTable, Paragraph, Row, probability_cell
 from .design import design_blocks
 from .persons import groups_table, persons_tables, who_landed
-from .words import ends, percent, rounded, signed
+from .words import UNKNOWN, ends, percent, rounded, signed
 
 FAILURES = 20  # rows of the table of failed trials
 SOURCES = (
@@ -35,7 +35,12 @@ SOURCES = (
 OF_COMPARISON = (
     "Means, with 95 % intervals where the landings are a random sample; changes are paired over the same landings."
 )
-OF_LEVELS = "Small: 95 % intervals; “published”: the same study in Yoder et al. 2021."
+OF_LEVELS = "Small: 95 % intervals."
+PUBLISHED = "“published”: the same study in Yoder et al. 2021."
+OF_FACTORS = (
+    "Pearson's r: + raises the response. dSD/dmean and dSD/dSD: by how much the response's "
+    "standard deviation follows the input's mean and standard deviation, both normalised. Small: 95 % intervals."
+)
 OF_METRICS = (
     "JCS angles are raw (not zeroed), moments are those at the time of the axis' own peak and positive when they "
     "resist."
@@ -55,14 +60,57 @@ def numbers_tables(folders: Sequence[Folder], items: Sequence[Named]) -> list[Bl
         blocks += persons_tables(folder.summary.persons) if folder.summary.persons else []
     studies = [(n, s) for n, s in items if isinstance(s, StudyFolder) and s.is_sample]
     if studies:
-        blocks += [_levels(studies), Paragraph(OF_LEVELS, "about")]
+        published = f" {PUBLISHED}" if any(s.published_peak for _, s in studies) else ""
+        blocks += [_levels(studies), Paragraph(OF_LEVELS + published, "about")]
+    blocks += _searches(items)
     for _, item in items:
         if isinstance(item, StudyFolder) and item.summary.design is not None:
             blocks += design_blocks(item.summary.design)
-    runs = [(n, r) for n, r in items if isinstance(r, RunFolder)]
-    if runs and not comparisons:
+    compared = {id(member) for folder in comparisons for member in folder.members.values()}
+    runs = [(n, r) for n, r in items if isinstance(r, RunFolder) and id(r) not in compared]
+    if runs:
         blocks.append(_peaks(runs))
     return blocks + _failures(studies)
+
+
+def _searches(items: Sequence[Named]) -> list[Block]:
+    """What methods of few landings found, and what tests it."""
+    blocks: list[Block] = []
+    for name, item in items:
+        found = None if isinstance(item, RunFolder) else item.summary.search
+        if not isinstance(item, StudyFolder) or found is None:
+            continue
+        blocks += [Heading(name)] if len(items) > 1 else []
+        if isinstance(found, FormSearch):
+            orders = {"first order alone": found.first_order if found.ci_low is not None else found.probability}
+            orders |= {f"second order, {formula}": p for formula, p in (found.second_order or {}).items()}
+            rows: list[Row] = [[order, percent(p, RARE)] for order, p in orders.items()]
+            rows.append(["reliability index β of first order", rounded(found.beta)])
+            if found.ci_low is not None:
+                ends_of_it = found.ci_low, found.ci_high
+                cell = Cell(percent(found.probability, RARE, ends_of_it), _doubts(found, RARE))
+                rows.insert(0, [f"P({plots.label(item.response)} above the threshold)", cell])
+            blocks.append(PageTable(["", ""], rows))
+            continue
+        heads, test = [response_label(item.response), "level"], found.check
+        rows = [[f"{level} %", rounded(v.value)] for level, v in found.levels.items()]
+        if test is not None:
+            heads.append(f"of {test.n} random landings below it [%]")
+            rows = [[*row, _below(level, test)] for row, level in zip(rows, found.levels, strict=True)]
+        beside = [_published(item.published_peak.get(f"{level} % [deg]")) for level in found.levels]
+        rows = [[row[0], Cell(str(row[1]), notes), *row[2:]] for row, notes in zip(rows, beside, strict=True)]
+        published = f" {PUBLISHED}" if any(beside) else ""
+        blocks += [PageTable(heads, rows), Paragraph(OF_LEVELS + published, "about")]
+    return blocks
+
+
+def _below(level: str, test: LevelTest) -> str | Cell:
+    """The share of random landings below a level, in percent."""
+    off, (low, high) = test.off.get(level), test.ci.get(level, (None, None))
+    if off is None or low is None or high is None:
+        return UNKNOWN
+    share = float(level)
+    return Cell(f"{share + off:.3g}", (f"{share + low:.3g} … {share + high:.3g}",))
 
 
 def _levels(studies: Studies) -> PageTable:
@@ -76,10 +124,8 @@ def _levels_of(study: StudyFolder) -> dict[str, str | Cell]:
     """{row: cell} of the table of numbers."""
     summary = study.summary
     found = summary.responses.get(study.response)
-    cells: dict[str, str | Cell] = {
-        "initial pose": study.pose,
-        "landings completed": f"{summary.n_completed} of {summary.n_requested}",
-    }
+    cells: dict[str, str | Cell] = {"initial pose": study.pose} if study.pose else {}
+    cells["landings completed"] = f"{summary.n_completed} of {summary.n_requested}"
     if found is not None:
         name = response_label(study.response)
         for level in ("5", "50", "95"):
@@ -87,21 +133,23 @@ def _levels_of(study: StudyFolder) -> dict[str, str | Cell]:
             beside = _published(study.published_peak.get(f"{level} % [deg]"))
             cells[f"{name}: {level} %"] = Cell(rounded(p.value), (*ends(p.ci_low, p.ci_high), *beside))
         cells[f"{name}: mean ± SD"] = _mean_sd(found)
+    elif study.response in study.done and len(values := study.done[study.response].dropna()):
+        cells[f"{response_label(study.response)}: all"] = ", ".join(rounded(v) for v in sorted(values.tolist()))
     for key, q in summary.questions.items():
         own = "" if q.source == "own" else ", literature"
         label = f"P({plots.label(q.response or key).partition(', +')[0]} {q.event}){own}"
-        cells[label] = Cell(percent(q.probability), _doubts(q))
+        cells[label] = Cell(percent(q.probability, interval=(q.ci_low, q.ci_high)), _doubts(q))
     return cells
 
 
-def _doubts(q: Probability) -> tuple[str, ...]:
+def _doubts(q: Probability | FormSearch, finest: float = FINEST) -> tuple[str, ...]:
     """What the sample and what the threshold leave open, a line each."""
-    lines = [f"sample {e}" for e in percentage_ends(q.ci_low, q.ci_high)]
+    lines = [f"sample {e}" for e in percentage_ends(q.ci_low, q.ci_high, finest)]
     if q.threshold_ci is not None:
         behind = f"threshold, n = {q.specimens}:" if q.specimens else "threshold's ends"
-        lines += [f"{behind} {e}" for e in percentage_ends(*q.threshold_ci)]
+        lines += [f"{behind} {e}" for e in percentage_ends(*q.threshold_ci, finest)]
     if (shapes := ends_of(q.shapes)) is not None:
-        lines += [f"threshold's shape {e}" for e in percentage_ends(*shapes)]
+        lines += [f"threshold's shape {e}" for e in percentage_ends(*shapes, finest)]
     return tuple(lines)
 
 
@@ -109,13 +157,23 @@ def _peaks(runs: Sequence[tuple[str, RunFolder]]) -> PageTable:
     columns = [{label: (value, unit, at) for label, value, unit, at in table(run.result)} for _, run in runs]
     units = {label: unit for column in columns for label, (_, unit, _) in column.items()}
 
-    def cell(column: Mapping[str, tuple[float, str, float]], label: str) -> str | Cell:
+    def cell(column: Mapping[str, tuple[float, str, float]], label: str, run: RunFolder) -> str | Cell:
         if label not in column:
             return ""
         value, _, at = column[label]
-        return Cell(rounded(value), (f"at {1e3 * at:.1f} ms",))
+        doubt = run.summary.coupling_doubt_deg if label == next(iter(units)) else None
+        by_the_step = () if doubt is None else (f"step ± {doubt:.2g}",)
+        return Cell(rounded(value), (f"at {1e3 * at:.1f} ms", *by_the_step))
 
-    rows = [[f"{label} [{unit}]", *(cell(column, label) for column in columns)] for label, unit in units.items()]
+    rows: list[Row] = [
+        [f"{label} [{unit}]", *(cell(column, label, run) for column, (_, run) in zip(columns, runs, strict=True))]
+        for label, unit in units.items()
+    ]
+    shares = [run.summary.coupling_error for _, run in runs]
+    if any(share is not None for share in shares):
+        rows.append(
+            ["coupling error [% of the energy exchanged]", *("" if s is None else percentage(s) for s in shares)]
+        )
     return PageTable(["", *(n for n, _ in runs)], rows)
 
 
@@ -177,12 +235,13 @@ def _failures(studies: Studies) -> list[Block]:
     rows = []
     for name, study in studies:
         bad = study.trials[study.trials["status"] != "completed"]
-        rows += [[name, str(r.trial), str(r.status), str(getattr(r, "message", ""))] for r in bad.itertuples()]
+        first = [name] if len(studies) > 1 else []
+        rows += [[*first, str(r.trial), str(r.status), str(getattr(r, "message", ""))] for r in bad.itertuples()]
     if not rows:
         return []
     blocks: list[Block] = [
         Heading("Failed landings"),
-        PageTable(["", "trial", "status", "why"], rows[:FAILURES], "text"),
+        PageTable([*[""] * (len(studies) > 1), "trial", "status", "why"], rows[:FAILURES], "text"),
     ]
     return blocks + ([Paragraph(f"{len(rows) - FAILURES} more in trials.csv.")] if len(rows) > FAILURES else [])
 
@@ -203,7 +262,8 @@ def sensitivities_tables(items: Sequence[Named]) -> list[Block]:
             parts.append((name, found))
     studies = [study for _, study in items if isinstance(study, StudyFolder)]
     groups = [groups_table(study.response, (study.summary.groups or {}).get(study.response, {})) for study in studies]
-    return [*_folded(parts), *(block for blocks in groups for block in blocks)]
+    about = [Paragraph(OF_FACTORS, "about")] if any("dSD/dSD" in table.heads for _, table in parts) else []
+    return [*_folded(parts), *about, *(block for blocks in groups for block in blocks)]
 
 
 def _of_indices(study: StudyFolder, found: SobolSearch) -> PageTable:
@@ -256,8 +316,8 @@ def metrics_tables(items: Sequence[Named]) -> list[Block]:
     for name, item in items:
         if isinstance(item, RunFolder):
             thrown = pose_artefacts(item.summary.metrics, item.pose)
-            rows = [[_metric(k, thrown), rounded(v), unit_of(k)] for k, v in item.summary.metrics.items()]
-            parts.append((name, PageTable(["response", "value", "unit"], rows)))
+            rows = [[_metric(k, thrown), rounded(v and _factor(k) * v)] for k, v in item.summary.metrics.items()]
+            parts.append((name, PageTable(["response", "value"], rows)))
         elif item.summary.responses:
             parts.append((name, _responses(item)))
     return [*_folded(parts), Paragraph(OF_METRICS, "about")] if parts else []
@@ -268,18 +328,28 @@ def _responses(study: StudyFolder) -> PageTable:
     thrown = pose_artefacts(study.summary.responses, study.pose)
     for key, r in study.summary.responses.items():
         there = f"{table3[key][0]:g}\u00a0±\u00a0{table3[key][1]:g}" if key in table3 else ""
-        levels = [rounded(r.percentiles[p].value if p in r.percentiles else None) for p in ("5", "50", "95")]
-        rows.append([_metric(key, thrown), unit_of(key), _mean_sd(r), there, *levels])
-    heads = ["response", "unit", "mean ± SD", "published", "5 %", "50 %", "95 %"]
-    if not any(row[3] for row in rows):
-        heads.pop(3)
-        rows = [row[:3] + row[4:] for row in rows]
+        factor = _factor(key)
+        levels = [
+            Cell(rounded(p.value and factor * p.value), ends(p.ci_low, p.ci_high, factor))
+            for p in (r.percentiles.get(level, Percentile(None)) for level in ("5", "50", "95"))
+        ]
+        rows.append([_metric(key, thrown), _mean_sd(r, factor), there, *levels])
+    heads = ["response", "mean ± SD", "published", "5 %", "50 %", "95 %"]
+    if not any(row[2] for row in rows):
+        heads.pop(2)
+        rows = [row[:2] + row[3:] for row in rows]
     return PageTable(heads, rows)
 
 
+def _factor(key: str) -> float:
+    """Times are read in milliseconds."""
+    return 1e3 if unit_of(key) == "s" else 1.0
+
+
 def _metric(key: str, thrown: Collection[str]) -> str | Cell:
-    """The name of a metric; with a remark where the initial pose alone gives it."""
-    return Cell(plots.label(key), ("of the published pose, not of a landing",)) if key in thrown else plots.label(key)
+    """The name of a metric with its unit; with a remark where the initial pose alone gives it."""
+    name = f"{plots.label(key)} [ms]" if unit_of(key) == "s" else response_label(key)
+    return Cell(name, ("of the published pose, not of a landing",)) if key in thrown else name
 
 
 def inputs_tables(items: Sequence[Named]) -> list[Block]:
@@ -377,8 +447,9 @@ def _parameter(name: str) -> Cell:
     return Cell(known[0], name=name) if known else Cell(name, code=True)
 
 
-def _mean_sd(found: Response) -> str:
-    return f"{rounded(found.mean)}\u00a0±\u00a0{rounded(found.sd)}"
+def _mean_sd(found: Response, factor: float = 1.0) -> str:
+    mean, sd = (rounded(v and factor * v) for v in (found.mean, found.sd))
+    return f"{mean}\u00a0±\u00a0{sd}"
 
 
 def _published(figure: Any) -> tuple[str, ...]:

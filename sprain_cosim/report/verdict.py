@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from .. import figures as plots
 from ..figures.braces import threshold_doubts
-from ..figures.selection import Named, response_label, same_question
+from ..figures.selection import Named, same_question
 from ..folders.comparison import (
     INJURY,
     INVERSION,
@@ -20,20 +20,33 @@ from ..folders.comparison import (
     Decisions,
     MeanEstimate,
     PairLook,
+    called,
 )
 from ..folders.read import Folder
 from ..folders.run import RunFolder
 from ..folders.study import PEAK, StudyFolder
 from ..literature import INJURY_INVERSION
 from ..records import ends_of
-from ..study.summary import FormSearch, Level, LevelSearch, LevelTest, Percentile, Probability, Threshold, UntilRule
-from ..units import RARE, percentage_ends
+from ..study.summary import (
+    GIVEN_ROWS,
+    FormSearch,
+    Level,
+    LevelSearch,
+    LevelTest,
+    Percentile,
+    Probability,
+    SobolSearch,
+    Threshold,
+    UntilRule,
+)
+from ..units import RARE, percentage, percentage_ends
 from .blocks import Block, Paragraph, Verdict, rich
 from .design import design_verdict
 from .persons import persons_sentence
 from .words import WithInterval, ends, interval, percent, rounded, signed, unit_after
 
 MEAN, SD = INJURY_INVERSION
+MOST_NAMED = 3  # inputs of a sentence
 Change = tuple[
     float, str, WithInterval
 ]  # of the peak against no brace, name of the brace, the change with its interval
@@ -53,12 +66,37 @@ def verdicts(folders: Sequence[Folder], items: Sequence[Named]) -> list[Block]:
         shown = name if len(items) > 1 else ""
         if isinstance(item, RunFolder):
             if id(item) not in compared:
-                found.append(Verdict(_of_run(item), shown))
+                warned = bool(item.summary.warning) or item.summary.coupling_converged is False
+                found.append(Verdict(_of_run(item), shown, warned))
         elif item.summary.n_failed or id(item) not in compared:
             found.append(_of_trials(item, shown, items))
-    studies = [item for _, item in items if isinstance(item, StudyFolder) and id(item) not in compared]
-    notes = dict.fromkeys(note for study in studies for note in _notes(study))
-    return [*(v for v in found if v is not None), *(Paragraph(n, "about") for n in notes), Paragraph(LIMITED)]
+    studies = [(name, item) for name, item in items if isinstance(item, StudyFolder)]
+    notes, of_all = _shared([(name, _notes(study)) for name, study in studies])
+    first = notes if compared else [*of_all, *notes]
+    return [*(v for v in found if v is not None), *(Paragraph(n, "about") for n in first), Paragraph(LIMITED)]
+
+
+def notes_of_comparisons(folders: Sequence[Folder], items: Sequence[Named]) -> list[Block]:
+    """What all studies of the page have to say alike, where braces are compared: below the numbers, since the answer is
+    the difference."""
+    if not any(isinstance(folder, ComparisonFolder) for folder in folders):
+        return []
+    _, of_all = _shared([(name, _notes(study)) for name, study in items if isinstance(study, StudyFolder)])
+    return [Paragraph(note, "about") for note in of_all if note.lower() != f"{GIVEN_ROWS}."]
+
+
+def _shared(notes: Sequence[tuple[str, Sequence[str]]]) -> tuple[list[str], list[str]]:
+    """Each note once: those of some studies, with their names, and those of all."""
+    found: dict[str, list[str]] = {}
+    for name, said in notes:
+        for note in said:
+            found.setdefault(note, []).append(name)
+    of_some = [
+        f"{' and '.join(names)}: {note[:1].lower()}{note[1:]}"
+        for note, names in found.items()
+        if len(names) < len(notes)
+    ]
+    return of_some, [note for note, names in found.items() if len(names) == len(notes)]
 
 
 def _of_trials(study: StudyFolder, name: str, items: Sequence[Named]) -> Verdict:
@@ -108,7 +146,16 @@ def _of_comparison(folder: ComparisonFolder) -> Verdict | None:
     failed = "; ".join(f"{name}: {brace.message}" for name, brace in folder.summary.failed.items())
     if failed:
         text += rich(" <b>Failed:</b> {failed}.", failed=failed)
-    return Verdict(text, warn=bool(failed), headline=headline) if text else None
+    said = [f"{called(name)}: {line}" for name in folder.summary.braces for line in _said_of(folder, name)]
+    text += Markup("").join(_warned(line) for line in said)
+    return Verdict(text, warn=bool(failed or said), headline=headline) if text else None
+
+
+def _said_of(folder: ComparisonFolder, name: str) -> list[str]:
+    """The warnings about a brace; parameters that it lacks stand among its inputs."""
+    member = folder.members.get(name)
+    lacks = member is not None and bool(member.summary.dropped)
+    return [line for line in folder.summary.braces[name].warnings if not (lacks and line.endswith("dropped"))]
 
 
 def _best_first(folder: ComparisonFolder, rows: Sequence[Change]) -> tuple[Markup, Markup]:
@@ -122,7 +169,8 @@ def _best_first(folder: ComparisonFolder, rows: Sequence[Change]) -> tuple[Marku
     if rows[1:]:
         others = [f"{n} {signed(v)}°{_within(e, False, ' (', ')')}" for v, n, e in rows[1:]]
         text += f" Peak of supination against no brace, the others: {', '.join(others)}."
-    text += f" Every brace made the same {summary.count if summary.is_study else 'landing'}."
+    if summary.decisions is None:
+        text += f" Every brace made the same {summary.count if summary.is_study else 'landing'}."
     if summary.has_intervals and summary.decisions is None and len(rows) > 2:
         text += f" Each interval holds by itself: the best of {len(rows)} was chosen by these same landings."
     alike = [] if summary.decisions is not None else _not_apart(folder, best, [name for _, name, _ in rows[1:]])
@@ -239,13 +287,16 @@ def _injuries(folder: ComparisonFolder, best: str) -> Markup:
     if without is None or with_best is None or without.value is None or with_best.value is None:
         return Markup("")
     doubts = [f"as far as the landings know it {e} %" for e in percentage_ends(with_best.ci_low, with_best.ci_high)]
-    ends = threshold_doubts(folder).get(best, (None, None))
-    doubts += [f"as far as the threshold is known {e} %" for e in percentage_ends(*ends)]
+    thresholds = threshold_doubts(folder)
+    doubts += [f"as far as the threshold is known {e} %" for e in percentage_ends(*thresholds.get(best, (None, None)))]
+    beside = [f"{e} %" for e in percentage_ends(without.ci_low, without.ci_high)]
+    beside += [f"{e} %" for e in percentage_ends(*thresholds.get(NONE, (None, None)))]
     return rich(
-        "{exceeds}: <b>{best}</b> instead of {without}{doubts}.",
+        "{exceeds}: <b>{best}</b>{doubts} instead of {without}{beside}.",
         exceeds=EXCEEDS,
-        without=percent(without.value),
-        best=percent(with_best.value),
+        beside=f" ({'; '.join(beside)})" if beside else "",
+        without=percent(without.value, interval=(without.ci_low, without.ci_high)),
+        best=percent(with_best.value, interval=(with_best.ci_low, with_best.ci_high)),
         doubts=f" ({'; '.join(doubts)})" if doubts else "",
     )
 
@@ -268,8 +319,17 @@ def _of_run(run: RunFolder) -> Markup:
         share = 100 * brace / (anatomy + brace)
         text += f" At the peak the brace bore {brace:z.1f} of {anatomy + brace:z.1f} N·m ({share:z.0f} %)."
     if run.summary.coupling_error is not None:
-        text += f" Coupling error: {100 * run.summary.coupling_error:.2g} % of the energy exchanged."
+        text += f" Coupling error: {percentage(run.summary.coupling_error)} % of the energy exchanged."
+    if run.summary.estimates_doubt_deg is not None:
+        text += f" What is estimated of the body leaves ± {run.summary.estimates_doubt_deg:.2g}° open (one SD)."
+    if run.summary.warning:
+        text += _warned(run.summary.warning)
     return text
+
+
+def _warned(line: str) -> Markup:
+    """What `run` and `compare` warned of when the landing was made."""
+    return rich(" <b>Warning:</b> {line}{end}", line=line, end="" if line.endswith(("?", ".")) else ".")
 
 
 def _by_the_step(doubt: float | None) -> str:
@@ -282,6 +342,8 @@ def _of_study(study: StudyFolder) -> Markup:
     summary = study.summary
     n, done, failed = summary.n_requested, summary.n_completed, summary.n_failed
     text = _distribution(study)
+    if summary.sobol is not None:
+        text += _of_indices(summary.sobol)
     own = [(key, q) for key, q in summary.questions.items() if q.source == "own"]
     for key, q in own:
         text += _answer(f"Probability that the {plots.label(q.response or key).partition(', +')[0]} lies {q.event}", q)
@@ -289,7 +351,7 @@ def _of_study(study: StudyFolder) -> Markup:
     if question is not None:
         text += _answer(EXCEEDS, question)
     if summary.until is not None:
-        text += until_words(summary.until)
+        text += until_words(summary.until, summary.responses)
     if failed:
         kinds = ", ".join(f"{count} {status}" for status, count in summary.failures.items())
         text += rich(
@@ -303,19 +365,42 @@ def _of_study(study: StudyFolder) -> Markup:
     return text
 
 
+def _of_indices(found: SobolSearch) -> Markup:
+    """The inputs that explain most of the variance alone, with their intervals."""
+    first = sorted(found.indices.items(), key=lambda kv: -(kv[1].first or 0.0))[:MOST_NAMED]
+    words = [
+        f"{plots.label(name).partition(',')[0]} {percent(v.first)}{_percents(v.first_low, v.first_high)}"
+        for name, v in first
+        if v.first is not None
+    ]
+    return rich(" Of its variance these explain most by themselves: <b>{words}</b>.", words=", ".join(words))
+
+
+def _percents(low: float | None, high: float | None) -> str:
+    if low is None or high is None:
+        return ""
+    return f" ({100 * low:.0f} … {100 * high:.0f} %)".replace("-", "−")
+
+
 def _notes(study: StudyFolder) -> list[str]:
     """What a sample has to say of itself besides its answer, with responses by the names that readers know."""
     summary, found = study.summary, list[str]()
     for note in summary.notes if summary.search is None and summary.design is None else ():
-        for response in sorted(summary.responses, key=len, reverse=True):
-            note = note.replace(response, plots.label(response).partition(", ")[0])
+        note = _as_read(note, summary.responses)
         found.append(f"{note[:1].upper()}{note[1:]}.")
     return found
 
 
-def until_words(rule: UntilRule) -> Markup:
-    """What was to be known, whether it is, and what stopping saved."""
-    found = "; ".join(w.text(name) for name, w in rule.watched.items())
+def _as_read(text: str, responses: Iterable[str]) -> str:
+    """A text that names responses as files do, with the names that readers know."""
+    for response in sorted(responses, key=len, reverse=True):
+        text = text.replace(response, plots.label(response).partition(", ")[0])
+    return text
+
+
+def until_words(rule: UntilRule, responses: Iterable[str] = ()) -> Markup:
+    """What was to be known, whether it is, and what stopping saved; `responses` that it may name."""
+    found = _as_read("; ".join(w.text(name) for name, w in rule.watched.items()), responses).replace(" ... ", " … ")
     looks = len([n for n in rule.planned if n <= rule.trials])
     if not rule.known:
         return rich(
@@ -342,7 +427,7 @@ def _answer(event: str, q: Probability) -> Markup:
     return rich(
         " {event}: <b>{p}</b>{doubts}.{dominates}",
         event=event,
-        p="not one number" if q.probability is None else percent(q.probability),
+        p="not one number" if q.probability is None else percent(q.probability, interval=(q.ci_low, q.ci_high)),
         doubts=f" ({'; '.join(doubts)})" if doubts else "",
         dominates=_dominates(q),
     )
@@ -382,13 +467,13 @@ def _distribution(study: StudyFolder) -> Markup:
         of_grid = study.summary.method == "grid"
         low, high = rounded(float(values.min())), rounded(float(values.max()))
         return rich(
-            "{where} the {response} {lay}.",
+            "{where} the {name} {lay}.",
             where="In one landing"
             if done == 1
             else f"At {done} points of a grid"
             if of_grid
             else f"In {done} simulated landings",
-            response=response_label(response),
+            name=_called(response),
             lay=rich("was <b>{low}{unit}</b>", low=low, unit=unit)
             if len(values) == 1
             else rich("lay between <b>{low} and {high}{unit}</b>", low=low, high=high, unit=unit),
@@ -400,13 +485,18 @@ def _distribution(study: StudyFolder) -> Markup:
         "In {done} simulated landings the {name} was <b>{p50}{unit}</b> in the median{about}, and between {p5} and "
         "{p95}{unit} in nine of ten.",
         done=done,
-        name="peak of supination" if response == PEAK else plots.label(response).partition(",")[0],
+        name=_called(response),
         p50=rounded(p50.value),
         unit=unit,
         about=interval(p50, 1, unit),
         p5=rounded(p5.value),
         p95=rounded(p95.value),
     )
+
+
+def _called(response: str) -> str:
+    """A response inside a sentence."""
+    return "peak of supination" if response == PEAK else plots.label(response).partition(",")[0]
 
 
 def _of_search(study: StudyFolder, found: LevelSearch | FormSearch) -> Markup:
@@ -426,7 +516,7 @@ def _of_search(study: StudyFolder, found: LevelSearch | FormSearch) -> Markup:
             cost=cost,
             response=response,
             threshold=_threshold(found.threshold, unit),
-            p=percent(found.probability, RARE),
+            p=percent(found.probability, RARE, (found.ci_low, found.ci_high)),
             beside=_beside_estimate(found),
         )
     reasons = "; ".join(found.reasons)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any, Protocol
 
 from ..metrics import unit_of
-from ..units import FINEST, percentage
+from ..units import FINEST, percentage_within
 
 UNKNOWN = "–"
 SIGNS: Mapping[str, str] = {"deg": "°", "deg/s": "°/s"}
@@ -37,9 +37,9 @@ def signed(value: float | None, digits: int = 1) -> str:
     return UNKNOWN if value is None else f"{value:+z.{digits}f}".replace("-", "−")
 
 
-def percent(p: float | None, finest: float = FINEST) -> str:
-    """A probability 0 ... 1 in percent, as `percentage` has it."""
-    return UNKNOWN if p is None else f"{percentage(p, finest)} %"
+def percent(p: float | None, finest: float = FINEST, interval: tuple[float | None, float | None] = (None, None)) -> str:
+    """A probability 0 ... 1 in percent, as fine as its `interval`."""
+    return UNKNOWN if p is None else f"{percentage_within(p, *interval, finest)} %"
 
 
 def interval(entry: WithInterval, factor: float, unit: str, negate: bool = False) -> str:

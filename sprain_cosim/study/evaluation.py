@@ -29,6 +29,7 @@ from .marginals import Fitted
 from .plan import Plan
 from .questions import LITERATURE, Question, computed_response, threshold_text
 from .summary import (
+    GIVEN_ROWS,
     PAIR,
     Axis,
     ChaosFit,
@@ -351,7 +352,7 @@ class _Sample:
                 "does not exceed (A. B. Owen, SIAM J. Numer. Anal. 34, 1997, 1884)"
             )
         elif study.method == "table":
-            notes.append("intervals hold if the given rows are independent draws")
+            notes.append(GIVEN_ROWS)
             notes += _held_in_table(study, done)
         elif study.method == "grid":
             notes.append("a grid is no sample: moments and percentiles describe its points, no probability is theirs")

@@ -205,6 +205,11 @@ class Ledger:
         path = folder / FILE
         if missing := is_missing(folder):
             raise InputError(f"{folder}: {missing}")
+        if not path.is_file() and (folder / "summary.json").is_file():
+            raise InputError(
+                f"{folder}: has no {FILE}, without which none of its landings can be run again; run the study again "
+                "with this version, which leaves one"
+            )
         if not path.is_file():
             out = SYSTEM.quoted(str(folder))
             raise InputError(f"{folder}: no study in it; `sprain-cosim study STUDY --out {out}` makes one")

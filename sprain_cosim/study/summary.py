@@ -24,6 +24,7 @@ FILE = "summary.json"
 PAIR = tuple[float | None, float | None]
 PEAK = "peak_subtalar_angle_deg"
 TORQUE = 5e-3  # N.m that are shown as something
+GIVEN_ROWS = "intervals hold if the given rows are independent draws"
 FIGURES = 4  # of a parameter's value that a design found
 
 

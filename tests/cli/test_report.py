@@ -161,6 +161,25 @@ def test_a_comparison(results: Path) -> None:
     np.testing.assert_allclose([100 * line["ci_low"], 100 * line["ci_high"]], ends, rtol=1e-4)
 
 
+def test_warnings_stand_in_the_verdict(results: Path, tmp_path: Path) -> None:
+    """A vendor who gets the page alone read a number that `run` had warned of, in silence."""
+    shutil.copytree(results / "compared", tmp_path / "compared")
+    file = tmp_path / "compared" / "compare.json"
+    data = json.loads(file.read_text())
+    name = next(n for n in data["braces"] if n != "none")
+    data["braces"][name]["warnings"] = ["the device left its range; are its units right?"]
+    file.write_text(json.dumps(data))
+    run = tmp_path / "compared" / name / "summary.json"
+    run.write_text(json.dumps(json.loads(run.read_text()) | {"warning": "coupling not converged at <0.5 ms>"}))
+    text, page = made(tmp_path / "compared")
+    assert f"Warning: {name}: the device left its range; are its units right?" in page.sections["verdict"]
+    assert 'class="verdict warn"' in text
+    text, page = made(tmp_path / "compared" / name)
+    assert "Warning: coupling not converged at <0.5 ms>." in page.sections["verdict"]
+    assert 'class="verdict warn"' in text
+    assert "step ±" in page.sections["numbers"]
+
+
 def scene(text: str) -> dict:
     return json.loads(re.search(r'id="scene">(.*?)</script>', text, re.S)[1])  # type: ignore[index]
 
@@ -197,8 +216,10 @@ def test_a_study_shows_one_landing_that_gives_its_record(results: Path, tmp_path
     shutil.copytree(results / "study", tmp_path / "s")
     (tmp_path / "s" / "ledger.sqlite").unlink()
     _, page = made(tmp_path / "s")
-    assert "There is no landing to turn here." in page.sections["verdict"]
-    assert "sprain-cosim trial s N --out LANDING" in page.sections["verdict"]
+    assert "There is no landing to turn here: s: has no ledger.sqlite" in page.sections["verdict"]
+    assert "sprain-cosim trial" not in page.sections["verdict"], "it would end in an error"
+    _, page = made(tmp_path / "s", results / "study")
+    assert "Not every landing can be turned: s: has no ledger.sqlite" in page.sections["verdict"]
 
 
 def tables(page: Page) -> dict[str | None, pd.DataFrame]:

@@ -36,6 +36,14 @@ def test_the_interval_of_a_small_probability_is_as_fine_as_the_probability() -> 
     assert percentage_ends(None, None) == ()
 
 
+def test_a_probability_is_as_fine_as_its_interval() -> None:
+    """1.6 % stood beside 1.55 … 1.59 %."""
+    assert percent(0.0157, interval=(0.0155, 0.0159)) == "1.57 %"
+    assert percent(0.02, interval=(0.0182, 0.0216)) == "2 %"
+    assert percent(0.83, interval=(0.733, 0.936)) == "83 %"
+    assert percent(0.83, interval=(None, 0.936)) == "83 %"
+
+
 def test_an_interval_has_a_third_figure_only_where_two_do_not_tell_its_ends_apart() -> None:
     assert percentage_ends(0.0208, 0.0243) == ("2.1 … 2.4",)
     assert percentage_ends(0.0208, 0.0212) == ("2.08 … 2.12",)
