@@ -151,15 +151,25 @@ def _read(name: str, i: WorstInput) -> tuple[str, str, str]:
     return shown, there, elsewhere
 
 
-def groups_table(response: str, shares: Mapping[str, VarianceShare]) -> list[Block]:
-    """Which group of inputs moves the response; nothing where no persons vary."""
-    rows: list[Row] = [
-        [group, Cell(_whole(share.value), tuple(_whole_ends(share.ci_low, share.ci_high)))]
-        for group, share in shares.items()
-    ]
+def groups_table(studies: Mapping[str, tuple[str, Mapping[str, VarianceShare]]]) -> list[Block]:
+    """Which group of inputs moves the response of each study, in a column each, of {name: (response, shares)}; nothing
+    where no persons vary."""
+    shares = {name: found for name, (_, found) in studies.items() if found}
+    groups = dict.fromkeys(group for found in shares.values() for group in found)
+    rows: list[Row] = [[group, *(_share(found.get(group)) for found in shares.values())] for group in groups]
     if not rows:
         return []
-    return [PageTable([label(response), "share of the variance"], rows), Paragraph(OF_GROUPS, "about")]
+    responses = dict.fromkeys(label(studies[name][0]) for name in shares)
+    of = f"share of the variance of {' and '.join(responses)}"
+    heads = ["", *(f"{name}: {of}" if len(shares) == 1 else name for name in shares)]
+    about = OF_GROUPS if len(shares) == 1 else f"{of[:1].upper()}{of[1:]}. {OF_GROUPS}"
+    return [PageTable(heads, rows), Paragraph(about, "about")]
+
+
+def _share(share: VarianceShare | None) -> str | Cell:
+    if share is None:
+        return ""
+    return Cell(_whole(share.value), tuple(_whole_ends(share.ci_low, share.ci_high)))
 
 
 def _whole(share: float | None) -> str:

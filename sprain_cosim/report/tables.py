@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -260,10 +261,10 @@ def sensitivities_tables(items: Sequence[Named]) -> list[Block]:
             found = _of_factors(study)
         if found.rows:
             parts.append((name, found))
-    studies = [study for _, study in items if isinstance(study, StudyFolder)]
-    groups = [groups_table(study.response, (study.summary.groups or {}).get(study.response, {})) for study in studies]
+    studies = {name: study for name, study in items if isinstance(study, StudyFolder)}
+    groups = groups_table({n: (s.response, (s.summary.groups or {}).get(s.response, {})) for n, s in studies.items()})
     about = [Paragraph(OF_FACTORS, "about")] if any("dSD/dSD" in table.heads for _, table in parts) else []
-    return [*_folded(parts), *about, *(block for blocks in groups for block in blocks)]
+    return [*_folded(parts), *about, *groups]
 
 
 def _of_indices(study: StudyFolder, found: SobolSearch) -> PageTable:
@@ -368,7 +369,7 @@ def inputs_tables(items: Sequence[Named]) -> list[Block]:
             rows.append(["dropped, the device has none", ", ".join(item.summary.dropped)])
         if rows:
             parts.append((name, PageTable(["input", "value or distribution"], rows, "text")))
-    return [*_folded(parts), Paragraph(OF_INPUTS, "about")] if parts else []
+    return [*_folded(_shared(parts)), Paragraph(OF_INPUTS, "about")] if parts else []
 
 
 def _searched(study: StudyFolder) -> dict[str, str]:
@@ -401,7 +402,7 @@ def provenance_tables(items: Sequence[Named]) -> list[Block]:
         ]
         parts.append((name, PageTable(["", ""], rows, "text")))
     written = f"Written by sprain-cosim {__version__} from the folders alone."
-    return [*_folded(parts), Paragraph(f"{SOURCES} {written}", "about")]
+    return [*_folded(_shared(parts)), Paragraph(f"{SOURCES} {written}", "about")]
 
 
 def _of_a_run(summary: RunSummary) -> list[tuple[str, str]]:
@@ -435,6 +436,21 @@ def _of_a_study(study: StudyFolder) -> list[tuple[str, str]]:
 
 def _fmu(component: str, fmu: FmuFile) -> tuple[str, str]:
     return f"FMU {component}", Path(fmu.file).name + (f"  sha256 {fmu.sha256}" if fmu.sha256 else "")
+
+
+def _shared(parts: Parts) -> Parts:
+    """The rows that all tables have, once; then what each has besides."""
+    if len(parts) < 2:
+        return parts
+    common = [row for row in parts[0][1].rows if all(row in table.rows for _, table in parts[1:])]
+    if not common:
+        return parts
+    rest = [
+        (name, replace(table, rows=[row for row in table.rows if row not in common]))
+        for name, table in parts
+        if any(row not in common for row in table.rows)
+    ]
+    return [("all of them", replace(parts[0][1], rows=common)), *rest]
 
 
 def _folded(parts: Parts) -> list[Block]:

@@ -180,6 +180,12 @@ def test_warnings_stand_in_the_verdict(results: Path, tmp_path: Path) -> None:
     assert "step ±" in page.sections["numbers"]
 
 
+def test_what_all_results_share_is_said_once(results: Path) -> None:
+    _, page = made(results / "compared")
+    assert page.sections["provenance"].count("reflex_controller.fmu") == 1
+    assert page.sections["inputs"].count("plant.platform_incline") == 1
+
+
 def scene(text: str) -> dict:
     return json.loads(re.search(r'id="scene">(.*?)</script>', text, re.S)[1])  # type: ignore[index]
 

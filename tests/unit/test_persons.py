@@ -193,7 +193,11 @@ def test_person_and_posture_are_told_apart() -> None:
     assert "person" in groups_listing(INVERSION, shares)[2]
     twice = groups_listing(INVERSION, {"person": VarianceShare(0.8), "posture": VarianceShare(0.35)})
     assert twice[-1].split() == ["twice:", "groups", "are", "correlated", "15", "%"]
-    assert len(groups_table(INVERSION, shares)) == 2
+    assert len(groups_table({"study": (INVERSION, shares)})) == 2
+    table, _ = groups_table({"soft": (INVERSION, shares), "none": (INVERSION, {}), "stiff": (INVERSION, shares)})
+    assert isinstance(table, PageTable)
+    assert table.heads == ["", "soft", "stiff"], "whose shares they are"
+    assert groups_table({"none": (INVERSION, {})}) == []
     assert input_groups(HEADINGS[3:], rows, values, [INVERSION]) is None
     assert group_of_input("plant.contact_modulus") == "fall and ground"
     assert group_of_input("controller.reflex_gain") == "control"
