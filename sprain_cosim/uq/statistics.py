@@ -376,7 +376,9 @@ def skewed_interval(values: Array, confidence: float) -> tuple[float, float]:
     """Ends of the interval of a mean of skewed values, by Hall's monotone cubic transformation of Student's t."""
     size = float(np.max(np.abs(values)))  # terms of 1e-120 have no third power
     n, mean, deviation = len(values), float(np.mean(values)), float(np.std(values / size))
-    skewness = float(np.mean(((values - mean) / size / deviation) ** 3)) / math.sqrt(n)
+    skewness = 0.0  # of values that are equal but for rounding
+    if deviation > 1e-12:
+        skewness = float(np.mean(((values - mean) / size / deviation) ** 3)) / math.sqrt(n)
     error, t = size * deviation / math.sqrt(n - 1), _student(n - 1, confidence)
     if abs(skewness) < 1e-9:
         return mean - t * error, mean + t * error
