@@ -20,12 +20,12 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import ndtri
+from scipy.special import ndtr, ndtri
 
 from ..distributions import JointDistribution, Marginal
 from ..distributions.marginal import as_array
 from ..sampling import Stream, generator
-from ..statistics import Estimate, between_levels, exceedance_of_levels, skewed_interval, unmet_tail
+from ..statistics import Estimate, between_levels, clopper_pearson, exceedance_of_levels, skewed_interval, unmet_tail
 from .mean_value_family import LevelResult
 from .points import Array, Evaluations, Function, PointLedger, Status
 
@@ -35,6 +35,7 @@ Verdict = Literal["ok", "suspect", "undecided"]
 
 _TRIFLE = 0.015  # an error that needs no word
 _MATERIAL = 0.05  # an error that does
+_FEW, _HANDFUL = 5, 10  # rows that a share goes by, rows it is a share of, of which no normal law is to be expected
 _SHARE = 0.8  # of the smaller of p and 1 − p that a level in order must be within
 
 
@@ -154,16 +155,28 @@ def _off(u: Array, y: Array, p: float, z: float, alpha: Array, confidence: float
     a = _wilson(int(np.sum(predicted & ~below)), int(np.sum(predicted)), quantile)
     b = _wilson(int(np.sum(~predicted & below)), int(np.sum(~predicted)), quantile)
     value = (1.0 - p) * b.value - p * a.value
-    low = math.hypot((1.0 - p) * (b.value - b.low), p * (a.high - a.value))
-    high = math.hypot((1.0 - p) * (b.high - b.value), p * (a.value - a.low))
-    return Estimate(value, value - low, value + high)
+    # Errors of two shares add by their squares, unless one is that of a handful of rows.
+    few = min(int(np.sum(predicted)), int(np.sum(~predicted))) < _HANDFUL
+    downwards, upwards = (
+        sum(errors) if few else math.hypot(*errors)
+        for errors in (
+            ((1.0 - p) * (b.value - b.low), p * (a.high - a.value)),
+            ((1.0 - p) * (b.high - b.value), p * (a.value - a.low)),
+        )
+    )
+    return Estimate(value, value - downwards, value + upwards)
 
 
 def _wilson(k: int, n: int, quantile: float) -> Estimate:
-    """A share with its score interval; of no rows nothing is known."""
+    """A share with its score interval, and at least Clopper and Pearson's where it goes by few rows; of no rows nothing
+    is known."""
     if n == 0:
         return Estimate(0.0, 0.0, 1.0)
     share, q = k / n, quantile**2
     middle = (k + 0.5 * q) / (n + q)
     half = quantile * math.sqrt(share * (1.0 - share) * n + 0.25 * q) / (n + q)
-    return Estimate(share, max(middle - half, 0.0), min(middle + half, 1.0))
+    low, high = max(middle - half, 0.0), min(middle + half, 1.0)
+    if min(k, n - k) < _FEW:
+        exact = clopper_pearson(k, n, 2.0 * float(ndtr(quantile)) - 1.0)
+        low, high = min(low, float(exact[0])), max(high, float(exact[1]))
+    return Estimate(share, low, high)
