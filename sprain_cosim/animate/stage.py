@@ -283,7 +283,8 @@ class _Actor:
     """A landing: its signals, and the pose at each time of the film."""
 
     def __init__(self, run: Landing, cuff: str | None = None) -> None:
-        """`cuff`: its colour, where several braces are told apart."""
+        """`cuff`: colour of the brace and of all that is told of it, where several braces are told apart."""
+        self.cuff = BRACE if cuff is None else cuff
         self.run, self.skeleton = run, Skeleton.read(run.plant).scaled(run.parameter)
         run.need(self.skeleton.coordinates, "a drawing")
         self.braced = bool(brace_torques(run.result))
@@ -292,8 +293,7 @@ class _Actor:
         self.pivot, self.raised, edge = self._stand()
         self.cut = None if edge is None else np.array([edge[0], 0.0, edge[1], edge[2]])
         self.colours = np.array([part_colour(part) for part in self.skeleton.parts])
-        if cuff is not None:
-            self.colours[[part == "brace" for part in self.skeleton.parts]] = to_rgb(cuff)
+        self.colours[[part == "brace" for part in self.skeleton.parts]] = to_rgb(self.cuff)
         worn = np.array([self.braced or part != "brace" for part in self.skeleton.parts])
         self.whole, self.near = (
             worn,
@@ -362,7 +362,7 @@ class _Panel:
         self.arcs: list[tuple[int, str, Line2D, Polygon]] = []
         self.figures: list[tuple[Text, str, float, str]] = []
         if view.torques:
-            for radius, name, colour in ((58, "anatomy", ANATOMY), (76, "brace", BRACE)):
+            for radius, name, colour in ((58, "anatomy", ANATOMY), (76, "brace", actor.cuff)):
                 if name == "brace" and not actor.braced:
                     continue
                 line = page.plot([], [], color=colour, lw=4.2, animated=True, solid_capstyle="butt")[0]
@@ -371,7 +371,7 @@ class _Panel:
                 self.arcs.append((radius, f"plant.{name}_subtalar_moment", line, head))
             rows = [
                 ("subtalar", "plant.subtalar_angle", DEGREES, "°", INK if len(stage.runs) > 1 else letters(SUBTALAR)),
-                ("brace", "plant.brace_subtalar_moment", 1.0, " N·m", letters(BRACE)),
+                ("brace", "plant.brace_subtalar_moment", 1.0, " N·m", letters(actor.cuff)),
             ]
             rows += [
                 ("anatomy", "plant.anatomy_subtalar_moment", 1.0, " N·m", letters(ANATOMY)),

@@ -22,7 +22,7 @@ from ..animate.moving import HALF_PLATFORM, MovingBodies
 from ..animate.stage import PLATFORM, Stage, part_colour
 from ..errors import InputError, SprainError
 from ..figures.selection import Named
-from ..figures.style import ANATOMY, GROUND, SeriesLook
+from ..figures.style import ANATOMY, BRACE, GROUND, SeriesLook
 from ..folders.comparison import ComparisonFolder
 from ..folders.landing import MEDIAN, Landing, choose_common_trial, load_landing
 from ..folders.read import Folder
@@ -130,7 +130,8 @@ def _content(
         "newton": 0.42 / top,  # metres of arrow
         "radian": 2.6 / max(moment, 20.0),  # of arc, for a newton metre
         "colours": {"force": _rgb(GROUND), "anatomy": _rgb(ANATOMY)},
-        "landings": [_landing(name, motion, looks[name][0]) for name, motion in motions],
+        # of one landing alone as in its film and its figures
+        "landings": [_landing(name, m, looks[name][0] if len(motions) > 1 else BRACE) for name, m in motions],
     }
 
 

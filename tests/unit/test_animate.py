@@ -20,8 +20,9 @@ from sprain_cosim.animate.skeleton import Skeleton
 from sprain_cosim.animate.solid import PAPER, Camera
 from sprain_cosim.animate.stage import Stage
 from sprain_cosim.errors import EnvironmentProblem, InputError
-from sprain_cosim.figures.style import BRACE, GROUND, lines_of
+from sprain_cosim.figures.style import BRACE, GROUND, SeriesLook, lines_of
 from sprain_cosim.folders.landing import Landing
+from sprain_cosim.report.scene import _content
 from sprain_cosim.scenario import load_scenario
 from sprain_cosim.shipped import fmu_path
 
@@ -274,6 +275,19 @@ def test_long_headings_take_three_lines_and_end_at_a_word(braced: Landing) -> No
     assert lines_of("Acme_Sport_Pro_2000_rigid_left_foot", 130.0, 10.0) == ["Acme_Sport_Pro_2000_", "rigid_left_foot"]
     assert lines_of("", 200.0, 10.0) == []
     assert lines_of("one two", 200.0, 10.0, most=1) == ["one two"]
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_brace_has_one_colour(count: int, braced: Landing) -> None:
+    """The arc of its moment was ochre beside a blue brace, which a report's landing to turn had blue."""
+    stage = Stage([braced] * count, 20.0)
+    for actor, view in ((panel.actor, panel) for panel in stage.panels if panel.arcs):
+        worn = actor.colours[[part == "brace" for part in actor.skeleton.parts]]
+        (arc,) = [line for _, signal, line, _ in view.arcs if "brace" in signal]
+        assert (worn == to_rgb(arc.get_color())).all()
+    looks = {f"{n}": SeriesLook(colour, "-", "o") for n, colour in enumerate(stage.colours)}
+    told = _content([(name, MovingBodies.of(braced)) for name in looks], [0], looks)["landings"]
+    assert [one["colour"] for one in told] == [actor.cuff for actor in stage.actors]
 
 
 def test_a_film_says_what_its_chart_leaves_out(braced: Landing) -> None:
