@@ -10,7 +10,7 @@ from typing import Any
 from ..cosim.system import System
 from ..errors import InputError
 from ..fmu.element import Connector
-from ..subject.anthropometry import MEASURES, SEXES, range_of_measure, unit_of_measure
+from ..subject.anthropometry import MEASURES, SEXES, meaning_of_measure, range_of_measure, unit_of_measure
 from ..subject.person import MUSCLE_FORCE, PASSIVE, SEGMENTS, Person, Subject
 from ..units import unit
 
@@ -33,13 +33,23 @@ class SexConnector(Connector):
 def subject_connectors(subject: Subject) -> dict[str, Connector]:
     """{"subject.NAME": what may be set of the person}, with the person's own measures as start values."""
     own = Person.of(subject).measures
+    sex = float(SEXES.index(subject.sex))
+    named = f"{' or '.join(SEXES)}; as a number {' or '.join(str(number) for number in range(len(SEXES)))}"
     found: dict[str, Connector] = {
-        SEX: SexConnector("sex", -1, "parameter", "real", None, float(SEXES.index(subject.sex)), 0.0, 1.0)
+        SEX: SexConnector("sex", -1, "parameter", "real", None, sex, 0.0, 1.0, description=named)
     }
     for name in MEASURES:
         low, high = range_of_measure(name)
         found[f"{OWNER}{name}"] = Connector(
-            name, -1, "parameter", "real", unit(unit_of_measure(name)), own[name], low, high
+            name,
+            -1,
+            "parameter",
+            "real",
+            unit(unit_of_measure(name)),
+            own[name],
+            low,
+            high,
+            description=meaning_of_measure(name),
         )
     return found
 

@@ -163,6 +163,10 @@ def unit_of_measure(name: str) -> str:
     return "kg" if name == MASS else "m"
 
 
+def meaning_of_measure(name: str) -> str:
+    return f"{name.replace('_', ' ')}, as ANSUR II measures it"
+
+
 _TABLES = read_toml(Path(__file__).parent / "ansur2.toml")  # before any sandbox closes
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from .. import keys
 from ..errors import InputError, nearest
 from ..units import Unit, quantity, split, unit
-from .anthropometry import LIKELY, MASS, MEASURES, SEXES, STATURE, YOUNGEST, anthropometry
+from .anthropometry import LIKELY, MASS, MEASURES, SEXES, STATURE, YOUNGEST, anthropometry, meaning_of_measure
 from .person import ELDEST, FORCE_RULES, PASSIVE_RULES, SCALE_TOOL, SEGMENTS, Subject
 
 SPELLED = {"woman": "female", "f": "female", "w": "female", "man": "male", "m": "male"} | dict(
@@ -60,7 +60,7 @@ SUBJECT = keys.Table(
             keys.Key(
                 name,
                 keys.measured(WEIGHT if name == MASS else LENGTH, above_zero=True),
-                f"{name.replace('_', ' ')}, as ANSUR II measures it",
+                meaning_of_measure(name),
                 "estimated from the others",
             )
             for name in MEASURES

@@ -157,6 +157,7 @@ def test_every_parameter_and_response_is_in_the_reference(site: Path) -> None:
     for chosen in (bare.with_subject("female, 1.63 m, 62 kg"), *braced):
         for parameter in parameters_of(chosen):
             assert f"<code>{parameter.name}</code>" in text, parameter.name
+            assert parameter.meaning, parameter.name
     for record in catalogue("responses"):
         assert f"<code>{record['name']}</code>" in text, record
 
