@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..literature import BRACES
 from .law import AXES, SPAN, law_looks, resisting
-from .samples import Sample, probability_axis, published_circle, published_key, step_curve
+from .samples import Sample, open_end, probability_axis, published_circle, published_key, step_curve
 from .style import FAINT, FORM, INK, legend_above, legend_line, looks, sheet, small, styled
 
 Array = NDArray[np.float64]
@@ -44,12 +44,14 @@ class Repeated:
 
     @property
     def agreeing(self) -> int:
-        """How many published levels lie within our 95 % intervals."""
+        """How many published levels lie within our 95 % intervals, of those that have both ends."""
         ours = self.sample.percentiles
-        known = {p: ours[p][1:] for p in self.gaps if not np.isnan(ours[p][1:]).all()}  # an open end excludes nothing
-        return sum(
-            not (self.sample.published[p] < low or self.sample.published[p] > high) for p, (low, high) in known.items()
-        )
+        return sum(ours[p][1] <= self.sample.published[p] <= ours[p][2] for p in self.gaps)
+
+    @property
+    def open_ended(self) -> int:
+        """How many published levels stand beside an interval that too few landings leave open."""
+        return sum(open_end(*self.sample.percentiles[p][1:]) is not None for p in self.gaps)
 
 
 def signed_gap(value: float, digits: int) -> str:

@@ -116,10 +116,12 @@ def _figure_4(studies: Sequence[StudyFolder]) -> Drawn:
     repeated = [Repeated(n, sample_of(s.title, s), authors_peaks(n)) for n, s in enumerate(studies, 1)]
     gaps = {(r.number, level): gap for r in repeated for level, gap in r.gaps.items()}
     (number, level), worst = max(gaps.items(), key=lambda item: abs(item[1]))
+    left_open = sum(r.open_ended for r in repeated)
+    unsettled = f", {left_open} are not settled, since too few landings leave an end open" if left_open else ""
     caption = (
         f"Figure 4 of {PAPER}: peak supination in its six studies. {sum(r.agreeing for r in repeated)} of the "
-        f"{len(gaps)} published levels lie within our 95 % intervals; the largest gap is {signed_gap(worst, 2)}° (ours "
-        f"minus published; study {number}, {level:g} % level). Both are random samples, ours other draws than theirs. "
+        f"{len(gaps)} published levels lie within our 95 % intervals{unsettled}; the largest gap is "
+        f"{signed_gap(worst, 2)}° (ours minus published; study {number}, {level:g} % level). Both are random samples, ours other draws than theirs. "
     )
     caption += (
         "Thin: the half of the authors' trials that are at hand."

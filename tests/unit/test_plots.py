@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -511,6 +512,8 @@ def test_published_points_stand_beside_ours() -> None:
     assert figure.legends[0].get_texts()[0].get_text().replace("\n", " ").endswith(words)
     assert [signed_gap(v, 1) for v in (-0.04, 0.04, -0.06)] == ["+0.0", "+0.0", "−0.1"]
     assert Repeated(1, sample(1)).agreeing == sum(28.0 <= p <= 32.0 for p in (23.2, 29.7))
+    few = Repeated(1, replace(OPEN, published={5.0: 21.0, 50.0: 26.0}))
+    assert (few.agreeing, few.open_ended) == (1, 1), "an interval without its lower end holds nothing for sure"
 
 
 def test_the_authors_importance_is_a_unit_vector_from_their_design_points() -> None:
