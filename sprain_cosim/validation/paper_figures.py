@@ -121,7 +121,8 @@ def _figure_4(studies: Sequence[StudyFolder]) -> Drawn:
     caption = (
         f"Figure 4 of {PAPER}: peak supination in its six studies. {sum(r.agreeing for r in repeated)} of the "
         f"{len(gaps)} published levels lie within our 95 % intervals{unsettled}; the largest gap is "
-        f"{signed_gap(worst, 2)}° (ours minus published; study {number}, {level:g} % level). Both are random samples, ours other draws than theirs. "
+        f"{signed_gap(worst, 2)}° (ours minus published; study {number}, {level:g} % level). "
+        "Both are random samples, ours other draws than theirs. "
     )
     caption += (
         "Thin: the half of the authors' trials that are at hand."
