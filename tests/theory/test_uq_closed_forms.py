@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sprain_cosim.uq import LogNormal, Normal
+from sprain_cosim.uq import LogNormal, Normal, Uniform
 from sprain_cosim.uq.distributions import JointDistribution
 from sprain_cosim.uq.reliability import amv, amv_plus, form, hmv, mean_value, step_noise
 from sprain_cosim.uq.sampling import monte_carlo, sobol
@@ -223,6 +223,19 @@ def test_order_statistic_intervals_cover(n: int, p: float) -> None:
     """The binomial probability between the two ranks (counted from 1) is at least 95 %."""
     low, high = order_statistic_ranks(n, p)
     assert stats.binom.cdf(high - 1, n, p) - stats.binom.cdf(low - 1, n, p) >= 0.95
+
+
+@pytest.mark.parametrize("method", [amv_plus, hmv])
+def test_slopes_near_the_end_of_a_law_are_taken_within_it(method) -> None:
+    """At the outer levels of a uniform input a step of 0.1 SD left its range: the landing was refused, and the search
+    with it."""
+
+    def response(x: np.ndarray) -> np.ndarray:
+        return np.where((x[:, 0] >= 0.0) & (x[:, 0] <= 1.0), x[:, 0] + 0.2 * x[:, 0] ** 2 + 1e-3 * x[:, 1], np.nan)
+
+    found = method(response, [Uniform(0.0, 1.0), Normal(0.0, 1.0)], levels=(0.01, 0.5, 0.99))
+    for level, value in found.value.items():
+        assert value == pytest.approx(level + 0.2 * level**2, abs=0.005)
 
 
 def test_noise_of_a_response_is_measured_and_asks_for_a_larger_step() -> None:

@@ -42,7 +42,8 @@ def _resolution(values: Array) -> float | None:
 
 
 def differences(ledger: PointLedger, joint: JointDistribution, x: Array, step: float, how: Difference) -> Slopes:
-    """Differences of step·σᵢ about x in one batch: 1 + n points, or 1 + 2n central; fixed inputs skipped."""
+    """Differences of step·σᵢ about x in one batch: 1 + n points, or 1 + 2n central; fixed inputs skipped. A step that
+    would leave what a marginal can be is taken inwards, twice as long beside another one there."""
     active, h = joint.active, step * joint.sds
     offsets = {"forward": (1.0,), "backward": (-1.0,), "central": (1.0, -1.0)}[how]
     points = [x]
@@ -50,6 +51,9 @@ def differences(ledger: PointLedger, joint: JointDistribution, x: Array, step: f
         for i in active:
             shifted = x.copy()
             shifted[i] += sign * h[i]
+            low, high = joint.marginals[i].support
+            if not low <= shifted[i] <= high:
+                shifted[i] = x[i] - sign * len(offsets) * h[i]
             if shifted[i] == x[i]:
                 raise ValueError(
                     f"input {i}: a step of {step:g} of its standard deviation {joint.sds[i]:g} does not move {x[i]:g}; "
@@ -67,6 +71,10 @@ def differences(ledger: PointLedger, joint: JointDistribution, x: Array, step: f
         gradient[active] = (sides[0] - sides[1]) / (taken + back)
         curvature = np.zeros(len(joint))
         curvature[active] = (sides[0] - 2.0 * centre + sides[1]) / (taken * back)
+        for k in np.flatnonzero(taken * back < 0.0):  # both on one side: the parabola through the three
+            one, other, a, b = sides[0, k] - centre, sides[1, k] - centre, taken[k], -back[k]
+            gradient[active[k]] = (one * b**2 - other * a**2) / (a * b * (b - a))
+            curvature[active[k]] = 2.0 * (one * b - other * a) / (a * b * (a - b))
     else:
         gradient[active] = (sides[0] - centre) / taken
     moved[active] = np.max(np.abs(sides - centre), axis=0)
