@@ -77,7 +77,7 @@ class Limits:
     """What a child may use.
 
     trial    s of wall time of one trial; None: learned from those before it, see Allowance
-    start    s of wall time of opening the FMUs; None: learned likewise
+    start    [s] of wall time of opening the FMUs; None: learned likewise
     cpu      s of processor time of one trial, all threads; None: CORES times its wall time
     memory   B of address space
     recycle  trials per child

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import html
 import re
+from itertools import groupby
 from typing import Any
 
 import click
@@ -36,21 +37,33 @@ TABLE = re.compile(r"<table>.*?</table>", re.DOTALL)
 ROW = re.compile(r"<tr>.*?</tr>", re.DOTALL)
 CELL = re.compile(r"<t[hd][^>]*>(.*?)</t[hd]>", re.DOTALL)
 TAG = re.compile(r"<[^>]+>")
-WORDS = 30  # letters of a cell, from which a table of four columns is read row by row on a phone
+WORDS = 30  # letters of a cell, from which it is a sentence
+ROOM = 51  # digits side by side on a phone, a blank between columns counted as one and a half
+SCREEN = 59  # letters of fixed width side by side on a phone
 PIECE = re.compile(r"<code>[^<]+</code>|<[^>]+>|[^<]+")
 NAME = re.compile(r"\b[a-z]\w+(?:[_.][a-z]\w*)+")  # plant.drop_height
-BREAK = re.compile(r"(?<=[\w)\]])([_./=])(?=\w)")  # where a long name may go on in the next line
+BREAK = re.compile(r"(?<=[\w)\]])([_/=|]|\.(?!\d)|(?<=[a-z])(?=[A-Z][a-z]))(?=\w)")  # where long names may part
+UNIT = re.compile(r"(?<=\d) (?=(?:%|[kMG]?B|[num\u00b5]?s|min|h|k?N|N[\u00b7.]m|[km]?m|kg|deg)(?![\w\u00b7/]))")
+CHAIN = re.compile(r'([)\]]</span>)(?=<span class="o">\.</span>)')  # of calls in a program
+FRAME = re.compile(r'<table [^>]*class="dataframe">.*?</table>', re.DOTALL)
+TITLE = re.compile(r'(?<=<span class="doc doc-object-name )([\w -]+">)([^<]+)')  # of an object in the Python reference
+LONG = re.compile(r"(?<![\w`-])--[a-z][\w-]*(?!`)")  # an option in a sentence of the help
+CODED = r"`\g<0>`"
 CODE = re.compile(r"<code>.*?</code>", re.DOTALL)
-OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*")
-LINE = re.compile(  # messages
-    r'(?<=<div class="language-text) (?=highlight"><pre><span></span><code>'
-    r"(?:[^\n]*\n|(?:note|problem|warning): [^<]*)</code>)"
+OPTION = re.compile(  # also "0.35 m" and 1e-4: what no line may part
+    r"(?<![\w#-])--?[A-Za-z][\w-]*|(?P<quote>\"|&quot;)[\d.]+ [\w./]+(?P=quote)|\b\d+e-\d+\b"
 )
 BLOCK = re.compile(
-    r'(<div class="language-(?:text|python|pycon)) highlight"(><pre><span></span><code>)(.*?)(?=</code>)', re.DOTALL
+    r'(<div class="language-(?:text|python|pycon)) highlight"(><pre><span></span><code[^>]*>)(.*?)(?=</code>)',
+    re.DOTALL,
 )
 COLUMNS = 86  # letters of a line that a block shows in the usual size on a screen of 1280 pixels
 WIDEST = 140  # letters of a line that can still be a row of a table
+OUTPUT = re.compile(r'(<div class="language-text) (highlight"><pre><span></span><code)>(.*?)\n?</code>', re.DOTALL)
+MESSAGE = re.compile("(?:note|problem|warning): ")
+GAP = re.compile(r"(?<=[^\s:\u00b7]) {2,}(?=[^\s\u00b7])")  # between the columns of a line
+TAIL = re.compile(r" {2}(?=[^ ]+ [^ ]+ [^ ])(?=.*[a-z]{3})(?:[^ ]| (?! ))+$")  # words at the end of columns
+LETTERS = 33  # of a formula, from which a phone shows it smaller
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\s*\\([(\[])(.*?)\\[)\]]\s*</\1>', re.DOTALL)
 FIGURE = re.compile(r'<img [^>]*src="((?:\.\./)*figures/[^"]+)"[^>]*>')
 
@@ -79,38 +92,92 @@ def on_config(config: Any) -> None:
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    """Equations, as arithmatex leaves them, as MathML; tables for phones; options that stay whole; messages,
-    which may wrap; longer lines in smaller letters; figures that open in their own size."""
+    """Equations, as arithmatex leaves them, as MathML; tables and output for phones; options that stay whole;
+    long names that do not; longer lines in smaller letters; figures that open in their own size."""
     content = FORMULA.sub(lambda m: _formula(html.unescape(m[3].strip()), m[2] == "["), content)
     content = TABLE.sub(lambda table: _table(table[0]), content)  # behind the formulas, whose TeX has names too
+    content = FRAME.sub(lambda frame: _with_breaks(frame[0]), content)
+    content = OUTPUT.sub(lambda found: _output(found[1], found[2], html.unescape(found[3])), content)
     content = CODE.sub(lambda code: OPTION.sub(r'<span class="option">\g<0></span>', code[0]), content)
-    content = BLOCK.sub(_block, LINE.sub(" line ", content))
+    content = TITLE.sub(lambda title: title[1] + BREAK.sub(r"\1<wbr>", title[2]), content)
+    content = BLOCK.sub(_block, CHAIN.sub(r"\1<wbr>", content))
     return FIGURE.sub(r'<a href="\1" title="in its own size">\g<0></a>', content)
 
 
 def _table(table: str) -> str:
     """Long names with places to break; how a phone shows it, and the head of its column beside each cell."""
+    table = table.replace("&#95;", "_")
     rows = ROW.findall(table)
-    heads, *cells = [[TAG.sub("", cell).strip() for cell in CELL.findall(row)] for row in rows]
-    table = CELL.sub(lambda cell: PIECE.sub(lambda piece: _breakable(piece[0]), cell[0]), table)
-    if len(heads) < 4:
-        return table
-    if max(len(html.unescape(cell)) for row in cells for cell in row[1:]) < WORDS:
-        return table.replace("<table>", '<table data-shape="numbers">', 1) if len(heads) > 4 else table
-    table = table.replace("<table>", '<table data-shape="rows">', 1)
-    return ROW.sub(lambda row: _headed(row[0], heads), table)
+    heads, *cells = [[html.unescape(TAG.sub("", cell)).strip() for cell in CELL.findall(row)] for row in rows]
+    table = _with_breaks(table)
+    shape = _shape([max(map(len, column)) for column in zip(*cells, strict=False)])
+    if shape:
+        table = table.replace("<table>", f'<table data-shape="{shape}">', 1)
+    return ROW.sub(lambda row: _headed(row[0], heads), table) if shape == "rows" else table
+
+
+def _with_breaks(table: str) -> str:
+    return CELL.sub(lambda cell: PIECE.sub(lambda piece: _breakable(piece[0]), cell[0]), table)
+
+
+def _shape(longest: list[int]) -> str:
+    """Of a table with such cells on a phone: rows, read one by one; numbers, in columns beside each other; '' as it
+    is."""
+    first, *others = longest or [0]
+    if len(others) == 2:
+        return "rows" if sorted(longest)[1] >= WORDS else ""
+    if len(others) < 2 or (len(others) == 3 and max(others) < WORDS):
+        return ""
+    narrow = min(first, 14) + sum(others) + 1.5 * len(others) <= ROOM
+    return "numbers" if max(others) < WORDS and (narrow or max(others) < 10) else "rows"
+
+
+def _output(start: str, middle: str, text: str) -> str:
+    """What a program printed: a phone wraps its sentences, and shows its columns nearer to each other, in letters of
+    which a line holds as many as there are."""
+    figures = any(letter.isdigit() for letter in text)
+    columns, groups = 0, []
+    for group in text.split("\n\n"):
+        lines = group.split("\n")
+        kept = [line for line in lines if GAP.search(line)]
+        blank = [all(line[k : k + 1] in ("", " ") for line in kept) for k in range(max(map(len, lines)))]
+        spare = {k for k in range(2, len(blank)) if all(blank[k - 2 : k + 1])}
+        shown = []
+        for line in lines:
+            far = {k for k in spare if k < len(line)} if line in kept else set()
+            narrow = len(line) - len(far)
+            sentence = narrow > SCREEN and (line not in kept or not figures or TAIL.search(line) is not None)
+            if sentence and not figures:  # columns of words: each line by itself
+                far = {k for gap in GAP.finditer(line) for k in range(gap.start() + 2, gap.end())}
+            columns = columns if sentence else max(columns, narrow)
+            letters = "".join(
+                f'<span class="spare">{part}</span>' if hidden else html.escape(part, quote=False)
+                for hidden, part in _runs(line, far)
+            )
+            shown.append(f'<span class="sentence">{letters}</span>' if sentence else letters)
+        groups.append("\n".join(shown))
+    if not columns or MESSAGE.match(text):
+        return f"{start} line {middle}>{html.escape(text, quote=False)}\n</code>"
+    return f'{start} {middle} style="--narrow: {columns}">' + "\n\n".join(groups) + "\n</code>"
+
+
+def _runs(line: str, spare: set[int]) -> list[tuple[bool, str]]:
+    return [
+        (far, "".join(letter for _, letter in run))
+        for far, run in groupby(enumerate(line), key=lambda placed: placed[0] in spare)
+    ]
 
 
 def _breakable(piece: str) -> str:
     if piece.startswith("<"):
         return BREAK.sub(r"\1<wbr>", piece) if piece.startswith("<code>") else piece
-    piece = re.sub(r"(?<=\d) (?=%)", "\u00a0", piece)
+    piece = UNIT.sub("\u00a0", piece)
     return NAME.sub(lambda name: BREAK.sub(r"\1<wbr>", name[0]), piece)
 
 
 def _headed(row: str, heads: list[str]) -> str:
-    left = iter(heads)
-    return re.sub("<td", lambda _: f'<td data-head="{next(left).replace(chr(34), "&quot;")}"', row)
+    left = (re.sub(r"([_.])(?=\w)", "\\1\u200b", head) for head in heads)
+    return re.sub("<td", lambda _: f'<td data-head="{html.escape(next(left))}"', row)
 
 
 def _block(block: re.Match[str]) -> str:
@@ -126,6 +193,12 @@ def _formula(tex: str, display: bool) -> str:
     """Formulas with a wide blank between them may stand below each other."""
     parts = tex.split(r"\qquad") if display else [tex]
     shown = [convert(part.strip(), display="block" if display else "inline") for part in parts]
+    shown = [
+        formula.replace("<math ", '<math class="long" ', 1)
+        if display and len(html.unescape(TAG.sub("", formula))) > LETTERS
+        else formula
+        for formula in shown
+    ]
     return shown[0] if len(shown) == 1 else f'<div class="formulas">{"".join(shown)}</div>'
 
 
@@ -149,7 +222,8 @@ def _names() -> list[str]:
         *_parameters(
             "A person",
             "Of a scenario with a subject (`--subject`, `[subject]`). What is not stated is estimated: here of a woman"
-            " of 1.63 m and 62 kg ([your subject](../your-subject.md)). The ranges are those of the plant.",
+            " of 1.63 m and 62 kg ([your subject](../your-subject.md)). A measure outside its range is no adult's, and"
+            " refused.",
             bare.with_subject("female, 1.63 m, 62 kg"),
             "subject",
         ),
@@ -204,7 +278,7 @@ def _section(command: click.Command, path: str, parent: click.Context | None) ->
         lines += [
             "| Option | Meaning |",
             "|---|---|",
-            *(f"| `{names}` | {_prose(text)} |" for names, text in options),
+            *(f"| `{names}` | {LONG.sub(CODED, _prose(text))} |" for names, text in options),
             "",
         ]
     if isinstance(command, click.Group):

@@ -232,7 +232,7 @@ def sigma_effects(campaigns: dict[int, Any], out: Path, workers: int) -> Iterato
     )
     yield "standard errors (5 % over the eight inputs together)."
     yield ""
-    yield "| Input | study 3 ∂σ/∂μ | ∂σ/∂σ | study 4 ∂σ/∂μ | ∂σ/∂σ |"
+    yield "| Input | study 3 ∂σ/∂μ | study 3 ∂σ/∂σ | study 4 ∂σ/∂μ | study 4 ∂σ/∂σ |"
     yield "|---|---|---|---|---|"
     tables = {n: campaigns[n].summary["sensitivity"][PEAK] for n in (3, 4)}
     for name in {**tables[3], **tables[4]}:

@@ -39,7 +39,7 @@ class Driver:
     outputs        names of the outputs that are read
     input_values   (len(inputs),) what was set last; they hold until they are set again
     output_values  (len(outputs),) what was read last
-    time           s, where the element is
+    time           [s], where the element is
     instance       the running element, for what this class does not offer
 
     Numbers are in the unit that the variable declares, times in seconds; a text such as "50 N.m/rad" or "1 ms" has its

@@ -60,8 +60,8 @@ class Connector:
     depends_on   inputs that act on this output directly; None: not declared, so all may
     fmi_type     the type's name in the version of FMI, such as Float64
     clocks       input clocks that alone change it
-    interval     s between the ticks of an input clock that a run ticks; None for any other variable
-    shift        s from the start of a run to its first tick
+    interval     [s] between the ticks of an input clock that a run ticks; None for any other variable
+    shift        [s] from the start of a run to its first tick
     negated      the FMU passes it with the other sign (a negated alias of FMI 1)
     array        of which it is an element; None for a variable of its own
     element      its place in the array, from 0
@@ -163,7 +163,7 @@ class Capabilities:
     """What an element can do, as it declares it.
 
     fmi_version       1.0, 2.0 or 3.0; "" for an element that is no FMU
-    fixed_step        s, its own step where it cannot take another one; None where it can
+    fixed_step        [s], its own step where it cannot take another one; None where it can
     state             its state can be saved and restored
     reusable          its reset is known to give a new instance
     tool              the program that made it

@@ -87,7 +87,7 @@ class Plan(Card):
                  sphere, second order and sampling about the design points
     table        (n, d) inputs of method table, in the order of `marginals`
     numbers      (n,) their trial numbers; empty: 0 ... n-1
-    trial_limit  s of wall time that a trial may take; None: learned from those before it
+    trial_limit  [s] of wall time that a trial may take; None: learned from those before it
     population   whose measures are inputs, the first of them; None: the scenario's subject lands
     published    figures to print beside the results, with their source
     source       the file, or the name of one that ships

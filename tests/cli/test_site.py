@@ -4,6 +4,7 @@ phone."""
 
 from __future__ import annotations
 
+import html
 import json
 import os
 import re
@@ -17,7 +18,7 @@ import pytest
 from sprain_cosim.catalogue import catalogue, parameters_of
 from sprain_cosim.cli import cli
 from sprain_cosim.scenario import load_scenario
-from tests.docs_commands import ROOT
+from tests.docs_commands import ROOT, blocks
 from tools.notebooks import CHOSEN
 from tools.schemas import FILES
 
@@ -83,7 +84,24 @@ def test_pages_are_made_for_a_phone_too(site: Path) -> None:
     assert '<span class="option">--trials</span>' in (site / "study.html").read_text("utf-8")
     assert 'href="brace-contract.html#axes-and-signs"' in (site / "index.html").read_text("utf-8")
     assert (site / "theory" / "jcs.html").read_text("utf-8").count('<div class="formulas">') == 3
-    assert '<a href="figures/landing.png" title=' in (site / "first-hour.html").read_text("utf-8")
+    hour = (site / "first-hour.html").read_text("utf-8")
+    assert '<a href="figures/landing.png" title=' in hour
+    printed = re.search(r'<code style="--narrow: (\d+)">(.*?subtalar supination.*?)</code>', hour, re.DOTALL)
+    assert printed and int(printed[1]) < 60
+    assert re.search(r'<span class="sentence">30° slope, no brace.* wall time</span>', printed[2])
+    assert re.search(r'<span class="sentence">doubt of the step .* at half the step</span>', printed[2])
+    commands = (site / "reference" / "commands.html").read_text("utf-8")
+    assert "[coordinates|<wbr>states|<wbr>forces" in commands and "P(peak_<wbr>inversion_<wbr>" in commands
+
+
+@pytest.mark.parametrize("page", ["first-hour", "vendor-tutorial", "ci", "studies", "architecture"])
+def test_what_a_program_printed_is_shown_whole(page: str, site: Path) -> None:
+    """The columns that a phone draws nearer to each other lose no letter."""
+    shown = "".join(re.findall(r"<code[^>]*>(.*?)</code>", (site / f"{page}.html").read_text("utf-8"), re.DOTALL))
+    text = html.unescape(re.sub(r"<[^>]+>", "", shown))
+    for block in blocks(ROOT / "docs" / f"{page}.md"):
+        if block.language in ("", "text"):
+            assert block.text.rstrip() in text, block.text
 
 
 def test_the_colours_follow_the_system_and_can_be_chosen(site: Path) -> None:
