@@ -217,6 +217,26 @@ def member(path: Path, name: str) -> bytes:
         raise InputError(f"{path}: damaged archive ({one_line(problem)}); export the FMU again") from None
 
 
+def same_model(one: Path, other: Path) -> bool:
+    """Whether two FMUs differ in nothing but platforms for which only one of them has libraries; False where one cannot
+    be read."""
+    try:
+        with zipfile.ZipFile(one) as first, zipfile.ZipFile(other) as second:
+            there, here = ({n for n in a.namelist() if not n.endswith("/")} for a in (first, second))
+            both = {_platform(name) for name in there & here}
+            if any(_platform(name) is None or _platform(name) in both for name in there ^ here):
+                return False
+            return both != {None} and all(first.read(name) == second.read(name) for name in there & here)
+    except Exception:  # zipfile raises many kinds for damaged files
+        return False
+
+
+def _platform(name: str) -> str | None:
+    """Whose library an entry is; None for any other."""
+    parts = name.split("/")
+    return parts[1] if parts[0] == "binaries" and len(parts) > 2 else None
+
+
 def verify(archive: Archive) -> None:
     """Reads every entry against its checksum; nothing is written. Raises InputError."""
     try:

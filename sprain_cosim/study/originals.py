@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..fmu import cache
+from ..fmu.archive import same_model
 from ..scenario import Scenario
 from .plan import Plan
 
@@ -19,6 +20,18 @@ def with_kept_files(scenario: Scenario) -> Scenario:
         {name: cache.kept(path)[0] for name, path in files.items()} for files in (scenario.fmus, scenario.maps)
     )
     return replace(scenario, fmus=fmus, maps=maps)
+
+
+def as_begun(scenario: Scenario, hashes: Mapping[str, Mapping[str, str]]) -> Scenario:
+    """The scenario with the copy of each FMU whose file was built again since, for more or fewer platforms, and is the
+    same model: rows of both are rows of one study. `hashes` as `restored` takes them."""
+    fmus = dict(scenario.fmus)
+    for name, path in scenario.fmus.items():
+        then = hashes.get("fmus", {}).get(name)
+        copy = cache.found(path.name, then) if then and cache.file_sha256(path) != then else None
+        if copy is not None and same_model(copy, path):
+            fmus[name] = copy
+    return replace(scenario, fmus=fmus)
 
 
 def changed_files(scenario: Scenario, copies: Scenario) -> list[str]:

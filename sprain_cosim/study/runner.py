@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from ..errors import EnvironmentProblem, InputError
 from ..process import Limits, prepare_copies
+from ..scenario import Scenario
 from . import originals
 from .adoption import adopt, version_before
 from .backends.backend import Task
@@ -90,7 +91,7 @@ def run(
     _check_options(study, folder, resume, shard, parquet)
     study, kept = _never_smaller(study, folder, resume)
     began = perf_counter()
-    held = replace(study, scenario=originals.with_kept_files(study.scenario))
+    held = replace(study, scenario=originals.with_kept_files(_begun(study.scenario, folder if resume else None)))
     first = ALL if study.method in SEARCHES and study.method not in ("sobol-indices", "design") else trajectories
     numbers = None if study.method in SEARCHES else trial_numbers(study, shard, rows)
     ledger: Ledger | None = None
@@ -222,6 +223,17 @@ def _other_machine(folder: Path | None, level: str) -> Iterator[str]:
             f"{folder}: its trials so far ran with other software than those that follow, so they may differ in the "
             f"last digits: {'; '.join(lines)}"
         )
+
+
+def _begun(scenario: Scenario, folder: Path | None) -> Scenario:
+    """The scenario that a folder is to be continued with."""
+    if folder is None or not (folder / LEDGER).exists():
+        return scenario
+    try:
+        with Ledger.read(folder) as ledger:
+            return originals.as_begun(scenario, ledger.said("identity"))
+    except InputError:  # damaged: who opens it to write mends it
+        return scenario
 
 
 def _ledger(study: Plan, held: Plan, folder: Path | None) -> Ledger:

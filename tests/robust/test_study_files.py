@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import zipfile
 from pathlib import Path
 
 import pandas as pd
@@ -110,6 +111,31 @@ def test_none_of_400_rows_is_of_the_new_file(workers: int, fmus: tuple[Path, Pat
 
 def test_nothing_changed_no_warning(fmus: tuple[Path, Path], tmp_path: Path) -> None:
     assert study(tmp_path, fmus).run(trials=2, workers=1).warnings == ()
+
+
+def repacked(fmu: Path, members: dict[str, bytes]) -> None:
+    """The FMU with other or more members, as a build for another platform leaves it."""
+    with zipfile.ZipFile(fmu) as archive:
+        held = {name: archive.read(name) for name in archive.namelist() if not name.endswith("/")}
+    with zipfile.ZipFile(fmu, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in (held | members).items():
+            archive.writestr(name, content)
+
+
+def test_a_study_goes_on_when_its_fmu_was_built_for_another_platform_as_well(
+    fmus: tuple[Path, Path], undisturbed: pd.DataFrame, tmp_path: Path
+) -> None:
+    """`make test` adds libraries for Windows where a compiler for it is; what runs here stays the same."""
+    begun = study(tmp_path, fmus)
+    begun.run(trials=3, workers=1, out=tmp_path / "out", trajectories=0)
+    repacked(tmp_path / "brace.fmu", {"binaries/elsewhere64/brace.dll": b"a library"})
+    campaign = begun.run(trials=TRIALS, workers=1, out=tmp_path / "out", resume=True, trajectories=0)
+    pd.testing.assert_frame_equal(campaign.trials, undisturbed)
+    (warning,) = [w for w in campaign.warnings if "brace.fmu" in w]
+    assert "has changed" in warning and "all its trials are of the file as it was then" in warning
+    repacked(tmp_path / "brace.fmu", {"resources/table.bin": b"another device"})
+    with pytest.raises(InputError, match=r"holds another study \(fmus\.brace"):
+        begun.run(trials=TRIALS + 1, workers=1, out=tmp_path / "out", resume=True)
 
 
 def test_a_report_says_which_files_were_edited_since(tmp_path: Path) -> None:
