@@ -1341,7 +1341,8 @@ def validate_command(
     from .validation import writers as output
     from .validation.laboratory import Laboratory
 
-    checks = suite.select(suite.suite(folder), only)
+    known = suite.suite(folder)
+    checks = suite.select(known, only)
     if listed:
         for check in checks:
             _show(f"{check.id:14}{'quick' if check.quick else 'full':7}{check.title}")
@@ -1358,6 +1359,7 @@ def validate_command(
         only,
         keep,
         lambda: bool(received),
+        len(known),
     )
     keep(report)
     _show(

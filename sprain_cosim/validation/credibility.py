@@ -180,7 +180,11 @@ def sections(report: Report) -> Sequence[Section]:
         *(_with_outcomes(evidence, report) for evidence in EVIDENCE),
         UNCERTAINTY,
         replace(APPLICABILITY, shown=(DOMAIN,) if converged else ()),
-        Section("8 What falls short", "Everything in this run that did not pass.", missing=short),
+        Section(
+            "8 What falls short",
+            "Everything in this run that did not pass." if short else "Every check of this run passed.",
+            missing=short,
+        ),
     ]
 
 
@@ -220,7 +224,7 @@ def markdown(report: Report) -> str:
     lines = [
         "# Credibility report",
         "",
-        f"sprain-cosim {report.environment.get('sprain-cosim', '')}, {report.created}. {counts}. {NOTE}",
+        f"sprain-cosim {report.environment.get('sprain-cosim', '')}, {report.created}. {report.size}: {counts}. {NOTE}",
         "",
     ]
     for section in sections(report):

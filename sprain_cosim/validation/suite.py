@@ -24,13 +24,20 @@ from .laboratory import Laboratory
 
 @dataclass(frozen=True)
 class Report:
-    """What a run of the suite found."""
+    """What a run of the suite found; `of`: the number of its checks, 0 where it is not known."""
 
     outcomes: tuple[CheckOutcome, ...]
     quick: bool
     seconds: float
     created: str
     environment: dict[str, str] = field(default_factory=dict)
+    of: int = 0
+
+    @property
+    def size(self) -> str:
+        """How many checks these are, and of how many where some were chosen."""
+        n = len(self.outcomes)
+        return f"{n} of {self.of} checks (--only)" if self.of > n else f"{n} checks"
 
     def count(self, status: str) -> int:
         return sum(o.status == status for o in self.outcomes)
@@ -48,6 +55,7 @@ class Report:
             "status": "passed" if self.passes() else "failed",
             "quick": self.quick,
             "counts": self.counts,
+            "of": self.of or len(self.outcomes),
             "numbers": {status: rows.count(status) for status in STATUSES[:3]},
             "seconds": round(self.seconds, 1),
             "created": self.created,
@@ -88,6 +96,7 @@ def run_checks(
     named: Collection[str] = (),
     keep: Callable[[Report], None] | None = None,
     interrupted: Callable[[], bool] = lambda: False,
+    of: int = 0,
 ) -> Report:
     """Runs the checks one after the other.
 
@@ -95,6 +104,7 @@ def run_checks(
     - named: ids that run although they are left out of a quick run
     - keep: called with the report so far when the run is interrupted; the checks that are left count as not run, and
       the interrupt goes on
+    - of: how many checks there are, of which these were chosen
     - interrupted: whether a signal has arrived that a Python FMU has swallowed, which reports it as an error of its own
     """
     began, outcomes = perf_counter(), list[CheckOutcome]()
@@ -106,6 +116,7 @@ def run_checks(
             perf_counter() - began,
             datetime.now(UTC).isoformat(timespec="seconds"),
             environment(),
+            of,
         )
 
     try:
@@ -178,4 +189,4 @@ def outcome_line(outcome: CheckOutcome) -> str:
 def totals(report: Report) -> str:
     counts = ", ".join(f"{n} {status}" for status, n in report.counts.items())
     rows = sum(len(o.rows) for o in report.outcomes)
-    return f"{len(report.outcomes)} checks with {rows} numbers in {report.seconds:.0f} s: {counts}"
+    return f"{report.size} with {rows} numbers in {report.seconds:.0f} s: {counts}"

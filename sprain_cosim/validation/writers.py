@@ -116,6 +116,8 @@ def validation_page(report: Report) -> str:
     """One HTML file without network: verdict first, then every check with its numbers, then the credibility report."""
     failed = report.count(FAIL)
     title = f"No check failed, {report.count(PASS)} passed"
+    if report.of > len(report.outcomes):
+        title += f"; {report.size}"
     if failed:
         title = f"Validation failed: {failed} {'check' if failed == 1 else 'checks'}"
     groups = dict.fromkeys(o.check.group for o in report.outcomes)

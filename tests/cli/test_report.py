@@ -274,7 +274,7 @@ def test_text_can_be_read_on_its_ground() -> None:
     colours: dict[str, str] = {}
     for rule in rules:
         colours |= dict(re.findall(r"--(\w+): (#[0-9a-f]+)", rule))
-        for ink in ("ink", "muted", "accent"):
+        for ink in ("ink", "muted", "accent", "pass", "gap", "fail"):
             for ground in ("paper", "soft"):
                 assert contrast(colours[ink], colours[ground]) >= 4.5, (ink, ground)
     (ground,) = re.findall(r"\.explore \{ --paper: (#\w+); --ink: (#\w+); --muted: (#\w+)", css)

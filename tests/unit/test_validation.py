@@ -70,6 +70,17 @@ def test_neither_gaps_nor_what_was_not_run_count_as_passed(report: suite.Report)
     assert "1 pass, 1 known gap, 0 fail, 2 not run" in suite.totals(report)
 
 
+def test_a_choice_of_checks_is_not_taken_for_all() -> None:
+    """A page of four checks said that none failed, and nothing of the others."""
+    report = suite.run_checks([check("unit-01", WITHIN)], Laboratory(), of=150)
+    assert suite.totals(report).startswith("1 of 150 checks (--only) with 1 numbers")
+    page = output.validation_page(report)
+    assert "<h1>No check failed, 1 passed; 1 of 150 checks (--only)</h1>" in page
+    assert "1 of 150 checks (--only)" in output.markdown(report)
+    assert json.loads(output.json_text(report))["of"] == 150
+    assert "Every check of this run passed." in page
+
+
 def test_a_check_that_cannot_be_measured_fails() -> None:
     broken = Check("unit-05", "broken", "-", "-", explode)
     report = suite.run_checks([broken, check("unit-06", WITHIN)], Laboratory())
