@@ -11,7 +11,7 @@ import sys
 import textwrap
 import unicodedata
 from collections.abc import Sequence
-from typing import TextIO
+from typing import Any, TextIO
 
 NAME = "sprain-cosim"
 RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺", "0123456789-+")
@@ -137,7 +137,7 @@ def _cut(line: str, part: Sequence[tuple[int, int]], columns: int, head: bool) -
     whole = f"{name}{' ' * GAP}{rest}".rstrip()
     if len(whole) <= columns or columns - _hanging(whole) >= READABLE:
         return _folded(whole, columns)
-    return _all_folded([name.rstrip(), f"    {rest.strip()}"], columns)
+    return _all_folded([name.rstrip(), *([f"    {rest.strip()}"] if rest.strip() else [])], columns)
 
 
 def _all_folded(lines: list[str], columns: int) -> list[str]:
@@ -149,7 +149,13 @@ def _folded(line: str, columns: int) -> list[str]:
         return [line]
     hanging = _hanging(line)
     indent = " " * (hanging if columns - hanging >= READABLE else len(line) - len(line.lstrip()) + 4)
-    return textwrap.wrap(line, columns, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    return _words_wrapped(line, columns, subsequent_indent=indent, break_long_words=False)
+
+
+def _words_wrapped(text: str, columns: int, **options: Any) -> list[str]:
+    """In lines within that many columns, "150 %" in one of them."""
+    lines = textwrap.wrap(text.replace(" %", "\u00a0%"), columns, break_on_hyphens=False, **options)
+    return [line.replace("\u00a0%", " %") for line in lines]
 
 
 def _hanging(line: str) -> int:
@@ -186,10 +192,10 @@ def fitted_table(head: Sequence[str], rows: Sequence[Sequence[str]], columns: in
 
 
 def _line(row: Sequence[str], sizes: Sequence[int], indent: str, room: int | None) -> list[str]:
-    texts = [row[-1]] if room is None else textwrap.wrap(row[-1], room, break_on_hyphens=False) or [""]
+    texts = [row[-1]] if room is None else _words_wrapped(row[-1], room) or [""]
     first = "".join(f"{cell:{size + GAP}}" for cell, size in zip(row[:-1], sizes, strict=True))
     return [(first + texts[0]).rstrip(), *(indent + text for text in texts[1:])]
 
 
 def _wrapped(text: str, columns: int, indent: str) -> list[str]:
-    return textwrap.wrap(text, columns, initial_indent=indent, subsequent_indent=indent, break_on_hyphens=False)
+    return _words_wrapped(text, columns, initial_indent=indent, subsequent_indent=indent)

@@ -254,3 +254,16 @@ def test_names_are_completed(tmp_path: Path) -> None:
     assert completed("run", "incline30", "--fmu", begun="br") == ["brace="]
     assert completed("compare", "level", "--brace", begun="soft=brace_l") == ["soft=brace_linear"]
     assert completed("run", begun=str(tmp_path)) == []
+
+
+@pytest.mark.parametrize("columns", range(46, 75))
+def test_folded_lines_keep_a_percentage_whole_and_leave_no_blank_line(columns: int) -> None:
+    heading = "a landing on a slope of 30° with a 150 % brace, 20 % of co-activation and a reflex of some gain"
+    rows = [
+        "  450 landings about the design point  coefficient of variation 1 %",
+        "  first order                       0.0207, beta 2.040",
+        "  second order                      Breitung 0.0158, Hohenbichler-Rackwitz 0.0151",
+    ]
+    lines = fitted("\n".join([heading, *rows]), columns).split("\n")
+    assert not [line for line in lines if len(line) > columns or not line.strip() or line.lstrip().startswith("%")]
+    assert " ".join(heading.split()) in " ".join(" ".join(lines).split())
