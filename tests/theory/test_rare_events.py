@@ -313,3 +313,17 @@ def test_openturns_samples_to_the_same_probability() -> None:
     ours = rare_event(problem.function, problem.marginals, 0.0, n=2000)
     reach = 4.0 * math.hypot(theirs.getStandardDeviation(), ours.cov * ours.probability.value)
     assert abs(ours.probability.value - theirs.getProbabilityEstimate()) <= reach
+
+
+def test_an_interval_by_few_rows_of_large_weight_allows_for_that() -> None:
+    """A jump away from the design point, met by the wide component alone: by a normal quantile the interval held 0.91
+    of 200 seeds, by the rows' own freedom 0.96."""
+
+    def response(u: Array) -> Array:
+        return u[:, 0] + 3.0 * (u[:, 1] > 1.5)
+
+    held = 0
+    for seed in range(60):
+        found = rare_event(response, [UNIT] * 2, 5.0, above=True, curvature=True, n=450, seed=seed, tolerance=0.03)
+        held += found.probability.low <= 1.5e-3 <= found.probability.high
+    assert held / 60 >= 0.92

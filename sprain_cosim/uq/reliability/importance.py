@@ -164,19 +164,21 @@ class _Sample:
     def estimate(self, confidence: float) -> tuple[float, float, float, float]:
         """Value, ends of its interval, standard error.
 
-        The interval is symmetric in the logarithm. Where the controls explain every row, one that they would not may
-        still be next: the standard error is at least the value over the rows' worth in the event.
+        The interval is symmetric in the logarithm, by Student's quantile at the freedom that the rows have. Where the
+        controls explain every row, one that they would not may still be next: the standard error is at least the value
+        over the rows' worth in the event.
         """
         terms, worth = self.terms, _worth(self.terms)
         if not worth:  # which tells no more than so many plain rows without the event
             return 0.0, 0.0, float(clopper_pearson([0], _worth(self.weights), confidence)[1][0]), 0.0
         residual, far_error = self._residual(terms)
         value, n = float(np.mean(residual)), len(residual)
-        error = math.hypot(float(np.std(residual, ddof=1)) / math.sqrt(n), far_error)
-        error = max(error, abs(value) / worth)
+        error, least = math.hypot(float(np.std(residual, ddof=1)) / math.sqrt(n), far_error), abs(value) / worth
+        freedom = _freedom(residual) if error > least else n - 1
+        error = max(error, least)
         if value <= 0:
             return value, 0.0, float(np.max(terms)), error
-        reach = math.exp(float(stdtrit(n - 1, 0.5 * (1.0 + confidence))) * error / value)
+        reach = math.exp(float(stdtrit(freedom, 0.5 * (1.0 + confidence))) * error / value)
         return value, value / reach, min(value * reach, 1.0), error
 
     def _residual(self, terms: Array) -> tuple[Array, float]:
@@ -219,6 +221,13 @@ class _Sample:
             if norm > 0:
                 columns.append(self.weights * (self.u @ centre >= norm**2) - float(ndtr(-norm)))
         return np.column_stack(columns) if columns else np.empty((self.trials, 0))
+
+
+def _freedom(values: Array) -> float:
+    """Degrees of freedom of the variance of values, by their kurtosis: a few large ones say little of their spread."""
+    away = (values - values.mean()) ** 2
+    kurtosis = float(np.mean(away**2)) / float(np.mean(away)) ** 2 if np.any(away) else 3.0
+    return max(2.0 * len(values) / max(kurtosis - 1.0, 2.0) - 1.0, 1.0)
 
 
 def _worth(terms: Array) -> float:
