@@ -61,10 +61,11 @@ def shortened(text: str, longest: int = LONGEST_VALUE) -> str:
 
 
 def with_interval(value: float | None, low: float | None, high: float | None, unit: str) -> str:
-    """ "27.3 deg (26.9 ... 27.8)"; says so where there is no interval."""
+    """ "27.3 deg (95 %: 26.9 ... 27.8)"; says so where there is no interval, or too few landings close an end."""
     if value is None:
         return "not known"
-    doubt = "no interval" if low is None or high is None else f"95 %: {low:.4g} ... {high:.4g}"
+    ends = ["open" if end is None else f"{end:.4g}" for end in (low, high)]
+    doubt = "no interval" if low is None and high is None else f"95 %: {' ... '.join(ends)}"
     return f"{value:.4g}{f' {unit}' if unit else ''} ({doubt})"
 
 

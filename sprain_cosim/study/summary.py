@@ -17,7 +17,7 @@ from ..files import read_json
 from ..fmu.messages import spoke
 from ..metrics import unit_of
 from ..notebook import Card, Rows, with_interval
-from ..records import FORMAT, Record, Summary, known_format, optional
+from ..records import FORMAT, Record, Summary, ends_of, known_format, optional
 from .questions import law_name
 
 FILE = "summary.json"
@@ -254,10 +254,8 @@ class Probability(Card, Record):
     @property
     def doubted(self) -> str:
         """The probability with its doubts, apart."""
-        value = "between" if self.probability is None else f"{self.probability:.3g}"
-        doubts = (("sample", self.sampling_ci), ("threshold", self.threshold_ci), ("measured inputs", self.inputs_ci))
-        known = [f"{name} {pair[0]:.3g} ... {pair[1]:.3g}" for name, pair in doubts if pair is not None]
-        return f"{value} (95 %: {', '.join(known)})" if known else f"{value} (no interval)"
+        doubts = {"sample": self.sampling_ci, "threshold": self.threshold_ci, "measured inputs": self.inputs_ci}
+        return _in_doubt(self.probability, doubts, self.shapes)
 
     def card(self) -> tuple[str, Rows]:
         rows = [("probability", self.doubted)]
@@ -266,6 +264,21 @@ class Probability(Card, Record):
             rows.append(("threshold of another shape", shapes))
         rows += [("trials", f"{self.trials}{f', {self.failed} failed' if self.failed else ''}")] if self.trials else []
         return self.asked, [*rows, *([("so", self.sentence)] if self.sentence else [])]
+
+
+def _in_doubt(probability: float | None, doubts: Mapping[str, PAIR | None], shapes: Mapping[str, float] | None) -> str:
+    """ "0.0146 (95 %: sample 0.0115 ... 0.0241; threshold of another shape 0.00512 ... 0.0238)". The shapes say how far
+    a threshold is known where no number of specimens does."""
+    value = "between" if probability is None else f"{probability:.3g}"
+    known = [
+        f"{name} {' ... '.join('open' if end is None else f'{end:.3g}' for end in pair)}"
+        for name, pair in doubts.items()
+        if pair is not None
+    ]
+    said = [f"95 %: {', '.join(known)}" if known else "no interval"]
+    if not doubts.get("threshold") and (ends := ends_of(shapes)):
+        said.append(f"threshold of another shape {ends[0]:.3g} ... {ends[1]:.3g}")
+    return f"{value} ({'; '.join(said)})"
 
 
 def _percents(levels: Iterable[str], place: str) -> None:
@@ -423,7 +436,8 @@ class FormSearch(Record):
 
     def rows(self) -> Rows:
         """What is shown in brief."""
-        text = with_interval(self.probability, self.ci_low, self.ci_high, "")
+        sampled = None if self.ci_low is None or self.ci_high is None else (self.ci_low, self.ci_high)
+        text = _in_doubt(self.probability, {"sample": sampled, "threshold": self.threshold_ci}, self.shapes)
         return [(f"P of {self.response}", text), ("own check", self.status)]
 
 
@@ -573,7 +587,10 @@ class DesignSearch(Record):
             if point.status == "everywhere"
             else ""
         )
-        return f"{in_figures(point.value)}{unit} (95 %: {low} ... {high}){where}; goal {self.in_words(point)}"
+        p = point.probability
+        there = _in_doubt(p.value, {"sample": p.sampling_ci, "threshold": p.threshold_ci}, p.shapes)
+        found = f"{in_figures(point.value)}{unit} (95 %: {low} ... {high}){where}"
+        return f"{found}; goal {self.in_words(point)}; P there {there}"
 
     @property
     def met(self) -> bool:
@@ -883,7 +900,7 @@ class StudySummary(Card, Summary):
             rows += found.rows()
         else:
             name = PEAK if PEAK in self.responses else next(iter(self.responses), "")
-            levels = self.responses[name].percentiles if name else {}
+            levels = self.responses[name].percentiles if name and self.grid is None else {}
             for level in [key for key in ("50", "95") if key in levels]:
                 e = levels[level]
                 text = with_interval(e.value, e.ci_low, e.ci_high, unit_of(name))

@@ -25,11 +25,12 @@ from sprain_cosim.folders.comparison import ComparisonFolder
 from sprain_cosim.folders.read import read_folder
 from sprain_cosim.folders.run import RunFolder
 from sprain_cosim.folders.study import StudyFolder
-from sprain_cosim.notebook import LONGEST, Card
+from sprain_cosim.notebook import LONGEST, Card, with_interval
 from sprain_cosim.scenario.scenario import Session
 from sprain_cosim.study.campaign import Campaign, at_hand
 from sprain_cosim.study.plan import Plan
 from sprain_cosim.study.progress import shown_to
+from sprain_cosim.study.summary import Probability
 from sprain_cosim.uq.design import DesignResult, GoalCurve, GoalPoint
 from sprain_cosim.uq.exceedance import Exceedance
 from sprain_cosim.uq.statistics import Estimate
@@ -448,3 +449,15 @@ def test_values_with_units_in_a_session(session: Session, landing: sc.Result) ->
 def test_a_value_that_does_not_fit_is_refused(session: Session, name: str, value: object, words: str) -> None:
     with pytest.raises(sc.InputError, match=words):
         session.run({name: value})  # type: ignore[dict-item]
+
+
+def test_a_number_in_brief_has_all_its_doubts() -> None:
+    """An end that is known is told, and how far a threshold is known also where no number of specimens says it."""
+    assert with_interval(33.284, 32.071, None, "deg") == "33.28 deg (95 %: 32.07 ... open)"
+    assert with_interval(33.284, None, None, "deg") == "33.28 deg (no interval)"
+    shapes = {"normal": 0.0146, "weibull": 0.0238, "lognormal": 0.0051}
+    known = Probability("above 35 ± 6 deg", 0.0146, sampling_ci=(0.0115, 0.0241), shapes=shapes)
+    assert known.doubted == "0.0146 (95 %: sample 0.0115 ... 0.0241; threshold of another shape 0.0051 ... 0.0238)"
+    measured = replace(known, threshold_ci=(0.001, 0.16))
+    assert measured.doubted == "0.0146 (95 %: sample 0.0115 ... 0.0241, threshold 0.001 ... 0.16)"
+    assert Probability("above 35 deg", 0.0146).doubted == "0.0146 (no interval)"
