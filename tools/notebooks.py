@@ -104,7 +104,8 @@ def _shown(output: Any, source: str, stem: str, pictures: dict[str, bytes]) -> s
         drawn = source.splitlines()[-1].translate(str.maketrans("[]", "()"))
         return f"![what {drawn} draws]({name})"
     if "text/html" in output.data:  # without blank lines, which would end it for Markdown, and styles of its own
-        return re.sub(r"\n\s*", " ", re.sub(r"<style.*?</style>", "", output.data["text/html"], flags=re.DOTALL))
+        shown = re.sub(r"\n\s*", " ", re.sub(r"<style.*?</style>", "", output.data["text/html"], flags=re.DOTALL))
+        return re.sub(r"(?<=</t[dhr]>)|(?<=</caption>)", " ", shown)  # words of two cells stay two for the search
     return _text(output.data.get("text/plain", ""))
 
 

@@ -92,8 +92,8 @@ def published_inputs(out: Path, workers: int) -> Iterator[str]:
                 x = trials[heading]
                 r[heading.partition(" [")[0]] = np.corrcoef(x, ours)[0, 1] - np.corrcoef(x, theirs)[0, 1]
         worst = max(r, key=lambda k: abs(r[k]))
-        missed += [f"r of {k} ({v:+.3f})" for k, v in r.items() if abs(v) > 0.02]
-        cells = " | ".join(f"{v:+.3f}" for v in gaps.values())
+        missed += [f"r of {k} ({v:+z.3f})" for k, v in r.items() if abs(v) > 0.02]
+        cells = " | ".join(f"{v:+z.3f}" for v in gaps.values())
         yield f"| {n}: {title} | {cells} | {r[worst]:+.4f} ({worst}) | {', '.join(missed) or 'none'} |"
 
 
@@ -161,7 +161,7 @@ def fresh(campaigns: dict[int, Any]) -> Iterator[str]:
     yield "|---" * (len(SUMMARY) + 1) + "|"
     yield from lines
     yield ""
-    yield f"Missed of {count}: {'; '.join(missed) if missed else 'none'}."
+    yield f"Of the {count} correlations {'; '.join(['these miss', *missed]) if missed else 'none misses its bound'}."
 
 
 def table3(campaigns: dict[int, Any]) -> Iterator[str]:

@@ -42,10 +42,10 @@ def scatter() -> Figure:
         axis.plot([low, high], [low, high], color=FAINT, linewidth=0.8)
         axis.plot(peaks, peaks + errors, ".", color=TALOCRURAL, markersize=3, alpha=0.5)
         axis.set_title(f"study {title}")
-        text = f"RMS {np.sqrt(np.mean(errors**2)):.3f}°\nbias {errors.mean():+.3f}°"
+        text = f"RMS {np.sqrt(np.mean(errors**2)):.3f}°\nbias {errors.mean():+z.3f}°"
         axis.text(0.05, 0.95, text, transform=axis.transAxes, va="top")
         print(
-            f"| {title} | {len(errors)} | {errors.mean():+.3f} | {np.sqrt(np.mean(errors**2)):.3f} | "
+            f"| {title} | {len(errors)} | {errors.mean():+z.3f} | {np.sqrt(np.mean(errors**2)):.3f} | "
             f"{np.abs(errors).max():.2f} |"
         )
     made.supxlabel("published peak subtalar supination [deg]", fontsize="medium")
@@ -76,8 +76,8 @@ def overlay() -> Figure:
 
 def table() -> None:
     print(
-        "\n| Landings | cases | subtalar RMS | subtalar peak | talocrural RMS | knee RMS | ground reaction after 5 ms "
-        "|\n|---|---|---|---|---|---|---|"
+        "\n| Landings | cases | subtalar RMS [°] | subtalar peak [°] | talocrural RMS [°] | knee RMS [°] | ground "
+        "reaction after 5 ms [%] |\n|---|---|---|---|---|---|---|"
     )
     groups: dict[str, list[list[float]]] = {"published pose": [], "touching pose": []}
     for case in published.CASES:
@@ -97,7 +97,7 @@ def table() -> None:
             groups["touching pose" if case.startswith("nopen") else "published pose"].append(found)
     for name, rows in groups.items():
         a = np.array(rows)
-        cells = " | ".join(f"{np.median(a[:, k]):.3f} ({a[:, k].max():.3f}) {'%' if k == 4 else '°'}" for k in range(5))
+        cells = " | ".join(f"{np.median(a[:, k]):.3f} ({a[:, k].max():.3f})" for k in range(5))
         print(f"| {name} | {len(a)} | {cells} |")
     worst = max(muscles(case) for case in published.MUSCLES)
     print(f"\nlargest RMS error of any of the 49 muscle forces: {worst:.2f} N")
