@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import InputError, SimulationError, nearest
 from ..uq.distributions import Array
-from ..uq.reliability import LevelResult
+from ..uq.reliability import BudgetTooSmall, LevelResult
 from .dispatch import Dispatch
 from .plan import Plan
 from .worker import Outcome
@@ -37,6 +37,11 @@ def run_search(study: Plan, dispatch: Dispatch) -> Any:
 
     try:
         found = study.search(function)
+    except BudgetTooSmall:
+        raise InputError(
+            f"study.budget = {study.budget}: is spent before the first step of method {study.method} is complete; take "
+            "more"
+        ) from None
     except ValueError as problem:
         if study.method != "design":
             raise

@@ -37,6 +37,7 @@ __all__ = [
 
 Family = Literal["normal", "lognormal", "weibull"]
 FAMILIES: tuple[Family, ...] = ("normal", "lognormal", "weibull")
+SMALLEST = 1e-100  # of a value; the largest is its inverse
 MIN_SPECIMENS = 3
 
 _SIMULATED = 2000
@@ -100,6 +101,9 @@ def require_specimens(sample: ArrayLike) -> Array:
         raise ValueError(f"{len(values)} values are too few to fit a distribution; at least {MIN_SPECIMENS} are needed")
     if not np.all(np.isfinite(values)):
         raise ValueError("the sample holds values that are not finite")
+    sizes = np.abs(values[values != 0.0])
+    if len(sizes) and not (sizes.min() > SMALLEST and sizes.max() < 1.0 / SMALLEST):
+        raise ValueError(f"the sample holds values of {sizes.min():g} to {sizes.max():g}: what is their unit?")
     if np.ptp(values) == 0.0:
         raise ValueError(f"all {len(values)} values of the sample are {values[0]:g}: nothing varies; use a fixed value")
     return values

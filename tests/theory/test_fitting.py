@@ -100,6 +100,9 @@ def test_samples_that_say_nothing_are_refused(sample: list[float], message: str)
 
 
 def test_families_that_need_positive_values_say_so() -> None:
+    for absurd in (1e-300, 1e300):
+        with pytest.raises(ValueError, match="what is their unit"):
+            fit_sample(np.array([0.2, 0.21, 0.25, absurd]))
     with pytest.raises(ValueError, match="need positive values"):
         fit_sample([-1.0, 2.0, 3.0, 4.0], ("lognormal", "weibull"))
     with pytest.raises(ValueError, match="needs positive values"):

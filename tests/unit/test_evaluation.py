@@ -452,6 +452,20 @@ def test_impossible_studies_are_refused_in_one_line(tmp_path, old: str, new: str
     assert len(str(problem.value).splitlines()) <= 2
 
 
+def test_a_budget_that_is_spent_before_the_first_step_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The levels' own points come on top of the slopes'."""
+    from sprain_cosim.study import search
+
+    study = sc.load_study("amv6")
+
+    def spent(self: object, function: object) -> None:
+        raise search.BudgetTooSmall("a budget of 7 evaluations does not even allow the AMV step")
+
+    monkeypatch.setattr(type(study), "search", spent)
+    with pytest.raises(InputError, match=r"study\.budget = 2000: is spent before the first step of method amv"):
+        search.run_search(study, None)  # type: ignore[arg-type]
+
+
 def test_radians_written_as_degrees_are_warned_about(tmp_path) -> None:
     from sprain_cosim.shipped import scenario_folder
 

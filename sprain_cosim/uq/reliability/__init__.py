@@ -37,7 +37,7 @@ from .level_check import LevelCheck, check_levels, level_exceedance
 from .linearisation import DEFAULT_LEVELS, Space
 from .mean_value_family import LevelResult, amv, mean_value
 from .multistart import DesignPoints, design_points
-from .points import DEFAULT_BUDGET, Evaluations, Function, Status
+from .points import DEFAULT_BUDGET, BudgetTooSmall, Evaluations, Function, Status
 from .rare import RareEvent, rare_event
 from .relinearised import amv_plus, hmv
 from .second_order import SormResult, sorm
@@ -45,6 +45,7 @@ from .second_order import SormResult, sorm
 __all__ = [
     "DEFAULT_BUDGET",
     "DEFAULT_LEVELS",
+    "BudgetTooSmall",
     "DesignPoints",
     "Difference",
     "Evaluations",

@@ -18,7 +18,7 @@ from scipy.special import ndtr
 from ..distributions import JointDistribution, Marginal
 from .differences import Difference, check_differences, differences, standard_gradient, unit_vector
 from .limit_state import Event, LimitState
-from .points import DEFAULT_BUDGET, Array, BudgetSpent, Evaluations, Function, PointLedger, Status
+from .points import DEFAULT_BUDGET, Array, BudgetSpent, BudgetTooSmall, Evaluations, Function, PointLedger, Status
 
 __all__ = ["FormResult", "form", "form_exceedance", "search"]
 
@@ -132,7 +132,7 @@ def search(
     except BudgetSpent:
         complaint = f"the budget of {ledger.budget} evaluations was spent before the search settled"
     if state is None:
-        raise ValueError(f"a budget of {ledger.budget} evaluations does not even allow one gradient")
+        raise BudgetTooSmall(f"a budget of {ledger.budget} evaluations does not even allow one gradient")
     beta = math.copysign(float(np.linalg.norm(u)), origin_value)
     alpha = -unit_vector(state[1])
     return FormResult(

@@ -50,6 +50,10 @@ class BudgetSpent(Exception):
     pass
 
 
+class BudgetTooSmall(ValueError):
+    """The budget does not even allow the first step of a search."""
+
+
 @dataclass
 class PointLedger:
     """The function with a memory: counts what is asked, executes each distinct point once."""

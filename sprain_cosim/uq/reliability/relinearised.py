@@ -19,7 +19,7 @@ from .differences import Difference, Slopes, differences, standard_gradient, uni
 from .gate import Gate
 from .linearisation import DEFAULT_LEVELS, Linearisation, Setting, Space
 from .mean_value_family import LevelResult, level_result
-from .points import DEFAULT_BUDGET, Array, BudgetSpent, Function, PointLedger
+from .points import DEFAULT_BUDGET, Array, BudgetSpent, BudgetTooSmall, Function, PointLedger
 
 __all__ = ["amv_plus", "hmv"]
 
@@ -56,7 +56,7 @@ def _relinearise(
         points = {p: setting.extreme(linear.slopes.gradient, p, linear.standard_point) for p in setting.levels}
         start = ledger(joint.from_standard(np.array(list(points.values()))))
     except BudgetSpent:
-        raise ValueError(f"a budget of {budget} evaluations does not even allow the AMV step") from None
+        raise BudgetTooSmall(f"a budget of {budget} evaluations does not even allow the AMV step") from None
     gate = Gate(setting, linear, noise)
     gate.look_at_slopes()
     searches = {p: _Search(points[p], float(z)) for p, z in zip(points, start, strict=True)}
