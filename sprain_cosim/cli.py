@@ -172,7 +172,8 @@ def run_command(
         chosen = chosen.isolated()
     if in_process:
         chosen = chosen.unconfined()
-    for warning in (*chosen.warnings, *chosen.doubts(), *device_doubts(chosen)):
+    doubts = (*chosen.warnings, *chosen.doubts(), *device_doubts(chosen))
+    for warning in doubts:
         _warn(warning)
     if out is not None:
         _warn_of_run(out, force)
@@ -187,7 +188,7 @@ def run_command(
     if as_json or out is not None:
         from .folders.run import RunSummary
 
-        summary = replace(RunSummary.of(chosen, result), coupling_check=finer)
+        summary = replace(RunSummary.of(chosen, result), coupling_check=finer, warnings=doubts or None)
     if out is not None and completed:
         from .figures.landings import leave_run
 

@@ -53,6 +53,7 @@ class RunSummary(Card, Summary):
     scenario, title            where the scenario comes from, and what it is
     scheme, scheme_reason      coupling scheme, and why it was chosen
     warning                    of the stability guard; empty for none
+    warnings                   what `run` said of scenario and device before the landing, one line each; absent for none
     communication_step_s       [s]
     held                       {component: what holding its torques between its own times may cost}
     exchanges                  communication steps taken
@@ -100,6 +101,7 @@ class RunSummary(Card, Summary):
     coupling_doubt_deg: float | None = None
     coupling_converged: bool | None = None
     fmu_messages: Mapping[str, Messages] = field(default_factory=dict)
+    warnings: tuple[str, ...] | None = optional()
     subject: SubjectRecord | None = optional()
     estimates_doubt_deg: float | None = optional()
     coupling_check: Mapping[str, float | None] | None = optional()

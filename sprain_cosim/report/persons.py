@@ -11,7 +11,7 @@ from ..folders.comparison import INJURY, MeanEstimate, PersonBand, Persons, Wors
 from ..folders.run import RunFolder, RunSummary
 from ..folders.study import StudyFolder
 from ..records import ends_of
-from ..scenario.body import is_of_subject
+from ..scenario.body import SEX, is_of_subject
 from ..study.summary import VarianceShare
 from ..subject.anthropometry import SEXES
 from ..subject.person import Subject
@@ -96,6 +96,8 @@ def who_landed(item: RunFolder | StudyFolder) -> list[Row]:
         name, _, unit = column.partition(" [")
         mean, sd = values[column].mean(), values[column].std()
         text = f"{mean:.4g} ± {sd:.3g} {unit.rstrip(']')} in these landings"
+        if name == SEX:
+            text = f"{int(values[column].sum())} of {len(values)} landings are of men"
         rows.append([Cell(PARAMETERS[name][0], name=name) if name in PARAMETERS else Cell(name, code=True), text])
     return rows
 

@@ -66,7 +66,7 @@ def verdicts(folders: Sequence[Folder], items: Sequence[Named]) -> list[Block]:
         shown = name if len(items) > 1 else ""
         if isinstance(item, RunFolder):
             if id(item) not in compared:
-                warned = bool(item.summary.warning) or item.summary.coupling_converged is False
+                warned = bool(_said_of_run(item)) or item.summary.coupling_converged is False
                 found.append(Verdict(_of_run(item), shown, warned))
         elif item.summary.n_failed or id(item) not in compared:
             found.append(_of_trials(item, shown, items))
@@ -152,10 +152,9 @@ def _of_comparison(folder: ComparisonFolder) -> Verdict | None:
 
 
 def _said_of(folder: ComparisonFolder, name: str) -> list[str]:
-    """The warnings about a brace; parameters that it lacks stand among its inputs."""
+    """The warnings about a brace."""
     member = folder.members.get(name)
-    lacks = member is not None and bool(member.summary.dropped)
-    return [line for line in folder.summary.braces[name].warnings if not (lacks and line.endswith("dropped"))]
+    return _telling(folder.summary.braces[name].warnings, () if member is None else member.summary.dropped)
 
 
 def _best_first(folder: ComparisonFolder, rows: Sequence[Change]) -> tuple[Markup, Markup]:
@@ -322,9 +321,18 @@ def _of_run(run: RunFolder) -> Markup:
         text += f" Coupling error: {percentage(run.summary.coupling_error)} % of the energy exchanged."
     if run.summary.estimates_doubt_deg is not None:
         text += f" What is estimated of the body leaves ± {run.summary.estimates_doubt_deg:.2g}° open (one SD)."
-    if run.summary.warning:
-        text += _warned(run.summary.warning)
-    return text
+    return text + Markup("").join(map(_warned, _said_of_run(run)))
+
+
+def _said_of_run(run: RunFolder) -> list[str]:
+    """The warnings of a landing."""
+    summary = run.summary
+    return [*_telling(summary.warnings or (), summary.dropped), *([summary.warning] if summary.warning else [])]
+
+
+def _telling(warnings: Iterable[str], dropped: Sequence[str]) -> list[str]:
+    """Without those of parameters that the device lacks, which stand among the inputs."""
+    return [line for line in warnings if not (dropped and line.endswith("dropped"))]
 
 
 def _warned(line: str) -> Markup:

@@ -170,12 +170,19 @@ def test_warnings_stand_in_the_verdict(results: Path, tmp_path: Path) -> None:
     data["braces"][name]["warnings"] = ["the device left its range; are its units right?"]
     file.write_text(json.dumps(data))
     run = tmp_path / "compared" / name / "summary.json"
-    run.write_text(json.dumps(json.loads(run.read_text()) | {"warning": "coupling not converged at <0.5 ms>"}))
+    said = {
+        "warning": "coupling not converged at <0.5 ms>",
+        "warnings": ["assumed N.m", "x is dropped"],
+        "dropped": ["x"],
+    }
+    run.write_text(json.dumps(json.loads(run.read_text()) | said))
     text, page = made(tmp_path / "compared")
     assert f"Warning: {name}: the device left its range; are its units right?" in page.sections["verdict"]
     assert 'class="verdict warn"' in text
     text, page = made(tmp_path / "compared" / name)
     assert "Warning: coupling not converged at <0.5 ms>." in page.sections["verdict"]
+    assert "Warning: assumed N.m." in page.sections["verdict"]
+    assert "is dropped" not in page.sections["verdict"], "it stands among the inputs"
     assert 'class="verdict warn"' in text
     assert "step ±" in page.sections["numbers"]
 
