@@ -40,6 +40,7 @@ PEAKS = (  # response, name, marker, filled, place on the line
     ("peak_inversion_from_neutral_deg", "inversion", "s", False, 0.14),
 )
 PAD = 8.0  # points between a panel and its title
+TWO_LINES = 0.72  # cm of a row whose name takes two lines
 MOTIONS = {"plantarflexion": "....", "dorsiflexion": "////", "supination": ""}  # hatches, in the brace's colour
 Doubt = tuple[float, float]
 
@@ -55,10 +56,11 @@ def comparison_figure(
     note = f"{summary.source}: {summary.count}, the same for every brace. "
     note += f"Initial pose: {summary.initial_pose}. " if summary.initial_pose else ""
     note += f"Failed: {', '.join(summary.failed)}." if summary.failed else ""
+    row = TWO_LINES if any("\n" in in_two(called(name)) for name in shown) else 0.0
     heights = [
         4.4 if runs else 1.3 + 0.72 * len(shown),
-        1.7 + 0.55 * len(braces),
-        1.7 + 0.5 * len(shown),
+        1.7 + max(row, 0.55) * len(braces),
+        1.7 + max(row, 0.5) * len(shown),
         1.7 + 0.75 * len(braces),
     ]
     drawn, (first, changes, moments, motion) = sheet(heights, note.strip())
@@ -247,7 +249,7 @@ def _motion(axis: Axes, resistance: Mapping[str, Mapping[str, float]], look: Map
     axis.axvline(0, color=FAINT, linewidth=0.6, zorder=0)
     axis.margins(x=0.06)
     _named(axis, list(resistance), 0.6)
-    axis.set_title("What 10° of ordinary motion costs (tick: 5°)", pad=PAD)
+    axis.set_title("What 10° of motion costs (tick: 5°)", pad=PAD)
     axis.set_xlabel("moment of the brace [N·m], + resists the motion")
     _squares(axis, {motion: _hatched(INK, motion) for motion in MOTIONS})
 

@@ -181,6 +181,11 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "compare": lambda: comparison_figure(
         COMPARISON, {}, {name: np.random.default_rng(1).normal(30, 3, 200) for name in COMPARED}
     ),
+    "compare long names": lambda: comparison_figure(
+        replace(COMPARISON, braces=dict.fromkeys(BRACES_DRAWN, COMPARISON.braces["b"])),
+        {},
+        {name: np.random.default_rng(1).normal(30, 3, 200) for name in BRACES_DRAWN},
+    ),
     "compare landings": lambda: comparison_figure(COMPARISON, {name: run(1) for name in COMPARED}, {}),
     "paired": lambda: paired(COMPARISON, dict.fromkeys(COMPARED, (1e-7, 0.011)), palette(COMPARED, ["none"])),
     "design": lambda: plots.design_curve(DESIGNED, NOTE),
