@@ -70,6 +70,7 @@ RESAMPLES = 1000  # of the bootstrap
 # rows alone
 MANY = 20_000
 FOR_CHAOS = 100  # completed trials for polynomial chaos
+PREDICTED = 0.95  # of left-out variance, below which what is missing is told
 CHAOS_DEGREE = 3  # at most; seconds instead of minutes for ten inputs and thousands of trials
 SHARES = tuple(f"{kind}{end}" for kind in ("first", "total", "shapley") for end in ("", "_low", "_high"))
 FACTORS = ("dmean_dmean", "dmean_dsd", "dsd_dmean", "dsd_dsd")
@@ -248,7 +249,7 @@ def _with_sample(
                 "would be too small"
             )
     questions, curves = dict[str, Probability](), dict[str, Curve]()
-    notes += _apart(study, moved)
+    notes += _apart(study, moved) + _not_predicted(moved)
     if len(done) >= LEAST and study.method != "grid":
         asked = [q for q in study.exceedances if q.response in values]
         questions = {q.name: sample.question(q, values[q.response]) for q in asked}
@@ -608,6 +609,18 @@ def _apart(study: Plan, moved: Mapping[str, Sensitivity]) -> list[str]:
                 f"{total:.2f} when all other inputs are known (total){share}"
             )
     return lines
+
+
+def _not_predicted(moved: Mapping[str, Sensitivity]) -> list[str]:
+    """Where the polynomial behind the shares of variance leaves much of it: one line a response."""
+    shares = {name: found.chaos.q2 for name, found in moved.items() if found.chaos is not None}
+    return [
+        f"{name}: the polynomial behind the Sobol' and Shapley shares predicts {100 * max(q2, 0.0):.0f} % of left-out "
+        f"variance; the other {100 * min(1.0 - q2, 1.0):.0f} % may belong to any input, which the intervals of these "
+        "shares do not allow for"
+        for name, q2 in shares.items()
+        if q2 is not None and q2 < PREDICTED
+    ]
 
 
 def _disjoint(one: PAIR | None, other: PAIR | None) -> bool:

@@ -503,6 +503,19 @@ def test_persons_drawn_one_by_one_beyond_those_measured_are_told(tmp_path, sd: s
     assert len(lines) == warned
 
 
+def test_what_the_polynomial_behind_shares_does_not_predict_is_told(study6) -> None:
+    """Of a bent response in ten inputs 100 rows allow a plane alone: the interval of the share of the bent input held
+    0.75 of 100 samples, without a word."""
+    study = replace(study6, trials=120)
+    trials = landings(study)
+    told = " may belong to any input"
+    assert not any(told in note for note in summarise(study, trials, None).notes)
+    trials[PEAK] += 3.0 * np.random.default_rng(1).standard_normal(120)
+    summary = summarise(study, trials, None)
+    assert summary.sensitivity[PEAK].chaos.q2 < 0.9
+    assert sum(note.startswith(PEAK) and told in note for note in summary.notes) == 1
+
+
 def test_a_latin_hypercube_has_the_mean_that_independent_trials_bound(study6) -> None:
     study = replace(study6, method="lhs", trials=60)
     found = summarise(study, landings(study), None).responses[PEAK]
