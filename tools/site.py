@@ -59,6 +59,7 @@ BLOCK = re.compile(
 )
 COLUMNS = 86  # letters of a line that a block shows in the usual size on a screen of 1280 pixels
 WIDEST = 140  # letters of a line that can still be a row of a table
+WHOLE = r'<span class="option">\g<0></span>'
 OUTPUT = re.compile(r'(<div class="language-text) (highlight"><pre><span></span><code)>(.*?)\n?</code>', re.DOTALL)
 MESSAGE = re.compile("(?:note|problem|warning): ")
 GAP = re.compile(r"(?<=[^\s:\u00b7]) {2,}(?=[^\s\u00b7])")  # between the columns of a line
@@ -98,7 +99,7 @@ def on_page_content(content: str, **_: Any) -> str:
     content = TABLE.sub(lambda table: _table(table[0]), content)  # behind the formulas, whose TeX has names too
     content = FRAME.sub(lambda frame: _with_breaks(frame[0]), content)
     content = OUTPUT.sub(lambda found: _output(found[1], found[2], html.unescape(found[3])), content)
-    content = CODE.sub(lambda code: OPTION.sub(r'<span class="option">\g<0></span>', code[0]), content)
+    content = CODE.sub(lambda code: OPTION.sub(WHOLE, code[0]), content)
     content = TITLE.sub(lambda title: title[1] + BREAK.sub(r"\1<wbr>", title[2]), content)
     content = BLOCK.sub(_block, CHAIN.sub(r"\1<wbr>", content))
     return FIGURE.sub(r'<a href="\1" title="in its own size">\g<0></a>', content)
@@ -156,9 +157,10 @@ def _output(start: str, middle: str, text: str) -> str:
             )
             shown.append(f'<span class="sentence">{letters}</span>' if sentence else letters)
         groups.append("\n".join(shown))
-    if not columns or MESSAGE.match(text):
-        return f"{start} line {middle}>{html.escape(text, quote=False)}\n</code>"
-    return f'{start} {middle} style="--narrow: {columns}">' + "\n\n".join(groups) + "\n</code>"
+    if MESSAGE.match(text) or (not columns and (figures or not GAP.search(text))):
+        return f"{start} line {middle}>" + "\n\n".join(groups) + "\n</code>"
+    shown_whole = OPTION.sub(WHOLE, "\n\n".join(groups))
+    return f'{start} {middle} style="--narrow: {max(columns, 1)}">{shown_whole}\n</code>'
 
 
 def _runs(line: str, spare: set[int]) -> list[tuple[bool, str]]:
