@@ -42,8 +42,9 @@ def check_study_folder(folder: Path, resume: bool, resumable: bool = True) -> No
     except OSError as problem:
         raise EnvironmentProblem(f"{folder}: cannot be read: {problem.strerror or problem}") from None
     if FILE in held and not resume:
-        way = "continue it with --resume, or name" if resumable else "name"
-        raise InputError(f"{folder}: holds a study already; {way} a new folder with --out")
+        if not resumable:
+            raise InputError(f"{folder}: holds a study already; name a new folder with --out")
+        raise InputError(f"{folder}: holds a study already; continue it with --resume, or name a new folder with --out")
     if FILE not in held and held - {LOCK}:
         raise InputError(f"{folder}: holds other files; name a new folder with --out")
 
