@@ -71,7 +71,7 @@ def verdicts(folders: Sequence[Folder], items: Sequence[Named]) -> list[Block]:
         elif item.summary.n_failed or id(item) not in compared:
             found.append(_of_trials(item, shown, items))
     studies = [(name, item) for name, item in items if isinstance(item, StudyFolder)]
-    notes, of_all = _shared([(name, _notes(study)) for name, study in studies])
+    notes, of_all = _shared([(name, _notes(study, id(study) in compared)) for name, study in studies])
     first = notes if compared else [*of_all, *notes]
     return [*(v for v in found if v is not None), *(Paragraph(n, "about") for n in first), Paragraph(LIMITED)]
 
@@ -81,8 +81,8 @@ def notes_of_comparisons(folders: Sequence[Folder], items: Sequence[Named]) -> l
     the difference."""
     if not any(isinstance(folder, ComparisonFolder) for folder in folders):
         return []
-    _, of_all = _shared([(name, _notes(study)) for name, study in items if isinstance(study, StudyFolder)])
-    return [Paragraph(note, "about") for note in of_all if note.lower() != f"{GIVEN_ROWS}."]
+    _, of_all = _shared([(name, _notes(study, True)) for name, study in items if isinstance(study, StudyFolder)])
+    return [Paragraph(note, "about") for note in of_all]
 
 
 def _shared(notes: Sequence[tuple[str, Sequence[str]]]) -> tuple[list[str], list[str]]:
@@ -92,9 +92,7 @@ def _shared(notes: Sequence[tuple[str, Sequence[str]]]) -> tuple[list[str], list
         for note in said:
             found.setdefault(note, []).append(name)
     of_some = [
-        f"{' and '.join(names)}: {note[:1].lower()}{note[1:]}"
-        for note, names in found.items()
-        if len(names) < len(notes)
+        f"{', '.join(names)}: {note[:1].lower()}{note[1:]}" for note, names in found.items() if len(names) < len(notes)
     ]
     return of_some, [note for note, names in found.items() if len(names) == len(notes)]
 
@@ -390,10 +388,13 @@ def _percents(low: float | None, high: float | None) -> str:
     return f" ({100 * low:.0f} … {100 * high:.0f} %)".replace("-", "−")
 
 
-def _notes(study: StudyFolder) -> list[str]:
-    """What a sample has to say of itself besides its answer, with responses by the names that readers know."""
+def _notes(study: StudyFolder, compared: bool) -> list[str]:
+    """What a sample has to say of itself besides its answer, with responses by the names that readers know. Rows of a
+    study that is `compared` were handed to it by the comparison, which says how it drew them."""
     summary, found = study.summary, list[str]()
     for note in summary.notes if summary.search is None and summary.design is None else ():
+        if compared and note == GIVEN_ROWS:
+            continue
         note = _as_read(note, summary.responses)
         found.append(f"{note[:1].upper()}{note[1:]}.")
     return found
