@@ -184,11 +184,11 @@ def _headed(row: str, heads: list[str]) -> str:
 
 def _block(block: re.Match[str]) -> str:
     """Says how wide a block is that would not fit: its letters become smaller. A sentence among its lines wraps."""
-    columns = max(map(len, html.unescape(TAG.sub("", block[3])).split("\n")))
-    if columns <= COLUMNS:
-        return block[0]
-    mark = f' style="--columns: {columns}"' if columns <= WIDEST else ""
-    return f'{block[1]} {"" if mark else "line "}highlight"{mark}{block[2]}{block[3]}'
+    lengths = [len(line) for line in html.unescape(TAG.sub("", block[3])).split("\n")]
+    columns = max(length for length in lengths if length <= WIDEST)
+    wraps = "line " if max(lengths) > WIDEST else ""
+    mark = f' style="--columns: {columns}"' if columns > COLUMNS else ""
+    return f'{block[1]} {wraps}highlight"{mark}{block[2]}{block[3]}'
 
 
 def _formula(tex: str, display: bool) -> str:
