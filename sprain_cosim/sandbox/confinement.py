@@ -98,8 +98,21 @@ def python_folders() -> tuple[str, ...]:
     """This Python, its packages and this one; not the other folders of its search path."""
     places = {sys.prefix, sys.base_prefix, sys.exec_prefix, sys.base_exec_prefix}
     places |= {str(Path(__file__).parent.parent), os.path.dirname(os.__file__)}
-    places |= {p for p in sys.path if Path(p).name in ("site-packages", "dist-packages", "lib-dynload")}
+    of_packages = [p for p in sys.path if Path(p).name in ("site-packages", "dist-packages", "lib-dynload")]
+    places.update(of_packages, *map(_linked, of_packages))
     return tuple(sorted(place for place in places if os.path.isdir(place)))
+
+
+def _linked(folder: str) -> list[str]:
+    """Where the packages of a folder lie that are linked into it: as a whole, or file by file (uv's link mode)."""
+    found = []
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.is_symlink():
+                found.append(os.path.realpath(entry.path))
+            elif entry.name.endswith(".dist-info") and os.path.islink(own := os.path.join(entry.path, "METADATA")):
+                found.append(os.path.dirname(os.path.dirname(os.path.realpath(own))))
+    return found
 
 
 @lru_cache(maxsize=1)

@@ -164,6 +164,32 @@ print(json.dumps(seen))
 
 
 @needs_all
+def test_packages_that_are_linked_into_the_search_path_are_read(
+    intruder: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """File by file, as uv does it in its link mode, or as a whole; a link to what is no package of theirs is none."""
+    cache, packages = tmp_path / "cache", tmp_path / "lib" / "site-packages"
+    for name in ("by_file/by_file/__init__.py", "by_file/by_file-1.dist-info/METADATA", "whole/__init__.py"):
+        (cache / name).parent.mkdir(parents=True, exist_ok=True)
+        (cache / name).write_text("FOUND = 1\n")
+    (cache / "other.py").write_text("FOUND = 1\n")
+    for name in ("by_file/__init__.py", "by_file-1.dist-info/METADATA"):
+        (packages / name).parent.mkdir(parents=True)
+        (packages / name).symlink_to(cache / "by_file" / name)
+    (packages / "whole").symlink_to(cache / "whole")
+    monkeypatch.setenv("PYTHONPATH", str(packages))
+    code = f"""
+import by_file, whole
+try:
+    read = open({str(cache / "other.py")!r}).read()
+except PermissionError:
+    read = ""
+print(json.dumps([by_file.FOUND, whole.FOUND, read]))
+"""
+    assert json.loads(harness(intruder, tmp_path / "scratch", code=code)) == [1, 1, ""]
+
+
+@needs_all
 def test_programs_that_are_granted_stay_in_the_sandbox(intruder: tuple[Path, Path], tmp_path: Path) -> None:
     code = f"""
 import subprocess
