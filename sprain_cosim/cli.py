@@ -309,8 +309,9 @@ class CampaignOptions:
         from .study.progress import reporter
 
         idle = study.scenario.without_effect(study.names)
-        doubts = (*warnings, *idle, *study.scenario.doubts(), *device_doubts(study.scenario))
-        for warning in (*study.warnings, *doubts):
+        doubts = (*idle, *study.scenario.doubts(), *device_doubts(study.scenario))
+        study = replace(study, warnings=tuple(dict.fromkeys((*study.warnings, *warnings, *doubts))))
+        for warning in study.warnings:
             _warn(warning)
         again, out = _again(), self.out or folder
         share, limits = _share(self.max_failed), _limits(self.trial_limit)

@@ -69,7 +69,10 @@ def verdicts(folders: Sequence[Folder], items: Sequence[Named]) -> list[Block]:
                 warned = bool(_said_of_run(item)) or item.summary.coupling_converged is False
                 found.append(Verdict(_of_run(item), shown, warned))
         elif item.summary.n_failed or id(item) not in compared:
-            found.append(_of_trials(item, shown, items))
+            told = _of_trials(item, shown, items)
+            if id(item) not in compared and (said := _said_before(item)):
+                told = replace(told, text=told.text + _warned(*said), warn=True)
+            found.append(told)
     studies = [(name, item) for name, item in items if isinstance(item, StudyFolder)]
     notes, of_all = _shared([(name, _notes(study, id(study) in compared)) for name, study in studies])
     first = notes if compared else [*of_all, *notes]
@@ -145,7 +148,7 @@ def _of_comparison(folder: ComparisonFolder) -> Verdict | None:
     if failed:
         text += rich(" <b>Failed:</b> {failed}.", failed=failed)
     said = [f"{called(name)}: {line}" for name in folder.summary.braces for line in _said_of(folder, name)]
-    text += Markup("").join(_warned(line) for line in said)
+    text += _warned(*said)
     return Verdict(text, warn=bool(failed or said), headline=headline) if text else None
 
 
@@ -319,13 +322,17 @@ def _of_run(run: RunFolder) -> Markup:
         text += f" Coupling error: {percentage(run.summary.coupling_error)} % of the energy exchanged."
     if run.summary.estimates_doubt_deg is not None:
         text += f" What is estimated of the body leaves ± {run.summary.estimates_doubt_deg:.2g}° open (one SD)."
-    return text + Markup("").join(map(_warned, _said_of_run(run)))
+    return text + _warned(*_said_of_run(run))
 
 
 def _said_of_run(run: RunFolder) -> list[str]:
     """The warnings of a landing."""
-    summary = run.summary
-    return [*_telling(summary.warnings or (), summary.dropped), *([summary.warning] if summary.warning else [])]
+    return [*_said_before(run), *([run.summary.warning] if run.summary.warning else [])]
+
+
+def _said_before(item: RunFolder | StudyFolder) -> list[str]:
+    """The warnings of scenario and device."""
+    return _telling(item.summary.warnings or (), item.summary.dropped)
 
 
 def _telling(warnings: Iterable[str], dropped: Sequence[str]) -> list[str]:
@@ -333,9 +340,11 @@ def _telling(warnings: Iterable[str], dropped: Sequence[str]) -> list[str]:
     return [line for line in warnings if not (dropped and line.endswith("dropped"))]
 
 
-def _warned(line: str) -> Markup:
-    """What `run` and `compare` warned of when the landing was made."""
-    return rich(" <b>Warning:</b> {line}{end}", line=line, end="" if line.endswith(("?", ".")) else ".")
+def _warned(*lines: str) -> Markup:
+    """What `run`, `study` and `compare` warned of."""
+    return Markup("").join(
+        rich(" <b>Warning:</b> {line}{end}", line=line, end="" if line.endswith(("?", ".")) else ".") for line in lines
+    )
 
 
 def _by_the_step(doubt: float | None) -> str:

@@ -119,6 +119,7 @@ def summarise(study: Plan, trials: pd.DataFrame, found: Found | None) -> StudySu
             for status, count in trials["status"].value_counts().items()
             if status != "completed"
         },
+        warnings=tuple(dict.fromkeys((*study.warnings, *study.scenario.doubts()))) or None,
         dropped=tuple(study.scenario.dropped),
         isolation=apart.kind,
         granted=apart.granted,
@@ -733,7 +734,7 @@ def _levels(study: Plan, found: LevelResult) -> LevelSearch:
     levels = {}
     for p, value in found.value.items():
         key = f"{100 * p:g}"
-        known = study.published.get("monte_carlo", {}).get(f"{key} % [deg]")
+        known = study.beside.get("monte_carlo", {}).get(f"{key} % [deg]")
         levels[key] = Level(
             finite(value),
             _named(study.names, _physical(study, found.importance[p])),

@@ -66,8 +66,10 @@ def study_listing(study: Plan, summary: StudySummary) -> str:
     if summary.until is not None:
         lines += _until(summary.until)
     lines += [f"note: {note}" for note in summary.notes]
-    if study.published:
-        lines += ["", f"published: {study.published['source']}"]
+    if study.beside:
+        lines += ["", f"published: {study.beside['source']}"]
+    elif study.published:
+        lines += ["", f"published figures are of another study: this one has {', '.join(study.scenario.changes)}"]
     return "\n".join(lines)
 
 
@@ -126,7 +128,7 @@ def _until(rule: UntilRule) -> list[str]:
 
 
 def _sample(study: Plan, summary: StudySummary) -> list[str]:
-    published, lines = study.published, []
+    published, lines = study.beside, []
     for name in study.responses if summary.responses else ():
         first = published if name == "peak_subtalar_angle_deg" else {}
         lines += ["", f"{name:34}{'here':>10}{'95 % interval':>20}" + f"{'published':>12}" * bool(first)]
@@ -237,10 +239,10 @@ def _ending(found: LevelSearch | FormSearch) -> list[str]:
 
 
 def _levels(study: Plan, found: LevelSearch) -> list[str]:
-    published, known = study.published, study.published.get("monte_carlo", {})
+    published, known = study.beside, study.beside.get("monte_carlo", {})
     lines = [
         "",
-        f"{found.response:34}{'here':>10}{'published':>12}"
+        f"{found.response:34}{'here':>10}{'published' if published else '':>12}".rstrip()
         + (f"{'their Monte Carlo':>24}   here / published against its interval" if known else ""),
     ]
     for level, entry in found.levels.items():
@@ -251,7 +253,7 @@ def _levels(study: Plan, found: LevelSearch) -> list[str]:
             verdict = statistics.agreement(theirs, statistics.Estimate(*sampled))
             interval = f"{sampled[0]:g} ({sampled[1]:g} ... {sampled[2]:g})"
             line += f"{interval:>24}   {entry.against_monte_carlo} / {verdict}"
-        lines.append(line)
+        lines.append(line.rstrip())
     room = _room(found.linear_importance)
     lines += ["", f"{'importance':{2 + room}}{'linear':>10}" + "".join(f"{level + ' %':>10}" for level in found.levels)]
     for name, value in found.linear_importance.items():

@@ -149,6 +149,12 @@ class Plan(Card):
         varied = (*self.grid, *self.vary)
         return self.scenario.heading_with(means, varied, self.title or None, self._persons, compared)
 
+    @property
+    def beside(self) -> Mapping[str, Any]:
+        """The published figures that may stand beside the results: none where another pose, person, device or value
+        was put in the place of the file's."""
+        return {} if self.scenario.changes else self.published
+
     def card(self) -> tuple[str, Rows]:
         rows = [("method", f"{self.method}, {self.trials} trials, seed {self.seed}")]
         rows += [("responses", ", ".join(self.responses)), ("varied", ", ".join(self.names))]

@@ -838,6 +838,7 @@ class StudySummary(Card, Summary):
     curves                     {metric: the probability that it exceeds fixed thresholds}, where something is asked
     fits                       {input: the law fitted to its measured values}
     notes                      what a reader must know about the numbers
+    warnings                   what was said of study, scenario and device before the trials; absent for none
     dropped                    parameters that the FMU put in a component's place does not have
     isolation                  sandbox or process: where the trials ran
     granted                    {component: what its mapping file allows it beyond the sandbox}
@@ -870,6 +871,7 @@ class StudySummary(Card, Summary):
     curves: Mapping[str, Curve] | None = optional()
     fits: Mapping[str, SampleFit] | None = optional()
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] | None = optional()
     dropped: tuple[str, ...] = ()
     isolation: str = ""
     granted: Mapping[str, tuple[str, ...]] = field(default_factory=dict)

@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from html import unescape
 from pathlib import Path
 
 import pandas as pd
@@ -363,6 +364,23 @@ def test_a_run_loads_what_it_uses(tmp_path: Path) -> None:
     said = [line for line in outcome.stdout.splitlines() if line.startswith("loaded:")]
     assert said[0] == "loaded: []", outcome.stderr
     assert "numba" not in said[1] and "llvmlite" not in said[1] and "mujoco" not in said[1]
+
+
+@pytest.mark.parametrize("change", [("--set", "plant.drop_height=35 cm"), ("--fmu", "brace=brace_linear")])
+def test_published_figures_stand_beside_their_own_study_alone(change: tuple[str, str], tmp_path: Path) -> None:
+    """Not beside another drop or device; what was said of it before its trials stays in its folder and its report."""
+    out = tmp_path / "s"
+    outcome = call(
+        "study", "study6", *change, "--trials", "8", "--workers", "1", "--out", str(out), "--progress", "none"
+    )
+    assert outcome.returncode == 0, outcome.stderr
+    assert "29.35" not in outcome.stdout
+    assert f"published figures are of another study: this one has {change[1].partition('=')[0]}" in outcome.stdout
+    told = [line.removeprefix("warning: ") for line in outcome.stderr.splitlines()]
+    assert json.loads((out / "summary.json").read_text()).get("warnings", []) == told
+    assert call("report", str(out), "--out", str(tmp_path / "page.html")).returncode == 0
+    page = unescape((tmp_path / "page.html").read_text())
+    assert all(f"<b>Warning:</b> {line}" in page for line in told)
 
 
 def test_study_prints_its_table_and_resumes(tmp_path: Path) -> None:
