@@ -642,7 +642,9 @@ def check_command(fmu: Path, mapping: Path | None, settings: tuple[str, ...], as
     """Does the device FMU fit the brace contract? Exit code 0 fits, 1 does not, 2 not a usable FMU."""
     from .brace.check import check_brace, set_options
     from .scenario import parse_value
+    from .shipped import fmu_path
 
+    fmu = fmu if os.path.exists(fmu) else fmu_path(str(fmu), Path(), str(fmu))
     values = {n: parse_value(v) for n, v in (_pair(text, "--set", "NAME=VALUE") for text in settings)}
     report = check_brace(fmu, mapping, values, lambda line: _show(line, err=True))
     proposed = Path(f"{fmu.stem}.map.toml")

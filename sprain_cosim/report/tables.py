@@ -36,6 +36,7 @@ SOURCES = (
 OF_COMPARISON = (
     "Means, with 95 % intervals where the landings are a random sample; changes are paired over the same landings."
 )
+OF_ONE_LANDING = "One landing with each brace: what others would give is not known."
 OF_LEVELS = "Small: 95 % intervals."
 PUBLISHED = "“published”: the same study in Yoder et al. 2021."
 OF_FACTORS = (
@@ -57,7 +58,8 @@ def numbers_tables(folders: Sequence[Folder], items: Sequence[Named]) -> list[Bl
     blocks: list[Block] = []
     comparisons = [folder for folder in folders if isinstance(folder, ComparisonFolder)]
     for folder in comparisons:
-        blocks += [_comparison(folder), Paragraph(OF_COMPARISON, "about")]
+        about = OF_COMPARISON if folder.summary.is_study else OF_ONE_LANDING
+        blocks += [_comparison(folder), Paragraph(about, "about")]
         blocks += persons_tables(folder.summary.persons) if folder.summary.persons else []
     studies = [(n, s) for n, s in items if isinstance(s, StudyFolder) and s.is_sample]
     if studies:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ctypes
 import dataclasses
+import os
 import re
 import shutil
 import struct
@@ -240,7 +241,7 @@ def without_numba(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As where the extra [build] is not installed: neither this process nor one that compiles has numba."""
     (tmp_path / "hidden").mkdir()
     (tmp_path / "hidden" / "numba.py").write_text("raise ModuleNotFoundError('no', name='numba')")
-    monkeypatch.syspath_prepend(str(tmp_path / "hidden"))
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path / "hidden"), prepend=os.pathsep)
     monkeypatch.setitem(sys.modules, "numba", None)
 
 
