@@ -195,13 +195,14 @@ def _processes_of_the_user() -> int:
 
 def _drop_capabilities() -> None:
     """All but reading the files of others, which Landlock governs; a user who has none loses none."""
-    if not _capabilities():
+    held = _capabilities()
+    if not held:
         return
     for capability in range(CAPABILITIES):
-        if capability != READ_ANY_FILE:
-            prctl(DROP_CAPABILITY, capability)  # fails for those that the kernel does not know
+        if capability != READ_ANY_FILE and prctl(DROP_CAPABILITY, capability) != 0 and capability > MANAGE_MACHINE:
+            break  # the kernel knows no more of them
     prctl(AMBIENT, CLEAR_ALL)
-    keep = (1 << READ_ANY_FILE) & _capabilities()
+    keep = (1 << READ_ANY_FILE) & held
     header = ctypes.create_string_buffer(struct.pack("<II", 0x20080522, 0), 8)  # _LINUX_CAPABILITY_VERSION_3
     data = ctypes.create_string_buffer(struct.pack("<6I", keep, keep, 0, 0, 0, 0), 24)
     checked(libc().capset(header, data), "capset")

@@ -6,6 +6,7 @@ import ctypes
 import platform
 import struct
 from collections.abc import Mapping
+from itertools import chain
 
 from .kernel import call, checked
 from .syscalls import ARCHITECTURES, COLUMNS, ENOSYS, NEWEST, OTHER_INTERFACE, Condition, Refusal
@@ -45,7 +46,7 @@ def compiled(refusals: Mapping[str, Refusal], watched: tuple[str, ...] | None = 
         if name in numbers and name not in refusals:
             program += [(EQUAL, 0, 1, numbers[name]), (RETURN, 0, 0, NOTIFY)]
     program.append((RETURN, 0, 0, ALLOW))
-    return b"".join(struct.pack("<HBBI", *instruction) for instruction in program)
+    return struct.pack("<" + len(program) * "HBBI", *chain.from_iterable(program))
 
 
 def _block(conditions: tuple[Condition, ...], refused: int, granted: int) -> list[Instruction]:
