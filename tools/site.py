@@ -43,7 +43,9 @@ SCREEN = 59  # letters of fixed width side by side on a phone
 PIECE = re.compile(r"<code>[^<]+</code>|<[^>]+>|[^<]+")
 NAME = re.compile(r"\b[a-z]\w+(?:[_.][a-z]\w*)+")  # plant.drop_height
 BREAK = re.compile(r"(?<=[\w)\]])([_/=|]|\.(?!\d)|(?<=[a-z])(?=[A-Z][a-z]))(?=\w)")  # where long names may part
-UNIT = re.compile(r"(?<=\d) (?=(?:%|[kMG]?B|[num\u00b5]?s|min|h|k?N|N[\u00b7.]m|[km]?m|kg|deg)(?![\w\u00b7/]))")
+UNIT = re.compile(
+    r"(?<=\d) (?=(?:%|[kMG]?B|[num\u00b5]?s|min|h|k?N|N[\u00b7.]m|[km]?m|kg|deg|MPa)(?:/(?:mm?|s|rad))?(?![\w\u00b7/]))"
+)
 CHAIN = re.compile(r'([)\]]</span>)(?=<span class="o">\.</span>)')  # of calls in a program
 FRAME = re.compile(r'<table [^>]*class="dataframe">.*?</table>', re.DOTALL)
 TITLE = re.compile(r'(?<=<span class="doc doc-object-name )([\w -]+">)([^<]+)')  # of an object in the Python reference
@@ -66,6 +68,7 @@ GAP = re.compile(r"(?<=[^\s:\u00b7]) {2,}(?=[^\s\u00b7])")  # between the column
 TAIL = re.compile(r" {2}(?=[^ ]+ [^ ]+ [^ ])(?=.*[a-z]{3})(?:[^ ]| (?! ))+$")  # words at the end of columns
 LETTERS = 33  # of a formula, from which a phone shows it smaller
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\s*\\([(\[])(.*?)\\[)\]]\s*</\1>', re.DOTALL)
+POINTED = re.compile(r'[(\[]*<math [^>]*display="inline".*?</math>[,.;:?)\]]*', re.DOTALL)  # and the signs at its sides
 FIGURE = re.compile(r'<img [^>]*src="((?:\.\./)*figures/[^"]+)"[^>]*>')
 
 
@@ -96,6 +99,7 @@ def on_page_content(content: str, **_: Any) -> str:
     """Equations, as arithmatex leaves them, as MathML; tables and output for phones; options that stay whole;
     long names that do not; longer lines in smaller letters; figures that open in their own size."""
     content = FORMULA.sub(lambda m: _formula(html.unescape(m[3].strip()), m[2] == "["), content)
+    content = POINTED.sub(WHOLE, content)  # a browser may part a formula and its comma
     content = TABLE.sub(lambda table: _table(table[0]), content)  # behind the formulas, whose TeX has names too
     content = FRAME.sub(lambda frame: _with_breaks(frame[0]), content)
     content = OUTPUT.sub(lambda found: _output(found[1], found[2], html.unescape(found[3])), content)

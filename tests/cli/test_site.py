@@ -72,6 +72,7 @@ def test_equations_are_mathml(site: Path) -> None:
         assert "arithmatex" not in text, page
         assert not re.findall(r"<m[a-z]+>\\[^<]*", text), "TeX that the converter does not know"
         assert "wbr" not in "".join(re.findall(r"<math.*?</math>", text, re.DOTALL)), page
+        assert not re.search(r"</math>[,.;:?)\]]+(?!</span>|[,.;:?)\]])", text), "a line may begin with a comma"
 
 
 def test_pages_are_made_for_a_phone_too(site: Path) -> None:
