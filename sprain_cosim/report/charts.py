@@ -89,7 +89,8 @@ def _distributions(studies: Sequence[tuple[str, StudyFolder, Look]]) -> list[dic
             said = " Circles: published levels." if any(s["marks"] for s in series) else ""
             if response == INVERSION:
                 option["band"] = [mean - sd, mean + sd]
-                said += " Grey: injury range."
+                drawn = [x for s in series for x in (s["x"][0], s["x"][-1], *(v for v, _ in s["marks"]))]
+                said += " Grey: injury range." if min(drawn) < mean + sd and max(drawn) > mean - sd else ""
             options.append(option | ({"hint": said} if said else {}))
     return options
 

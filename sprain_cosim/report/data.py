@@ -18,7 +18,8 @@ from .blocks import Block, Download, Paragraph
 from .charts import EXPLORED
 
 NUMBERS = ["result", "response", "unit", "statistic", "value", "ci_low", "ci_high", "n"]
-ABOUT = "Tables with commas and a point, one header line; ci_low and ci_high are the ends of 95 % intervals."
+ABOUT = "Tables with commas and a point, one header line"
+OF_NUMBERS = "; ci_low and ci_high are the ends of 95 % intervals"
 
 Line = tuple[str, str, str, str, float | None, float | None, float | None, int | None]
 
@@ -29,13 +30,13 @@ def downloads(folders: Sequence[Folder], items: Sequence[Named]) -> list[Block]:
     lines = [*_of_comparisons(folders), *_of_items(items)]
     if lines:
         table = pd.DataFrame(lines, columns=NUMBERS)
-        blocks.append(_link("numbers.csv", table, "every number of the tables, with its interval"))
+        blocks.append(_link("numbers.csv", table, "values, levels, differences and probabilities, with intervals"))
     landings, left_out = _landings(items)
     if landings is not None:
         blocks.append(_link("landings.csv", landings, "one line a landing: inputs and the responses of the curves"))
     if left_out:
         blocks.append(Paragraph(f"Too many landings for a page: {', '.join(left_out)}. Their trials.csv has them all."))
-    return [*blocks, Paragraph(ABOUT, "about")] if blocks else []
+    return [*blocks, Paragraph(f"{ABOUT}{OF_NUMBERS if lines else ''}.", "about")] if blocks else []
 
 
 def _link(name: str, table: pd.DataFrame, about: str) -> Download:

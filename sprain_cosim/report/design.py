@@ -186,7 +186,7 @@ def _rows(found: DesignSearch, point: DesignPoint) -> list[Row]:
         [f"{found.find} {_named(found.parameter)}", Cell(status or f"{_figures(point.value)}{unit}", notes)],
         ["95 % sure", f"{_on_the_safe_side(found, point.value_95)}{unit if point.value_95 is not None else ''}"],
         [
-            f"probability at {_figures(point.value)}{unit} [%]",
+            f"probability at {_figures(point.value)}{unit}",
             Cell(percent(p.value, interval=p.sampling_ci or (None, None)), tuple(doubts)),
         ],
         ["goal", found.in_words(point)],

@@ -175,11 +175,11 @@ def _share(share: VarianceShare | None) -> str | Cell:
 
 
 def _whole(share: float | None) -> str:
-    return "" if share is None else f"{100 * share:z.0f} %"
+    return "" if share is None else f"{100 * share:z.0f} %".replace("-", "−")
 
 
 def _whole_ends(low: float | None, high: float | None) -> list[str]:
-    return [] if low is None or high is None else [f"{100 * low:z.0f} … {100 * high:z.0f} %"]
+    return [] if low is None or high is None else [f"{100 * low:z.0f} … {100 * high:z.0f} %".replace("-", "−")]
 
 
 def _mean(e: MeanEstimate | None) -> str | Cell:

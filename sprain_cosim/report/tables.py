@@ -21,7 +21,7 @@ from ..metrics import pose_artefacts, table, unit_of
 from ..records import ends_of
 from ..study.manifest import FmuFile
 from ..study.summary import FormSearch, LevelSearch, LevelTest, Percentile, Probability, Response, SobolSearch
-from ..units import FINEST, RARE, percentage, percentage_ends
+from ..units import FINEST, RARE, percentage, percentage_ends, shown_unit
 from .blocks import Block, Cell, Folded, Heading, PageTable, Paragraph, Row, probability_cell
 from .design import design_blocks
 from .persons import groups_table, persons_tables, who_landed
@@ -258,7 +258,8 @@ def sensitivities_tables(items: Sequence[Named]) -> list[Block]:
         if study.summary.sobol is not None:
             found = _of_indices(study, study.summary.sobol)
         elif study.summary.search is not None:
-            found = _of_importance(study.summary.search)
+            search = study.summary.search
+            found = _of_event(study, search) if isinstance(search, FormSearch) else _of_importance(search)
         else:
             found = _of_factors(study)
         if found.rows:
@@ -281,12 +282,21 @@ def _of_indices(study: StudyFolder, found: SobolSearch) -> PageTable:
     return PageTable([response_label(study.response), "Sobol' first", "Sobol' total"], rows)
 
 
-def _of_importance(found: LevelSearch | FormSearch) -> PageTable:
-    columns: dict[str, Mapping[str, float | None]]
-    if isinstance(found, FormSearch):
-        columns = {"design point": found.importance}
-    else:
-        columns = {f"{level} %": v.importance for level, v in found.levels.items()}
+def _of_event(study: StudyFolder, found: FormSearch) -> PageTable:
+    units = {name: unit for name, _, unit in (str(c).rstrip("]").partition(" [") for c in study.trials.columns)}
+
+    def point(name: str) -> str:
+        value = found.design_point.get(name)
+        factor, shown = shown_unit(units[name]) if name in units else (1.0, unit_of(found.response))
+        return UNKNOWN if value is None else f"{factor * value:.5g} {shown}".rstrip().replace("-", "−")
+
+    names = sorted(found.importance, key=lambda p: -abs(found.importance[p] or 0.0))
+    rows: list[Row] = [[_parameter(p), signed(found.importance[p], 2), point(p)] for p in names]
+    return PageTable(["+ leads to the event", "importance (unit vector)", "design point"], rows)
+
+
+def _of_importance(found: LevelSearch) -> PageTable:
+    columns = {f"{level} %": v.importance for level, v in found.levels.items()}
     first = next(iter(columns.values()), {})
     names = sorted(first, key=lambda p: -max(abs(c.get(p) or 0.0) for c in columns.values()))
     rows: list[Row] = [[_parameter(p), *(signed(c.get(p), 2) for c in columns.values())] for p in names]

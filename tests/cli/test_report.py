@@ -257,6 +257,33 @@ def test_the_numbers_can_be_taken_along(results: Path) -> None:
         assert abs(found - level["percentiles"]["50"][key]) < 1e-3
 
 
+def test_importance_and_design_point_stand_under_their_own_names(results: Path, tmp_path: Path) -> None:
+    """The importance stood under "design point", as if the foot fell from 0.17 m."""
+    shutil.copytree(results / "amv", tmp_path / "form")
+    file = tmp_path / "form" / "summary.json"
+    data = json.loads(file.read_text())
+    levels = data.pop("amv")
+    data["form"] = {
+        **{key: levels[key] for key in ("evaluations_requested", "evaluations_executed", "status", "reasons")},
+        "response": "peak_inversion_from_neutral_deg",
+        "beta": 2.04,
+        "probability": 0.0207,
+        "threshold": {"mean": 35.0, "distribution": "35 ± 6 deg"},
+        "importance": {"plant.drop_height": 0.17, "plant.talocrural_angle_at_contact": 0.08, "threshold": -0.96},
+        "design_point": {
+            "plant.drop_height": 0.313,
+            "plant.talocrural_angle_at_contact": -0.5772257,
+            "threshold": 23.168,
+        },
+    }
+    file.write_text(json.dumps(data))
+    text, page = made(tmp_path / "form")
+    for importance, point in (("+0.17", "0.313 m"), ("+0.08", "−33.073 deg"), ("−0.96", "23.168 deg")):
+        cells = f'<td data-head="importance (unit vector)">{importance}</td><td data-head="design point">{point}</td>'
+        assert cells in text
+    assert "raises the response" not in page.sections["sensitivities"]
+
+
 def test_a_page_for_readers_who_hear_or_type_it(results: Path) -> None:
     """Every picture has words, headings go down by one, ids are unique, the language is stated, tables have heads."""
     for folders in (("study",), ("compared",), ("run", "amv")):
