@@ -69,12 +69,13 @@ def _thinned(studies: Sequence[tuple[str, StudyFolder, Look]]) -> str:
 def _distributions(studies: Sequence[tuple[str, StudyFolder, Look]]) -> list[dict[str, Any]]:
     options = []
     for response in dict.fromkeys([*(s.response for _, s, _ in studies), *EXPLORED]):
-        series = []
+        series, drawn = [], list[float]()
         for name, study, look in studies:
             values = study.done[response].dropna().to_numpy(float) if response in study.done else np.empty(0)
             if len(values) >= FEWEST:
                 marks = [[v, p / 100] for p, v in published_levels(study, response).items()]
                 x = _digits(np.sort(values)[drawn_ranks(len(values))])
+                drawn += [float(values.min()), float(values.max()), *(v for v, _ in marks)]
                 series.append({"name": name, **look, "x": x, "marks": marks})
         if series:
             mean, sd = INJURY_INVERSION
@@ -89,7 +90,6 @@ def _distributions(studies: Sequence[tuple[str, StudyFolder, Look]]) -> list[dic
             said = " Circles: published levels." if any(s["marks"] for s in series) else ""
             if response == INVERSION:
                 option["band"] = [mean - sd, mean + sd]
-                drawn = [x for s in series for x in (s["x"][0], s["x"][-1], *(v for v, _ in s["marks"]))]
                 said += " Grey: injury range." if min(drawn) < mean + sd and max(drawn) > mean - sd else ""
             options.append(option | ({"hint": said} if said else {}))
     return options

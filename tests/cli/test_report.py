@@ -257,6 +257,13 @@ def test_the_numbers_can_be_taken_along(results: Path) -> None:
         assert abs(found - level["percentiles"]["50"][key]) < 1e-3
 
 
+def test_a_chart_names_the_injury_range_where_it_is_drawn(results: Path) -> None:
+    for name in ("study", "touching"):
+        text, _page = made(results / name)
+        reached = pd.read_csv(results / name / "trials.csv")["peak_inversion_from_neutral_deg"]
+        assert ("Grey: injury range" in text) == (reached.max() > 35 - 6 and reached.min() < 35 + 6)
+
+
 def test_importance_and_design_point_stand_under_their_own_names(results: Path, tmp_path: Path) -> None:
     """The importance stood under "design point", as if the foot fell from 0.17 m."""
     shutil.copytree(results / "amv", tmp_path / "form")
