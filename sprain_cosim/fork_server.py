@@ -412,9 +412,9 @@ def _leading(fork: Callable[[], int]) -> int:
 @cache
 def _life_of(name: str) -> Callable[[], NoReturn]:
     """What a child does that runs the module of that name, which ends in `serve(_handlers)`; what it imports is
-    imported here. Raises what that raises."""
+    imported here, also by its `_prepare`, where it has one. Raises what that raises."""
     module = importlib.import_module(name)
-    getattr(module, "import_libraries", lambda: None)()
+    getattr(module, "_prepare", lambda: None)()
     gc.collect()
     gc.freeze()  # a collection in a child would write to what it shares with the others
     gc.set_threshold(SELDOM)

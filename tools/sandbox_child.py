@@ -10,7 +10,7 @@ from typing import Any
 
 from sprain_cosim.process import Handlers, serve
 from sprain_cosim.study import worker
-from sprain_cosim.study.worker import import_libraries  # noqa: F401 - before the process is copied
+from sprain_cosim.study.worker import _prepare  # noqa: F401 - before the process is copied
 
 
 @contextlib.contextmanager

@@ -13,7 +13,7 @@ from typing import Any
 from ..cosim.result import HALVED_WITHIN, Result
 from ..errors import InputError, SimulationError
 from ..fmu.messages import Messages
-from ..fmu.opener import import_libraries  # noqa: F401 - before the process is copied
+from ..fmu.opener import import_libraries as _prepare  # noqa: F401 - before the process is copied
 from ..folders.run import FILE, RunSummary
 from ..machine.here import SYSTEM
 from ..process import Child, Handlers, Limits, Overrun, ProcessEnded, serve

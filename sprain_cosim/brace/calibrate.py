@@ -22,7 +22,7 @@ from ..files import check_file, write
 from ..fmu.component import Component
 from ..fmu.confine import confinement
 from ..fmu.driver import own_step
-from ..fmu.opener import import_libraries  # noqa: F401 - before the process is copied
+from ..fmu.opener import import_libraries as _prepare  # noqa: F401 - before the process is copied
 from ..mapping import carried, load_mapping
 from ..process import Child, Handlers, Limits, ProcessEnded, serve
 from ..units import quantity

@@ -25,7 +25,8 @@ from ..fmu.component import Component
 from ..fmu.driver import STEP, Driver
 from ..fmu.floating_point import FloatingPoint
 from ..fmu.messages import Messages
-from ..fmu.opener import import_libraries, preload  # noqa: F401 - the former before the process is copied
+from ..fmu.opener import import_libraries as _prepare  # noqa: F401 - the former before the process is copied
+from ..fmu.opener import preload
 from ..fmu.surroundings import Surroundings
 from ..process import Handlers, serve
 from ..units import Unit

@@ -20,7 +20,8 @@ from ..fmu.component import Component
 from ..fmu.confine import confinement
 from ..fmu.driver import Driver
 from ..fmu.element import Connector
-from ..fmu.opener import import_libraries, preload  # noqa: F401 - the former before the process is copied
+from ..fmu.opener import import_libraries as _prepare  # noqa: F401 - the former before the process is copied
+from ..fmu.opener import preload
 from ..fmu.reference import VERSION, Experiment, Series, experiments
 from ..process import Child, Handlers, Limits, ProcessEnded, serve
 from ..units import unit

@@ -24,7 +24,7 @@ from .component import Component
 from .confine import confinement
 from .instance import Instance, Values
 from .messages import Messages
-from .opener import import_libraries  # noqa: F401 - before the process is copied
+from .opener import import_libraries as _prepare  # noqa: F401 - before the process is copied
 from .surroundings import Surroundings
 
 START_LIMIT, STEP_LIMIT = FIRST_START, LEAST  # s of wall time: opening and initialising; any other call

@@ -67,7 +67,7 @@ def _answer(found: DesignSearch, point: DesignPoint) -> Markup:
             value=_figures(point.value),
             unit=unit,
             p=percent(p.value),
-            ends="".join(f" ({e} %)" for e in percentage_ends(*(p.sampling_ci or (None, None)))),
+            ends="".join(f" ({e} %)" for e in _ends(p.sampling_ci)),
         )
     if point.status == "everywhere":
         text = rich("<b>By the best estimate every value from {searched} meets the goal.</b>", searched=searched)
@@ -90,6 +90,10 @@ def _answer(found: DesignSearch, point: DesignPoint) -> Markup:
             unit=unit,
         )
     return text + _threshold(found, point) + _comfort(point)
+
+
+def _ends(interval: tuple[float | None, float | None] | None) -> tuple[str, ...]:
+    return percentage_ends(*(interval or (None, None)))
 
 
 def _figures(value: float | None) -> str:
@@ -117,13 +121,13 @@ def _threshold(found: DesignSearch, point: DesignPoint) -> Markup:
     """What the threshold leaves open, in words of its own."""
     p = point.probability
     behind = f"the {p.specimens} specimens behind the threshold" if p.specimens else "the ends of the threshold"
-    known = [f"as far as {behind} know it, it may be {e} %" for e in percentage_ends(*(p.threshold_ci or (None, None)))]
+    known = [f"as far as {behind} know it, it may be {e} %" for e in _ends(p.threshold_ci)]
     if p.shapes and not p.specimens:
-        ends = percentage_ends(*(ends_of(p.shapes) or (None, None)))
+        ends = _ends(ends_of(p.shapes))
         known = [f"with a threshold of another shape it would be {e} %" for e in ends]
     if not known:
         return Markup("")
-    sampled = "".join(f" ({e} % by landings)" for e in percentage_ends(*(p.sampling_ci or (None, None))))
+    sampled = "".join(f" ({e} % by landings)" for e in _ends(p.sampling_ci))
     least = " The threshold is what is known least: more landings change nothing." if p.dominates == "threshold" else ""
     at = f"{_figures(point.value)}{_unit(found)}"
     value = (
@@ -177,11 +181,11 @@ def _rows(found: DesignSearch, point: DesignPoint) -> list[Row]:
     status = {"nowhere": "none in the range", "everywhere": "all of the range"}.get(point.status, "")
     low, high = (None if e is None else _figures(e) for e in (point.ci_low, point.ci_high))
     notes = (f"{low or 'below the range'} … {high or 'above the range'}",) if point.status == "met" else ()
-    doubts = [f"landings {e}" for e in percentage_ends(*(p.sampling_ci or (None, None)))]
+    doubts = [f"landings {e}" for e in _ends(p.sampling_ci)]
     behind = f"threshold, n = {p.specimens}:" if p.specimens else "threshold's ends"
-    doubts += [f"{behind} {e}" for e in percentage_ends(*(p.threshold_ci or (None, None)))]
+    doubts += [f"{behind} {e}" for e in _ends(p.threshold_ci)]
     if p.shapes:
-        doubts += [f"threshold's shape {e}" for e in percentage_ends(*(ends_of(p.shapes) or (None, None)))]
+        doubts += [f"threshold's shape {e}" for e in _ends(ends_of(p.shapes))]
     rows: list[Row] = [
         [f"{found.find} {_named(found.parameter)}", Cell(status or f"{_figures(point.value)}{unit}", notes)],
         ["95 % sure", f"{_on_the_safe_side(found, point.value_95)}{unit if point.value_95 is not None else ''}"],
@@ -207,7 +211,7 @@ def _trade_off(found: DesignSearch) -> list[Row]:
         ends = (f"{_figures(p.ci_low)} … {_figures(p.ci_high)}",) if p.status == "met" else ()
         value = f"{_figures(p.value)}{unit}" if met else "none in the range"
         sure = f"{_on_the_safe_side(found, p.value_95)}{unit if p.value_95 is not None else ''}"
-        doubt = percentage_ends(*(p.probability.sampling_ci or (None, None)))
+        doubt = _ends(p.probability.sampling_ci)
         rows.append([rounded(p.second), Cell(value, ends), sure, Cell(percent(p.probability.value), doubt)])
     return rows
 

@@ -15,7 +15,7 @@ from ..cosim import native_members
 from ..cosim.result import HALVED_WITHIN, Result
 from ..cosim.transport import packed, pieces, unpacked
 from ..errors import SimulationError, SprainError
-from ..fmu import opener
+from ..fmu.opener import import_libraries
 from ..fmu.surroundings import Surroundings
 from ..process import FIRST_RUN, Child, Handlers, Limits, Overrun, ProcessEnded, serve
 
@@ -135,9 +135,9 @@ def served(run: Callable[..., Result]) -> Handlers:
     return {"run": answer, "piece": waiting.__getitem__}
 
 
-def import_libraries() -> None:
+def _prepare() -> None:
     """Before the process is copied."""
-    opener.import_libraries()
+    import_libraries()
     native_members.loaded()
 
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from ..cosim.loops import make_consistent
 from ..errors import SimulationError
 from ..fmu.driver import own_step
-from ..fmu.opener import import_libraries  # noqa: F401 - before the process is copied
+from ..fmu.opener import import_libraries as _prepare  # noqa: F401 - before the process is copied
 from ..process import Child, Handlers, Limits, ProcessEnded, serve
 from .scenario import Scenario
 

@@ -223,6 +223,12 @@ def _doubtful_peaks(study: Plan, done: pd.DataFrame) -> list[str]:
     return found
 
 
+def _unknown_factors(n: int) -> list[str]:
+    least = sensitivity.FOURTH_ORDER
+    too_few = f"{n} completed trials: factors dSD/dSD without errors below {least}, which would be too small"
+    return [too_few] if n < least else []
+
+
 def _with_sample(
     summary: StudySummary, study: Plan, trials: pd.DataFrame, done: pd.DataFrame, metrics: Sequence[str]
 ) -> StudySummary:
@@ -244,11 +250,7 @@ def _with_sample(
     if study.method == "monte-carlo" and len(done) >= LEAST:
         x = done[study.headings].to_numpy(float)
         moved = {name: _sensitivity(study, x, values[name]) for name in study.responses}
-        if len(done) < sensitivity.FOURTH_ORDER:
-            notes.append(
-                f"{len(done)} completed trials: factors dSD/dSD without errors below {sensitivity.FOURTH_ORDER}, which "
-                "would be too small"
-            )
+        notes += _unknown_factors(len(done))
     questions, curves = dict[str, Probability](), dict[str, Curve]()
     notes += _apart(study, moved) + _not_predicted(moved)
     if len(done) >= LEAST and study.method != "grid":

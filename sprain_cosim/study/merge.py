@@ -68,13 +68,7 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
         with Ledger(folder, facts["digest"], json.loads(facts["identity"]), facts["study"]) as ledger:
             begin_folder(folder, study, "", json.loads(facts["identity"]), list(chain.from_iterable(levels)), manifests)
             for source, part in zip(folders, parts, strict=True):
-                for row in part.rows():
-                    known = ledger.row(row.trial)
-                    if known is None:
-                        ledger.add(row)
-                        recorder.take(source, row.trial)
-                    elif _content(known) != _content(row) and not (mixed and same_but_rounding(known, row)):
-                        raise InputError(f"{source}: its trial {row.trial} differs from that of another folder")
+                _take(source, part, ledger, recorder, mixed)
             ledger.commit()
             table, timing = trial_tables(study, ledger, numbers)
             kept = roles_of(study, table, None)
@@ -98,6 +92,18 @@ def merge(folders: Sequence[Path], out: Path | None = None, parquet: bool = Fals
     )
     finish_folder(folder, table, timing, summary, parquet)
     return Campaign(study, summary, folder, at_hand((table, timing)), _other_machines(folders, manifests))
+
+
+def _take(source: Path, part: Ledger, ledger: Ledger, recorder: Trajectories, mixed: bool) -> None:
+    """The rows of a part that are new; others must be the same, but for rounding where processors are `mixed`. Raises
+    InputError."""
+    for row in part.rows():
+        known = ledger.row(row.trial)
+        if known is None:
+            ledger.add(row)
+            recorder.take(source, row.trial)
+        elif _content(known) != _content(row) and not (mixed and same_but_rounding(known, row)):
+            raise InputError(f"{source}: its trial {row.trial} differs from that of another folder")
 
 
 def _backend(study: Plan, folder: Path) -> Backend:

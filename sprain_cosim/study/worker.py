@@ -34,7 +34,7 @@ from ..errors import SimulationError, SprainError
 from ..fmu import archive
 from ..fmu.cache import cache_folder
 from ..fmu.messages import Messages
-from ..fmu.opener import import_libraries  # noqa: F401 - before the process is copied
+from ..fmu.opener import import_libraries as _prepare  # noqa: F401 - before the process is copied
 from ..fmu.surroundings import Surroundings
 from ..process import (
     ENOUGH,
